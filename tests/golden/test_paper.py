@@ -80,18 +80,21 @@ class Stopped(BaseException):
     """Stands for a kill: nothing in the library may catch it."""
 
 
-def test_a_stopped_run_writes_nothing_and_an_earlier_one_is_replaced(tmp_path, folder):
+def test_a_stopped_run_goes_on_where_it_was_and_an_earlier_one_is_replaced(tmp_path, folder):
     def stop(message):
         raise Stopped
 
     out = tmp_path / "out"
     with pytest.raises(Stopped):
-        reproduce(out, figures=["1"], seeds=SEEDS, progress=stop)
-    assert not out.exists()
+        reproduce(out, figures=["2"], seeds=SEEDS, progress=stop)
+    assert [path.name for path in out.iterdir()] == ["studies"]
+    stored = {path: path.stat().st_mtime_ns for path in out.rglob("units/*")}
+    assert stored
     reproduce(out, figures=["1"], seeds=2)
     claims = reproduce(out, figures=["2", "1"], seeds=SEEDS, workers=1, progress=False)
     whole = json.loads((folder / "claims.json").read_text("utf-8"))
     assert claims == [claim for claim in whole if claim["figure"] in "12"]
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("units/*")} == stored
     for name in ("figure1.svg", "figure2.svg", "data/figure2.parquet", "data/figure2.json"):
         assert (out / name).read_bytes() == (folder / name).read_bytes()
 

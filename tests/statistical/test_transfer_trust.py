@@ -13,8 +13,9 @@ import pytest
 
 import curricle as cr
 from curricle.paper import mazes
-from curricle.paper.mazes import maze
 from curricle.paper.trust_figure import hunts_of, tenths
+from curricle.progress import SILENT
+from curricle.study import read_study
 
 pytestmark = pytest.mark.slow
 
@@ -28,15 +29,26 @@ def errors(values):
 
 
 @pytest.fixture(scope="module")
-def five():
-    """5x5, 400,000 steps, 30 seeds."""
-    return {name: tenths(result) for (_, name), result in hunts_of(5, 30, None).items()}
+def studies(tmp_path_factory):
+    """The paper's studies with 30 seeds."""
+    return mazes.Studies(tmp_path_factory.mktemp("studies"), 30, None, SILENT, print)
 
 
 @pytest.fixture(scope="module")
-def seven():
-    """7x7, 1,000,000 steps, 8 seeds."""
-    return {name: tenths(result) for (_, name), result in hunts_of(7, 8, None).items()}
+def hunts(studies):
+    return {place: tenths(result) for place, result in hunts_of(studies).items()}
+
+
+@pytest.fixture(scope="module")
+def five(hunts):
+    """5x5, 400,000 steps, 30 seeds."""
+    return {name: result for (size, name), result in hunts.items() if size == 5}
+
+
+@pytest.fixture(scope="module")
+def seven(hunts):
+    """7x7, 1,000,000 steps, 10 seeds."""
+    return {name: result for (size, name), result in hunts.items() if size == 7}
 
 
 def test_the_uncalibrated_mean_collapses(five):
@@ -92,14 +104,16 @@ def test_on_a_larger_grid_calibration_halves_the_cost(seven, aggregate):
 
 
 @pytest.fixture(scope="module")
-def scratch():
+def scratch(studies):
     """The paper's maze (step -5) learnt from scratch by 30 seeds, and its threshold."""
-    return mazes.from_scratch(maze(-5), 30, None)
+    return mazes.Maze.learnt(studies, -5)
 
 
 def saved(scratch, size, guard, steps):
     """Return the steps saved by a source of this size, (K,), and how many seeds missed it."""
-    plan = mazes.plan(scratch.maze, mazes.corner(scratch.maze, size), steps, "source")
+    plan = (
+        read_study(mazes.HERE / "maze.toml").curriculum(str(size)).replace("target", budget=steps)
+    )
     result = replace(plan, shaping=cr.QInitialisation(guard=guard)).train(30)["target"]
     times = mazes.times(cr.statistics.Curve.of(result), scratch.threshold)
     return SimpleNamespace(

@@ -8,7 +8,6 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.errors import MappingError
-from curricle.paper import mazes
 from curricle.paper.mazes import maze
 from curricle.planning.solution import solve
 from curricle.transfer import (
@@ -25,7 +24,7 @@ from tests.renumbering import nameless, renumbered
 MAZE = maze(-5)
 
 
-CROP = mazes.corner(MAZE, 5)
+CROP = MAZE.crop(rows=(0, 5), columns=(5, 10), start="uniform")
 
 
 def renumbered_crop(seed):

@@ -18,7 +18,7 @@ from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.store import RUN
 from tests.refusals import check_values
-from tests.studies import NUMBERED_HUNT, reader
+from tests.studies import HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 CURVES = ("steps", "training_return", "greedy_return", "guard_share", "episodes")
@@ -270,3 +270,30 @@ def test_sparse_tables_are_stored_and_read(tmp_path):
         np.testing.assert_array_equal(one.values, other.values)
     assert stored.snapshots is None
     assert found.result("transfer", "hunt").values is None
+
+
+def test_arms_that_are_not_compared_keep_budgets_of_their_own(tmp_path):
+    file = tmp_path / "hunt.toml"
+    changes = [
+        "compared=false",
+        "tasks.hunt.budget={ episodes = 30 }",
+        "arms.short.tasks.hunt.budget=500",
+        "arms.mean.aggregate=mean",
+    ]
+    file.write_text(HUNT + "[arms.mean]\n[arms.short]\n")
+    study = read_study(file, set=changes)
+    results = run_study(study, tmp_path / "out", progress=False)
+    for arm, curriculum in study.curricula.items():
+        alone = curriculum.train(study.seeds)
+        there = results.result(arm, "hunt", values=True)
+        np.testing.assert_array_equal(there.values, alone["hunt"].values)
+        np.testing.assert_array_equal(there.steps_used, alone["hunt"].steps_used)
+    assert (results.results["short"]["hunt"].steps_used == 500).all()
+    assert (results.results["scratch"]["hunt"].episodes_used == 30).all()
+    with pytest.raises(StoreError, match="a comparison needs the target learnt from scratch"):
+        _ = results.comparison
+    with pytest.raises(SettingError, match="leave out compared = false"):
+        run_study(read_study(file, set=[*changes, 'controls=["placebo"]']), tmp_path / "controls")
+    with pytest.raises(SettingError, match="own budget with compared = false"):
+        run_study(read_study(file, set=changes[1:2]), tmp_path / "compared")
+    assert not (tmp_path / "compared").exists()

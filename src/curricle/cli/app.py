@@ -371,8 +371,8 @@ def paper(
 ) -> None:
     """Reproduce the paper: figures, data, and a verdict on each of its claims.
 
-    Writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet, all of it
-    in the end, in the place of those of an earlier run.
+    Runs the paper's studies into the folder "studies", where a stopped run goes on. In the end
+    writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet.
     """
     from curricle.cli.progress_bars import bars_with_words
     from curricle.cli.tables import print_text

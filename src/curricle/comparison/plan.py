@@ -132,20 +132,22 @@ class Plan:
         *,
         controls: Sequence[Control] = (),
         least_total: int = 0,
+        compared: bool = True,
     ) -> Self:
-        """Return the plan of comparable curricula and of learners from scratch."""
+        """Return the plan of curricula, comparable if `compared`, and of learners from scratch."""
         first = next(iter(curricula.values()))
         target = first.target
         node = first.node(target)
         budget, total = None, None
-        if isinstance(node.budget, int):
+        if compared and isinstance(node.budget, int):
             budget = node.budget
             most = max(most_source_steps(arm) for arm in curricula.values())
             total = max(-(-(budget + most) // node.eval_freq) * node.eval_freq, least_total)
-        elif len(curricula) + bool(scratches) > 1:
+        elif compared and len(curricula) + bool(scratches) > 1:
             raise SettingError(
                 f"arms are compared at one total of steps: the budget of {target!r} is "
-                f"{node.budget}; give it in steps, or run one arm with scratch = false"
+                f"{node.budget}; give it in steps, or let each arm have its own budget with "
+                "compared = false"
             )
         arms = dict[str, PlannedArm]()
         for name, curriculum in (*scratches.items(), *curricula.items()):

@@ -1,41 +1,26 @@
 """Figure 4, pursuit: two predators learn from a single one, as published and as stated."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from curricle import (
     Curriculum,
-    Episodes,
-    GreedyEvaluation,
     Pursuit,
-    QInitialisation,
-    QLearning,
-    StoppingRule,
-    Transfer,
     evaluate,
-    learn,
     maximum,
     mean,
     minimum,
-    project,
     solve,
     total,
 )
 from curricle.arrays import FloatArray
-from curricle.learning import Learner, LearningResult
+from curricle.learning import LearningResult
 from curricle.paper.mazes import (
-    DISCOUNT,
-    EPISODE_CAP,
-    EPSILON,
-    INVERSE_TEMPERATURE,
-    LEARNER,
-    LEARNING_RATE,
     Claim,
     FigureResult,
-    Progress,
+    Studies,
     answer,
     in_thousands,
     stacked,
@@ -45,11 +30,9 @@ from curricle.planning import greedy_policy
 from curricle.show import draw_curve, new_figure
 from curricle.statistics import Curve, Interval, mean_interval, paired_difference
 from curricle.text import counted
-from curricle.transfer import UNMAPPED, StateActionMapping, find_projections
+from curricle.transfer import find_projections
 
 Arms = Mapping[str, LearningResult]
-SOURCE_BUDGET = Episodes(2_000)
-CHECKPOINTS = 35
 PAPER_SEEDS = 5
 AGGREGATES = {"max": maximum, "mean": mean, "min": minimum, "total": total}
 COLOURS = {
@@ -63,106 +46,48 @@ COLOURS = {
     "scale 1": "blue",
     "scale 2": "green",
 }
-SOFTMAX = QLearning(learning_rate=LEARNING_RATE, inverse_temperature=INVERSE_TEMPERATURE)
-ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=100, discounted=False)
 
 
-@dataclass(frozen=True)
-class Setting:
+class Setting(NamedTuple):
     """A way of running the experiment."""
 
     title: str
-    hunt: Pursuit  # two predators, the target
-    learner: Learner
-    colocated: bool = True  # whether states in which the predators share a cell are mapped
-    aggregates: tuple[str, ...] = tuple(AGGREGATES)  # to run at scale 1
-    scratch: bool = True  # whether to learn from scratch too
-    scales: tuple[float, ...] = ()  # of the source's Q, to run with the mean
-    source_budget: Episodes | StoppingRule = SOURCE_BUDGET
-    target_steps: int = 350_000
+    study: str  # the file
+    changes: tuple[str, ...] = ()  # of its settings
 
-
-def _hunt(size: int = 4, capture: Any = "all", **rules: Any) -> Pursuit:
-    return Pursuit(
-        size, 2, capture=capture, **{"discount": DISCOUNT, "time_limit": EPISODE_CAP, **rules}
-    )
+    def curriculum(self, studies: Studies) -> Curriculum:
+        """Return the curriculum of the first arm."""
+        study = studies.read(self.study, *self.changes)
+        return next(iter(study.curricula.values()))
 
 
 SETTINGS = {
-    "as published": Setting(
-        "as published: first touch ends, shared cells unmapped",
-        _hunt(capture="as_published"),
-        SOFTMAX,
-        colocated=False,
-    ),
+    "as published": Setting("as published: first touch ends, shared cells unmapped", "published"),
     "as published, all mapped": Setting(
         "control: as published, but every state mapped",
-        _hunt(capture="as_published"),
-        SOFTMAX,
-        scratch=False,
+        "hunt",
+        ("tasks.hunt.capture=as_published", "scratch=false"),
     ),
-    "as stated": Setting("as stated: both must catch, every state mapped", _hunt(), SOFTMAX),
+    "as stated": Setting("as stated: both must catch, every state mapped", "hunt"),
     "epsilon-greedy": Setting(
-        "5x5, as stated, epsilon-greedy: mean of the source's Q, scaled",
-        _hunt(5, discount=0.95, time_limit=100),
-        LEARNER,
-        aggregates=(),
-        scratch=False,
-        scales=(0.5, 1.0, 2.0),
-        source_budget=StoppingRule(400_000),
-        target_steps=400_000,
+        "5x5, as stated, epsilon-greedy: mean of the source's Q, scaled", "scales"
     ),
 }
 
 
-def mappings(setting: Setting) -> Sequence[StateActionMapping]:
-    """Return f_1 and f_2 (paper E7), without the shared cells where the setting excludes them."""
-    hunt = setting.hunt
-    chase = Pursuit(hunt.size, 1, discount=hunt.discount, time_limit=hunt.time_limit)
-    everywhere = [project(hunt, chase, predator=name) for name in hunt.predator_names]
-    if setting.colocated:
-        return everywhere
-    where = hunt.states.decode()
-    shared = (where["predator_1"] == where["predator_2"])[:, None]
-    # In the published runs an unmapped pair was a vote for 0, in every aggregate.
-    return [
-        StateActionMapping(hunt, chase, np.where(shared, UNMAPPED, f.index), unmapped_value=0.0)
-        for f in everywhere
-    ]
-
-
-def _run(setting: Setting, seeds: int, workers: int | None, progress: Progress) -> Arms:
+def _run(name: str, studies: Studies) -> Arms:
     """Return the training results of a setting by arm: scratch, source, one for each potential."""
-    eval_freq, hunt, steps = setting.target_steps // CHECKPOINTS, setting.hunt, setting.target_steps
-    arms = dict[str, LearningResult]()
-    if setting.scratch:
-        how: Any = {"eval_freq": eval_freq, "evaluation": ROLLOUTS, "stream": "hunt"}
-        arms["scratch"] = learn(hunt, setting.learner, steps, seeds=seeds, workers=workers, **how)
-        progress(f"{setting.title}: scratch")
-    f = mappings(setting)
-    plans = [(name, AGGREGATES[name], 1.0) for name in setting.aggregates]
-    plans += [(f"scale {scale:g}", mean, scale) for scale in setting.scales]
-    for name, aggregate, scale in plans:
-        curriculum = Curriculum(
-            tasks={"chase": f[0].source, "hunt": hunt},
-            transfers=[Transfer("chase", "hunt", mapping, scale=scale) for mapping in f],
-            aggregate=aggregate,
-            learner=setting.learner,
-            shaping=QInitialisation(),
-            budget={"chase": setting.source_budget, "hunt": steps},
-            eval_freq={"hunt": eval_freq, "chase": 2_000},
-            evaluation=ROLLOUTS,
-        )
-        trained = {"chase": arms["source"]} if "source" in arms else {}
-        result = curriculum.train(seeds, trained=trained, workers=workers)
-        arms["source"], arms[name] = result["chase"], result["hunt"]
-        progress(f"{setting.title}: {name}")
-    return arms
+    setting = SETTINGS[name]
+    study = studies.run(name, setting.study, *setting.changes)
+    scratch, others = dict[str, LearningResult](), dict[str, LearningResult]()
+    for arm, results in study.results.items():
+        (scratch if arm == "scratch" else others)[arm] = results["hunt"]
+    return scratch | {"source": study.result(next(iter(others)), "chase", values=True)} | others
 
 
-def figure4(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+def figure4(studies: Studies) -> FigureResult:
     """Return figure 4."""
-    results = {name: _run(setting, seeds, workers, progress) for name, setting in SETTINGS.items()}
+    results, seeds = {name: _run(name, studies) for name in SETTINGS}, studies.seeds
     few = min(seeds, PAPER_SEEDS)
     panels = f"Left: {PAPER_SEEDS} seeds as in the paper; right: {counted(seeds, 'seed')}."
     if seeds < PAPER_SEEDS:
@@ -200,13 +125,13 @@ def figure4(seeds: int, workers: int | None, progress: Progress) -> FigureResult
             _exact_values(),
             *_as_published(results["as published"], results["as published, all mapped"]),
             *_as_stated(results["as stated"]),
-            *_collapse(results["epsilon-greedy"]),
-            _why_max(),
-            _mapping_found(),
+            *_collapse(results["epsilon-greedy"], SETTINGS["epsilon-greedy"].curriculum(studies)),
+            _why_max(studies),
+            _mapping_found(SETTINGS["as stated"].curriculum(studies)),
         ],
         settings={
-            "learner": f"Q-learning, learning rate {LEARNING_RATE}, softmax with inverse "
-            f"temperature {INVERSE_TEMPERATURE} (row 4: epsilon-greedy, {EPSILON})",
+            "learner": "Q-learning, learning rate 0.1, softmax with inverse temperature 0.2 "
+            "(row 4: epsilon-greedy, 0.1)",
             "tasks": "4x4 walls, five moves, discount 0.99, limit 200 (row 4: 5x5, 0.95, 100)",
             "budget": "2,000 source episodes, 350,000 target steps (row 4: 400,000 steps each)",
             "shaping": "Q of the target starts as phi (Wiewiora 2003)",
@@ -352,16 +277,17 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
     )
 
 
-def _collapse(arms: Arms) -> Iterator[Claim]:
+def _collapse(arms: Arms, curriculum: Curriculum) -> Iterator[Claim]:
     """Answer whether the collapse is optimism, and whether scaling cures it."""
-    setting, change = SETTINGS["epsilon-greedy"], {}
+    hunt, change = curriculum.tasks["hunt"], {}
     for scale in (name for name in arms if name != "source"):
         values = arms[scale].training_return[:, 1:]
         first, last = values[:, :AVERAGED], values[:, -AVERAGED:]
         change[scale] = paired_difference(np.nanmean(last, axis=1), np.nanmean(first, axis=1))
-    best = solve(setting.hunt).action_values
-    alive = ~setting.hunt.mdp.terminal
-    read = [f.read(arms["source"].values.mean(axis=0)) for f in mappings(setting)]
+    best = solve(hunt).action_values
+    alive = ~hunt.mdp.terminal
+    learnt: Any = arms["source"].values
+    read = [edge.mapping.read(learnt.mean(axis=0)) for edge in curriculum.transfers]
     phi = mean(np.stack(read))
     optimistic = {c: float((c * phi > best)[alive].mean()) for c in (0.5, 1.0, 2.0)}
     where = (
@@ -388,17 +314,18 @@ def _collapse(arms: Arms) -> Iterator[Claim]:
     )
 
 
-def _why_max() -> Claim:
+def _why_max(studies: Studies) -> Claim:
     """Compare the greedy policies of the exact aggregates in both definitions of the task."""
     exact = dict[str, dict[str, float]]()
     for name in ("as published", "as published, all mapped", "as stated"):
-        f = mappings(SETTINGS[name])
-        source = solve(f[0].source).action_values
-        read = np.stack([mapping.read(source) for mapping in f])
+        curriculum = SETTINGS[name].curriculum(studies)
+        source = solve(curriculum.tasks["chase"]).action_values
+        read = np.stack([edge.mapping.read(source) for edge in curriculum.transfers])
         exact[name] = {}
         for g in AGGREGATES.values():
             policy = greedy_policy(g(read), tolerance=1e-7)
-            exact[name][g.__name__] = float(evaluate(SETTINGS[name].hunt, policy).values.mean())
+            values = evaluate(curriculum.tasks["hunt"], policy).values
+            exact[name][g.__name__] = float(values.mean())
     stated, mapped = exact["as stated"], exact["as published, all mapped"]
     holds = stated["minimum"] > stated["mean"] > stated["maximum"]
     holds &= mapped["mean"] > mapped["maximum"]
@@ -414,10 +341,10 @@ def _why_max() -> Claim:
     )
 
 
-def _mapping_found() -> Claim:
+def _mapping_found(curriculum: Curriculum) -> Claim:
     """Search for the mappings instead of writing them."""
-    hand_made = mappings(SETTINGS["as stated"])
-    hunt, chase = hand_made[0].target, hand_made[0].source
+    hand_made = [edge.mapping for edge in curriculum.transfers]
+    hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
     projections = find_projections(hunt, chase)
     exact = [projection for projection in projections if projection.error < 1e-9]
     others = [projection for projection in projections if projection.error >= 1e-9]

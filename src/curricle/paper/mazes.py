@@ -1,10 +1,11 @@
 """What a figure consists of, and the paper's mazes: figures 1 to 3 and reward hacking."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from importlib import resources
+from dataclasses import dataclass, field
+from functools import partial
 from math import isnan
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,43 +15,68 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from curricle import (
-    Curriculum,
-    Episodes,
     GreedyEvaluation,
     GridWorld,
-    QInitialisation,
     QLearning,
     Rewards,
     StateActionPotential,
-    Transfer,
     learn,
-    same_position,
+    read_study,
+    run_study,
     solve,
 )
 from curricle.arrays import FloatArray, IntArray
 from curricle.files import as_json
-from curricle.learning import LearningResult, RewardBonus, StateShaping
+from curricle.learning import RewardBonus, StateShaping
 from curricle.planning import greedy_policy, rollout
+from curricle.progress import Bars
 from curricle.show import COLOURS, content_of, draw_curve, draw_maze, draw_potential, new_figure
 from curricle.statistics import Curve, Interval, Times, mean_interval, midpoint, time_to_threshold
+from curricle.study import StudyConfig, StudyResults
 from curricle.text import counted
 from curricle.transfer import relative_objects
 
-MAP = resources.files("curricle.paper").joinpath("maze.txt").read_text(encoding="utf-8")
-
-LEARNING_RATE = 0.1
-DISCOUNT = 0.99
-EPSILON = 0.1
-LEARNER = QLearning(learning_rate=LEARNING_RATE, epsilon=EPSILON)
-EPISODE_CAP = 200
-INVERSE_TEMPERATURE = 0.2
-
-SUMMED = GreedyEvaluation(discounted=False)  # the paper's measure, up to the cap
+HERE = Path(__file__).parent
+MAP = (HERE / "maze.txt").read_text(encoding="utf-8")
 
 Progress = Callable[[str], object]  # called with a message for each part of a figure
 
 Verdict = Literal["reproduced", "not reproduced", "explained"]
 INTERVAL = ("estimate", "low", "high")
+
+
+@dataclass(frozen=True)
+class Studies:
+    """The paper's studies, each run once; a run that was stopped goes on where it was."""
+
+    folder: Path  # where their results are
+    seeds: int
+    workers: int | None
+    bars: Bars
+    say: Progress
+    _run: dict[str, StudyResults] = field(default_factory=dict)
+
+    def read(self, file: str, *changes: str) -> StudyConfig:
+        """Return a study of the paper, with changes as `curricle run --set` takes them."""
+        return read_study(HERE / f"{file}.toml", set=[f"seeds={self.seeds}", *changes])
+
+    def run(self, name: str, file: str, *changes: str) -> StudyResults:
+        """Return the results of a study with changes, stored as `name`."""
+        if name not in self._run:
+            study = self.read(file, *changes)
+            place = self.folder / f"{len(study.seeds)} seeds" / name
+            show = partial(self._show, name, {})
+            how: Any = {"workers": self.workers, "progress": show}
+            self._run[name] = run_study(study, place, resume=True, **how)
+            self.say(name)
+        return self._run[name]
+
+    def _show(self, name: str, grow: dict[str, Callable[[], None]], progress: Any) -> None:
+        """Show how many units of a study are stored."""
+        if progress.stored is None:
+            grow[name] = self.bars.bar(name, len(progress.units))
+        else:
+            grow[name]()
 
 
 @dataclass(frozen=True)
@@ -107,7 +133,7 @@ class FigureResult:
 
 def maze(step: float) -> GridWorld:
     """Return the paper's 10x10 maze; `step` is -1 in its text and -5 in its runs."""
-    return GridWorld(MAP, rewards=Rewards(step=step), discount=DISCOUNT, time_limit=EPISODE_CAP)
+    return GridWorld(MAP, rewards=Rewards(step=step), discount=0.99, time_limit=200)
 
 
 def verdict(holds: Any) -> Verdict:
@@ -147,15 +173,13 @@ def stacked(parts: Iterable[Mapping[str, npt.ArrayLike]]) -> dict[str, npt.NDArr
 
 # -- what the figures of mazes share ---------------------------------------------------------------
 
-SOURCE_BUDGET, TARGET_BUDGET = Episodes(250), Episodes(800)
-EVERY = 100
 WINDOW = 10
 SETTLED = 2_000
 """Steps before which the lowest value is ignored: an untrained agent that breaks ties at random
 falls into pits; with the paper's first-index ties it never did."""
 
 SETTINGS = {
-    "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}, Q0 = 0",
+    "learner": "Q-learning, learning rate 0.1, epsilon 0.1, Q0 = 0",
     "maze": "10x10, discount 0.99, episodes truncated at 200 steps",
     "budget": "250 source and 800 target episodes",
     "evaluation": "greedy return (sum of rewards), exact, every 100 steps, mean of 10 checkpoints",
@@ -165,49 +189,50 @@ SETTINGS = {
 
 
 @dataclass(frozen=True)
-class Scratch:
-    """A maze learnt from scratch, and the threshold that this sets."""
+class Arm:
+    """A source of the maze against learning from scratch, in steps, for K seeds."""
 
-    maze: GridWorld
     curve: Curve
+    # (K,): target steps to the threshold, fewer than from scratch; upper bounds where not reached.
+    saved: FloatArray
+    cost: IntArray  # (K,): source steps
+    reached: int  # seeds that reached the threshold
+
+    @property
+    def net(self) -> FloatArray:
+        """Target and source steps to the threshold, scratch minus transfer, (K,)."""
+        return self.saved - self.cost
+
+
+@dataclass(frozen=True)
+class Maze:
+    """The study of the maze with one step reward."""
+
+    study: StudyResults
+    curve: Curve  # from scratch
     threshold: float  # return midway between the lowest and highest of the curve
-    steps: FloatArray  # (K,) to the threshold
+    steps: FloatArray  # (K,) to the threshold, from scratch
 
+    @classmethod
+    def learnt(cls, studies: Studies, step: float) -> Self:
+        """Return the maze learnt from scratch and from each of its corners."""
+        study = studies.run(f"maze{step:g}", "maze", f"tasks.target.rewards.step={step}")
+        curve = Curve.of(study.results["scratch"]["target"])
+        threshold = midpoint(curve, window=WINDOW, after=SETTLED)
+        return cls(study, curve, threshold, times(curve, threshold).steps)
 
-def from_scratch(arena: GridWorld, *how_many: Any) -> Scratch:
-    """Return a maze learnt from scratch by seeds and workers."""
-    curve = Curve.of(learnt_alone(arena, TARGET_BUDGET, *how_many))
-    threshold = midpoint(curve, window=WINDOW, after=SETTLED)
-    return Scratch(arena, curve, threshold, times(curve, threshold).steps)
-
-
-def learnt_alone(arena: GridWorld, budget: Any, seeds: int, workers: int | None) -> LearningResult:
-    """Return the training of the maze without sources."""
-    how: Any = {"eval_freq": EVERY, "evaluation": SUMMED, "stream": "target"}
-    return learn(arena, LEARNER, budget, seeds=seeds, workers=workers, **how)
+    def arm(self, name: object) -> Arm:
+        """Return what the source called `name` saves."""
+        cost = self.study.source_steps(str(name))
+        curve = Curve.of(self.study.results[str(name)]["target"], cost)
+        to_threshold = times(curve, self.threshold)
+        saved = self.steps - to_threshold.steps
+        return Arm(curve, saved, cost, int(to_threshold.reached.sum()))
 
 
 def times(curve: Curve, threshold: float, *, strong: bool = False) -> Times:
     """Return the steps of each seed to a threshold, by the paper's smoothing."""
     return time_to_threshold(curve, threshold, window=WINDOW, strong=strong)
-
-
-def corner(arena: GridWorld, size: int, start: Literal["map", "uniform"] = "uniform") -> GridWorld:
-    """Return the top-right `size` x `size` cells of the 10x10 maze."""
-    return arena.crop(rows=(0, size), columns=(10 - size, 10), start=start)
-
-
-def plan(arena: GridWorld, source: GridWorld, budget: int | Episodes, name: str) -> Curriculum:
-    """Return the curriculum in which the Q of the target starts as that of the source, `name`."""
-    return Curriculum(
-        tasks={name: source, "target": arena},
-        transfers=[Transfer(name, "target", same_position(arena, source))],
-        learner=LEARNER,
-        shaping=QInitialisation(),
-        budget={name: SOURCE_BUDGET, "target": budget},
-        eval_freq={name: 100 * EVERY, "target": EVERY},  # the curve of the source is not drawn
-        evaluation=SUMMED,
-    )
 
 
 def curve_table(arms: dict[str, Curve]) -> dict[str, npt.NDArray[Any]]:
@@ -233,9 +258,8 @@ TARGETS = {
 }
 
 
-def figure1(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
-    """Return figure 1; nothing is learnt, so `seeds` and `workers` are not used."""
-    del seeds, workers
+def figure1(studies: Studies) -> FigureResult:
+    """Return figure 1, for which nothing is learnt."""
     source = GridWorld(SOURCE, start="uniform", representation="relative")
     figure, axes = new_figure(1, 3, width=9, height=3.4)
     draw_maze(axes[0, 0], source)
@@ -250,7 +274,7 @@ def figure1(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         panel.set_title(f"{name}: {matched.sum()} of {free.sum()} states matched")
         row, column = target.cells.T
         parts.append({"target": name, "row": row, "column": column, "matched": matched})
-    progress("coverage of Svetlik's mapping")
+    studies.say("coverage of Svetlik's mapping")
     return FigureResult(
         name="figure1",
         title="Figure 1: what Svetlik's mapping covers",
@@ -280,15 +304,13 @@ SIZE = 4
 OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}  # v*(start) by step reward, computed independently
 
 
-def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+def figure2(studies: Studies) -> FigureResult:
     """Return figure 2."""
     arena = maze(-5)
     optimal = {step: solve(maze(step)) for step in OPTIMUM}
     path = rollout(arena, optimal[-5.0].policy)
-    scratch = from_scratch(arena, seeds, workers)
-    progress("maze, from scratch")
-    curve = _transfer(scratch, SIZE, seeds, workers).curve
-    progress(f"maze, source of size {SIZE}")
+    scratch = Maze.learnt(studies, -5)
+    curve = scratch.arm(SIZE).curve
     figure, axes = new_figure(1, 2, width=10, height=4.2)
     draw_maze(axes[0, 0], arena, path=path.states)
     axes[0, 0].set_title(f"an optimal path, {len(path)} moves")
@@ -313,7 +335,7 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         name="figure2",
         title="Figure 2: the maze, with and without transfer",
         caption="Left: the maze (start lower left), step reward -5. Right: mean over "
-        f"{counted(seeds, 'seed')} with 95 % bands, moving mean of 10 checkpoints.",
+        f"{counted(studies.seeds, 'seed')} with 95 % bands, moving mean of 10 checkpoints.",
         figure=figure,
         tables={"figure2": curve_table({"scratch": scratch.curve, "transfer": curve})},
         claims=[
@@ -348,70 +370,28 @@ def figure2(seeds: int, workers: int | None, progress: Progress) -> FigureResult
 
 SIZES = range(2, 11)  # size 1 is the treasure alone, without a state to learn in
 STEP_REWARDS = {-5.0: "as run", -1.0: "as written"}
-LONG = 150_000  # target steps for size 3, which 800 episodes never take to the threshold
+LONG = 150_000  # target steps of the arm "long", size 3: 800 episodes never reach the threshold
 SAVED = "steps saved (thousands)"
-
-
-@dataclass(frozen=True)
-class Arm:
-    """A source against scratch, in steps, for K seeds."""
-
-    curve: Curve
-    # (K,): target steps to the threshold, fewer than from scratch; upper bounds where not reached.
-    saved: FloatArray
-    cost: IntArray  # (K,): source steps
-    reached: int  # seeds that reached the threshold
-    best: FloatArray  # (K, S'): max_a Q of the source
-
-    @property
-    def net(self) -> FloatArray:
-        """Target and source steps to the threshold, scratch minus transfer, (K,)."""
-        return self.saved - self.cost
-
-
 Arms = Mapping[int | str, Arm]  # "fixed" is the full size with the target's own start
 
 
-def _transfer(
-    scratch: Scratch, size: int | str, *how_many: Any, budget: Any = TARGET_BUDGET
-) -> Arm:
-    """Return the arm of a source, whose Q is the first of the maze, by seeds and workers."""
-    arena = scratch.maze
-    source = corner(arena, 10, "map") if isinstance(size, str) else corner(arena, size)
-    seeds, workers = how_many
-    result = plan(arena, source, budget, "source").train(seeds, workers=workers)
-    curve = Curve.of(result["target"], result.source_steps("target"))
-    reached = times(curve, scratch.threshold)
-    return Arm(
-        curve,
-        saved=scratch.steps - reached.steps,
-        cost=result.source_steps("target"),
-        reached=int(reached.reached.sum()),
-        best=result["source"].values.max(axis=2),
-    )
-
-
-def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+def figure3(studies: Studies) -> FigureResult:
     """Return figure 3."""
-    results, longer = dict[float, Arms](), dict[float, Arm]()
-    for step, name in STEP_REWARDS.items():
-        arena = maze(step)
-        scratch = from_scratch(arena, seeds, workers)
-        progress(f"maze {name}, from scratch")
-        arms: dict[int | str, Arm] = {}
-        for size in (*SIZES, "fixed"):
-            arms[size] = _transfer(scratch, size, seeds, workers)
-            words = "full size, fixed start" if size == "fixed" else f"source of size {size}"
-            progress(f"maze {name}, {words}")
-        longer[step] = _transfer(scratch, 3, seeds, workers, budget=LONG)
-        progress(f"maze {name}, source of size 3, run on")
-        results[step] = arms
+    mazes = {step: Maze.learnt(studies, step) for step in STEP_REWARDS}
+    results: dict[float, Arms] = {
+        step: {size: learnt.arm(size) for size in (*SIZES, "fixed", "long")}
+        for step, learnt in mazes.items()
+    }
+    seeds = studies.seeds
+    best: Any = mazes[-5.0].study.result("3", "source", values=True).values
+    best = best.max(axis=2)  # (K, S')
     figure, axes = new_figure(2, 2, width=10, height=7.6)
     for panel, (step, shown) in zip(axes[0], results.items(), strict=True):
         _draw_saved(panel, shown, seeds, f"step reward {step:g} ({STEP_REWARDS[step]})")
-    arena, best = maze(-5), results[-5.0][3].best
+    arena = maze(-5)
     path = arena.cells[rollout(arena, solve(arena).policy).states]
-    source, title = corner(arena, 3), "the 3x3 source, and the target's optimal path"
+    source = arena.crop(rows=(0, 3), columns=(7, 10), start="uniform")
+    title = "the 3x3 source, and the target's optimal path"
     unit = "max Q of the source (return)"
     draw_potential(axes[1, 0], source, best.mean(axis=0), label=title, unit=unit)
     axes[1, 0].plot(path[:, 1], path[:, 0], "-", color=COLOURS["sky"], lw=2.5, clip_on=True)
@@ -438,6 +418,7 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         }
         for step, arms in results.items()
         for size, arm in arms.items()
+        if size != "long"
     )
     corners = {"seed": np.arange(seeds)[:, None], "row": rows, "column": columns, "max_q": best}
     inside = (path[:, 0] < 3) & (path[:, 1] > 6)
@@ -454,7 +435,7 @@ def figure3(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         figure=figure,
         tables={"figure3": table, "figure3_corner": stacked([corners])},
         claims=[
-            *(claim for step in results for claim in _claims(step, results[step], longer[step])),
+            *(claim for step in results for claim in _claims(step, results[step])),
             Claim(
                 "f3.leaves-corner",
                 "The optimal path leaves the 3x3 corner and comes back, so the source does not "
@@ -485,7 +466,7 @@ def _draw_saved(panel: Any, arms: Arms, seeds: int, title: str) -> None:
     panel.legend(loc="lower right")
 
 
-def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
+def _claims(step: float, arms: Arms) -> list[Claim]:
     """Return the claims about the maze with one step reward."""
     setting = f"step reward {step:g} ({STEP_REWARDS[step]}), 800 target episodes"
     tag = STEP_REWARDS[step].replace(" ", "-")
@@ -516,8 +497,8 @@ def _claims(step: float, arms: Arms, longer: Arm) -> list[Claim]:
             {
                 "steps saved within 800 episodes (at most)": saved[3],
                 "seeds that reached the threshold": f"{arms[3].reached} of {seeds}",
-                f"steps saved when run on for {LONG:,} steps": mean_interval(longer.saved),
-                "seeds that reached it then": f"{longer.reached} of {seeds}",
+                f"steps saved when run on for {LONG:,} steps": mean_interval(arms["long"].saved),
+                "seeds that reached it then": f"{arms['long'].reached} of {seeds}",
             },
         ),
         Claim(
@@ -564,7 +545,7 @@ def nearness() -> StateActionPotential:
     return StateActionPotential(GRID, np.repeat(hint[:, None], GRID.actions.size, axis=1))
 
 
-def hacking(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+def hacking(studies: Studies) -> FigureResult:
     """Return the figure of reward hacking."""
     hint = nearness()
     arms: Any = {
@@ -572,11 +553,12 @@ def hacking(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         "as a bonus": (RewardBonus(hint), "vermillion"),
         "as a potential": (StateShaping(hint), "green"),
     }
-    how: Any = {"seeds": seeds, "evaluation": SUMMED, "workers": workers}
+    summed = GreedyEvaluation(discounted=False)
+    how: Any = {"seeds": studies.seeds, "evaluation": summed, "workers": studies.workers}
     results = {}
     for name, (shaping, _) in arms.items():
-        results[name] = learn(GRID, LEARNER, STEPS, shaping=shaping, **how)
-        progress(f"reward hacking: {name}")
+        results[name] = learn(GRID, QLearning(epsilon=0.1), STEPS, shaping=shaping, **how)
+        studies.say(f"reward hacking: {name}")
     figure, axes = new_figure(1, 3, width=11, height=3.6)
     for panel, name in zip(axes[0], ("as a bonus", "as a potential"), strict=False):
         episode = rollout(GRID, greedy_policy(results[name].values[0]))
@@ -595,7 +577,7 @@ def hacking(seeds: int, workers: int | None, progress: Progress) -> FigureResult
         title="Reward hacking: a bonus is not a potential",
         caption="The same hint, 'being near the treasure is good', added to the reward as a "
         "bonus and as a potential. Left and middle: the greedy policy of seed 0. Right: mean over "
-        f"{counted(seeds, 'seed')} with 95 % bands.",
+        f"{counted(studies.seeds, 'seed')} with 95 % bands.",
         figure=figure,
         tables={"hacking": curve_table(curves)},
         claims=[
@@ -609,7 +591,7 @@ def hacking(seeds: int, workers: int | None, progress: Progress) -> FigureResult
             ),
         ],
         settings={
-            "learner": f"Q-learning, learning rate {LEARNING_RATE}, epsilon {EPSILON}",
+            "learner": "Q-learning, learning rate 0.1, epsilon 0.1",
             "budget": f"{STEPS:,} steps",
         },
     )

@@ -11,14 +11,14 @@ from curricle.checks import one_of, whole_number
 from curricle.errors import SettingError, StoreError, reason
 from curricle.files import as_json, write_whole
 from curricle.paper.figure4 import figure4
-from curricle.paper.mazes import Progress, figure1, figure2, figure3, hacking
+from curricle.paper.mazes import Progress, Studies, figure1, figure2, figure3, hacking
 from curricle.paper.trust_figure import trust
 from curricle.progress import Bars, shown
 from curricle.show import STYLE, render
 from curricle.text import counted
 
 INTENDED_SEEDS = 30  # seeds that the verdicts are meant for
-CLAIMS = "claims.json"
+CLAIMS, STUDIES = "claims.json", "studies"
 FIGURES = {
     "1": figure1,
     "2": figure2,
@@ -47,7 +47,7 @@ def reproduce(
         whole_number("workers", workers, 1, SettingError)
     folder, files, sections, part = Path(folder), dict[str, bytes](), [], ""
     try:
-        if folder.exists() and any(folder.iterdir()) and not (folder / CLAIMS).exists():
+        if folder.exists() and any(folder.iterdir()) and not (folder / STUDIES).is_dir():
             raise StoreError(
                 "the paper needs a new or empty folder, or one of an earlier run: "
                 f"{folder} holds other files"
@@ -59,9 +59,11 @@ def reproduce(
                 part = message
                 bars.tell(message)
 
+            (folder / STUDIES).mkdir(parents=True, exist_ok=True)
+            studies = Studies(folder / STUDIES, seeds, workers, bars, say)
             grow = bars.bar("figures", len(wanted))
             for name in (name for name in FIGURES if name in wanted):
-                made, section = FIGURES[name](seeds, workers, say).files(name)
+                made, section = FIGURES[name](studies).files(name)
                 files |= made
                 sections.append(section)
                 grow()

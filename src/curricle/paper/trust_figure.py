@@ -4,29 +4,18 @@ The claims answer the paper's questions, each with a control.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from curricle import (
-    Curriculum,
-    GreedyEvaluation,
-    Guard,
-    Pursuit,
     QInitialisation,
     RewardBonus,
     StateShaping,
-    StoppingRule,
-    Transfer,
     calibrate,
     certify,
     compare,
     forecast,
-    maximum,
-    mean,
-    minimum,
-    project,
     solve,
 )
 from curricle.arrays import FloatArray
@@ -35,10 +24,9 @@ from curricle.errors import CalibrationError
 from curricle.learning import LearningResult
 from curricle.paper import mazes
 from curricle.paper.mazes import (
-    LEARNER,
     Claim,
     FigureResult,
-    Progress,
+    Studies,
     answer,
     draw_level,
     in_thousands,
@@ -48,82 +36,63 @@ from curricle.paper.mazes import (
 )
 from curricle.show import COLOURS, draw_curve, draw_potential, frame_cells, new_figure
 from curricle.statistics import Curve, Interval, mean_interval, paired_difference
+from curricle.study import StudyResults
 from curricle.text import counted
-from curricle.transfer import Calibrate
 
-AGGREGATES = {"min": minimum, "mean": mean, "max": maximum}
-ROLLOUTS = GreedyEvaluation(method="rollouts", episodes=20, discounted=False)
-SOURCE_STEPS = 400_000
-HUNTS = {5: (100, 400_000), 7: (200, 1_000_000)}  # size -> limit, steps
-FITTED = Calibrate()  # the scale is the one that fits the returns, neither shrunk nor bounded
+AGGREGATES = ("min", "mean", "max")
 SWEEP = (1.2, 1.6, 2.0, 2.5)  # scales set by hand
+LARGE = (
+    *("tasks.chase.size=7", "tasks.hunt.size=7", "tasks.chase.time_limit=200"),
+    *("tasks.hunt.time_limit=200", "tasks.hunt.budget=1_000_000", "tasks.hunt.eval_freq=20_000"),
+    "scratch=false",
+)
+"""What is different on 7x7."""
 FORECAST_SEEDS, LARGE_SEEDS = 2, 10  # seeds of the forecast, and the most of 7x7
-MAZE_STEPS = 150_000  # target steps in the maze
 EXAMINED = 20_000  # steps after which the greedy choices in the maze are examined
 Hunts = dict[tuple[int, str], LearningResult]
 """Size and arm, "min" or "mean", also ", calibrated" or " x c" -> training."""
 
 
-def hunt(size: int, aggregate: str, **transfer: Any) -> Curriculum:
-    """Return the curriculum from a single predator to two, which both have to catch."""
-    limit, steps = HUNTS[size]
-    two, single = (Pursuit(size, n, discount=0.95, time_limit=limit) for n in (2, 1))
-    return Curriculum(
-        tasks={"chase": single, "hunt": two},
-        transfers=[
-            Transfer("chase", "hunt", project(two, single, predator=name), **transfer)
-            for name in two.predator_names
-        ],
-        aggregate=AGGREGATES[aggregate],
-        learner=LEARNER,
-        shaping=QInitialisation(),
-        budget={"chase": StoppingRule(SOURCE_STEPS), "hunt": steps},
-        eval_freq={"chase": SOURCE_STEPS, "hunt": steps // 50},
-        evaluation=ROLLOUTS,
-    )
-
-
-def hunts_of(size: int, seeds: int, workers: int | None) -> Hunts:
+def hunts_of(studies: Studies) -> Hunts:
     """Return min and mean, uncalibrated and calibrated; on 5x5 also scaled by hand."""
-    plans = dict[str, Curriculum]()
-    for name in ("min", "mean"):
-        plans[name] = hunt(size, name)
-        plans[f"{name}, calibrated"] = hunt(size, name, calibrate=FITTED)
-        for scale in SWEEP if size == 5 else ():
-            plans[f"{name} x {scale:g}"] = hunt(size, name, scale=scale)
-    sources = plans["mean"].train(seeds, only=["chase"], workers=workers).sources
+    few = f"seeds={min(studies.seeds, LARGE_SEEDS)}"
+    played = [
+        (5, studies.run("trust", "trust")),
+        (5, studies.run("scaled by hand", "scaled")),
+        (7, studies.run("trust on 7x7", "trust", few, *LARGE)),
+    ]
     return {
-        (size, name): plan.train(seeds, trained=sources, workers=workers)["hunt"]
-        for name, plan in plans.items()
+        (size, arm): results["hunt"]
+        for size, study in played
+        for arm, results in study.results.items()
+        if arm not in ("scratch", "max")
     }
 
 
-def corner_plan(size: int) -> Curriculum:
-    """Return the curriculum from the top-right `size` x `size` corner to the maze."""
-    arena = maze(-5)
-    return mazes.plan(arena, mazes.corner(arena, size), MAZE_STEPS, "corner")
-
-
-def _mazes(seeds: int, workers: int | None) -> tuple[dict[str, LearningResult], FloatArray]:
-    """Return the maze's arms: scratch, its 3x3 corner, guarded; and the wrong choices added."""
-    plan = corner_plan(3)
-    sources = plan.train(seeds, only=["corner"], workers=workers).sources
-    arms = {
-        "from the 3x3 corner": plan,
-        "the same, guarded": replace(plan, shaping=QInitialisation(guard=Guard())),
-    }
-    results = {"scratch": mazes.learnt_alone(maze(-5), MAZE_STEPS, seeds, workers)}
-    for name, arm in arms.items():
-        results[name] = arm.train(seeds, trained=sources, workers=workers)["target"]
-    # All random numbers are the same without the source.
-    short = plan.replace("target", budget=EXAMINED, eval_freq=EXAMINED)
-    optimal = solve(plan.tasks["target"]).optimal
-    wrong = []
-    for arm in (short, replace(short, transfers=())):
-        values = arm.train(seeds, trained=sources, workers=workers)["target"].values
+def wrong_choices_added(study: StudyResults) -> FloatArray:
+    """Return how much more often a greedy choice in a state is wrong with the source, (S,)."""
+    optimal, wrong = solve(maze(-5)).optimal, list[FloatArray]()
+    for arm in ("at first", "at first, without it"):
+        values: Any = study.result(arm, "target", values=True).values
         greedy = values == values.max(axis=-1, keepdims=True)
         wrong.append((greedy & ~optimal).any(axis=-1).mean(axis=0))
-    return results, wrong[0] - wrong[1]
+    return wrong[0] - wrong[1]
+
+
+def refused_calibrations(studies: Studies, step: float) -> dict[int, float]:
+    """Return the share of seeds in which no scale fits what a corner taught, by its size."""
+    study = studies.read("maze", f"tasks.target.rewards.step={step}")
+    results, refused = mazes.Maze.learnt(studies, step).study, dict[int, float]()
+    for size in range(3, 11):
+        curriculum = study.curriculum(str(size))
+        sources, refusals = results.trained(str(size), curriculum), 0
+        for seed, phi in enumerate(curriculum.potentials("target", sources)):
+            try:
+                calibrate(phi, seed=seed)
+            except CalibrationError:
+                refusals += 1
+        refused[size] = refusals / studies.seeds
+    return refused
 
 
 def tenths(result: LearningResult) -> FloatArray:
@@ -143,42 +112,31 @@ MAZES = {"scratch": "black", "from the 3x3 corner": "vermillion", "the same, gua
 SHOWN = 60_000  # steps in the maze that are drawn
 
 
-def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
+def trust(studies: Studies) -> FigureResult:
     """Return the trust figure."""
-    plans = {name: hunt(5, name) for name in AGGREGATES}
-    predicted = forecast(plans["mean"], seeds=FORECAST_SEEDS, trial=False, workers=workers)
-    progress("pursuit 5x5, forecast")
-    plans |= {f"{name}, calibrated": hunt(5, name, calibrate=FITTED) for name in ("min", "mean")}
-    how: Any = {"seeds": seeds, "workers": workers}
-    compared = compare(plans, progress=lambda words: progress(f"5x5: {words}"), **how)
+    seeds, how = studies.seeds, dict[str, Any](workers=studies.workers)
+    study = studies.read("trust")
+    predicted = forecast(study.curriculum("mean"), seeds=FORECAST_SEEDS, trial=False, **how)
+    studies.say("pursuit 5x5, forecast")
+    compared = studies.run("trust", "trust").comparison
     controls = compare(
-        {"mean, calibrated": plans["mean, calibrated"]},
+        {"mean, calibrated": study.curriculum("mean, calibrated")},
         controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
-        progress=lambda words: progress(f"5x5, controls: {words}"),
+        progress=lambda words: studies.say(f"5x5, controls: {words}"),
+        seeds=seeds,
         **how,
     )
-    hunts = Hunts()
-    for size in HUNTS:
-        hunts |= hunts_of(size, seeds if size == 5 else min(seeds, LARGE_SEEDS), workers)
-        progress(f"pursuit {size}x{size}, uncalibrated and calibrated")
-    scratch = mazes.from_scratch(maze(-5), seeds, workers)
-    guarded, added = _mazes(seeds, workers)
-    progress("maze, guarded")
-    refused = {}
-    for size in range(3, 11):
-        plan = corner_plan(size)
-        sources = plan.train(seeds, only=["corner"], workers=workers).sources
-        refusals = 0  # a scale is then the wrong model
-        for seed, phi in enumerate(plan.potentials("target", sources)):
-            try:
-                calibrate(phi, seed=seed)
-            except CalibrationError:
-                refusals += 1
-        refused[size] = refusals / seeds
-    progress("maze, calibration")
+    hunts = hunts_of(studies)
+    scratch = mazes.Maze.learnt(studies, -5)
+    guard = studies.run("guard", "guard")
+    guarded = {arm: guard.results[arm]["target"] for arm in MAZES}
+    added = wrong_choices_added(guard)
+    refused = refused_calibrations(studies, -5)
+    studies.say("maze, calibration")
+    arena = maze(-5)
     figure, axes = new_figure(2, 3, width=13.5, height=7.6)
     _draw_forecast(axes[0, 0], predicted)
-    for panel, size in zip(axes[0, 1:], HUNTS, strict=True):
+    for panel, size in zip(axes[0, 1:], (5, 7), strict=True):
         for name, (colour, dashes) in STYLES.items():
             result = hunts[size, name]
             curve = Curve(result.steps[1:], result.training_return[:, 1:])
@@ -192,8 +150,8 @@ def trust(seeds: int, workers: int | None, progress: Progress) -> FigureResult:
     _draw_guard(axes[1, 1], guarded, scratch.threshold)
     title = f"the 3x3 corner left out, after {EXAMINED:,} steps"
     unit = "wrong choices added by the source (% of seeds)"
-    draw_potential(axes[1, 2], scratch.maze, 100 * added, label=title, unit=unit, difference=True)
-    frame_cells(axes[1, 2], scratch.maze, added >= MOSTLY)
+    draw_potential(axes[1, 2], arena, 100 * added, label=title, unit=unit, difference=True)
+    frame_cells(axes[1, 2], arena, added >= MOSTLY)
     table = stacked(
         {
             "size": size,
@@ -406,7 +364,7 @@ def _control_claims(controls: Comparison) -> Iterator[Claim]:
 
 
 def _maze_claims(
-    scratch: mazes.Scratch,
+    scratch: mazes.Maze,
     guarded: Mapping[str, LearningResult],
     added_wrong: FloatArray,
     refused: Mapping[int, float],
@@ -438,7 +396,7 @@ def _maze_claims(
     )
     added = {
         f"row {row}, column {column}": float(share)
-        for (row, column), share in zip(scratch.maze.cells, added_wrong, strict=True)
+        for (row, column), share in zip(maze(-5).cells, added_wrong, strict=True)
         if (row, column) in {(2, 8), (2, 9)}  # where the optimal path leaves the corner
     }
     yield Claim(

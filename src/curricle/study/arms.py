@@ -47,14 +47,16 @@ class Arms(Plan):
         """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
         scratches = study.scratch_curricula() if study.scratch else {}
         controls = study.controls or ()
-        if controls and not scratches:
-            raise SettingError("controls are compared with scratch: leave out scratch = false")
+        if controls and not (scratches and study.compared):
+            setting = "compared" if scratches else "scratch"
+            raise SettingError(f"controls are compared with scratch: leave out {setting} = false")
         for name, curriculum in study.curricula.items():
             check_fit(controls, name, curriculum)
         learners = [
             curriculum.setting("learner", curriculum.target) for curriculum in scratches.values()
         ]
-        check_comparable(study.curricula, None if study.own_learners else learners)
+        if study.compared:
+            check_comparable(study.curricula, None if study.own_learners else learners)
         plain = study.to_data()
         target = next(iter(study.curricula.values())).target
         data = {**_scratch_data(plain, target), **plain["arms"]}
@@ -73,7 +75,8 @@ class Arms(Plan):
             return keys, dependencies
 
         least = study.total or 0
-        return cls.made(study.curricula, scratches, keys_of, controls=controls, least_total=least)
+        how: Any = {"controls": controls, "least_total": least, "compared": study.compared}
+        return cls.made(study.curricula, scratches, keys_of, **how)
 
 
 def units_of(

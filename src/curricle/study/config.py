@@ -113,6 +113,8 @@ class RunTable(Table):
     """Value tables of the first seed kept during training, for the report."""
     scratch: Flag = True
     """Whether learning the target from scratch is an arm too."""
+    compared: Flag = True
+    """Whether all arms spend one total of steps, sources included; else each has its own budget."""
     scratch_learners: dict[Name, AnyLearner] = Field({})
     """Further learners from scratch by name, each what it changes in the target's."""
     controls: tuple[Control, ...] | None = None
@@ -239,8 +241,10 @@ class StudyConfig(RunTable):
 
     Parameters
     ----------
-    name, seeds, seeds_per_unit, threshold, window, snapshots, scratch, scratch_learners, controls
-        The keys of a study file.
+    name, seeds, seeds_per_unit, threshold, window, snapshots
+        Keys of a study file.
+    scratch, compared, scratch_learners, controls
+        Keys of a study file too.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
     scratches : dict of str to ArmTables, optional
