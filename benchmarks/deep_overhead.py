@@ -26,7 +26,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 from bench_shaping_wrapper import BAR, lake, potential, report, stepping
-from deep_pair import observed, transfers
+from networks.pursuit import SIZE, places_and_ways, read_alone
 from stable_baselines3 import DQN
 from stable_baselines3.common.vec_env import DummyVecEnv
 from timing import arguments, in_turns, on_one_thread
@@ -92,8 +92,13 @@ READING_ALL = "all of phi"  # a wider network, to which the bar does not apply
 
 def hunt():
     """Return a task of three predators and the potential of one, as tables."""
-    task, table = observed(3), cr.transfer.TableValues(np.zeros((49 * 49, 5)))
-    return task, cr.transfer.ObservationPotential(task, transfers(task, 3), [table] * 3, cr.minimum)
+    task = cr.observation_task(
+        "Curricle/Pursuit-v0", discount=0.95, encode=places_and_ways,
+        size=SIZE, predators=3, observation="components",
+    )  # fmt: skip
+    chase, table = cr.Pursuit(SIZE, 1), cr.transfer.TableValues(np.zeros((SIZE**4, 5)))
+    edges = [cr.Transfer("chase", "hunt", read_alone(task, chase, which)) for which in range(3)]
+    return task, cr.transfer.ObservationPotential(task, edges, [table] * 3, cr.minimum)
 
 
 def car():

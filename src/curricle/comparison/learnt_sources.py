@@ -186,7 +186,7 @@ class DistilledSource(Frozen):
     @property
     def expected(self) -> float:
         """The share to expect of the target: that of the last member, the nearest to it."""
-        # benchmarks/deep_forecast.py measures how well it ranks sources.
+        # benchmarks/networks/forecast.py measures how well it ranks sources.
         return float(self.shares[:, -1].mean())
 
     def __str__(self) -> str:

@@ -61,7 +61,7 @@ benchmarks/pairs: more gains more on average, and loses more than a tenth more o
 PULL = 0.1
 """Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
-among the development targets of benchmarks/deep_miniatures.py."""
+among the development targets of benchmarks/networks/miniatures.py."""
 ACTOR_CRITICS = ("PPO", "A2C")  # algorithms that a pull is known to fit
 MOST_GUARDED = 10_000_000  # state-action pairs of a guarded task: some 300 MB of tables a seed
 

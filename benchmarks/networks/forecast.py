@@ -5,7 +5,7 @@ network regains, of the way from the random policy to the optimum, on relatives 
 teaches, which are larger than most choices and smaller than the target. What came true is what it
 regains on levels of the target itself. Both are exact, by tables; no step is taken.
 
-    python -m benchmarks.deep_forecast [--targets ...] [--seeds 1]
+    python -m benchmarks.networks.forecast [--targets ...] [--seeds 1]
 """
 
 import argparse
@@ -13,7 +13,9 @@ import argparse
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.deep_miniatures import FETCH, PPO, WALK, level
+from benchmarks.networks.levels import fetch, walk
+from benchmarks.networks.miniatures import FILE
+from curricle import observation_task, read_study
 from curricle.deep import miniatures
 from curricle.deep.distillation import distil
 
@@ -41,11 +43,12 @@ DOORS = {
     "one wall": (["SimpleCrossingS9N1-v0"], 200),
     "door 5x5 and one wall": (["DoorKey-5x5-v0", "SimpleCrossingS9N1-v0"], 200),
 }
-TARGETS = {  # choices, what the forecast is tested on, the target, actions
-    "crossing": (CROSSINGS, "SimpleCrossingS9N2-v0", "SimpleCrossingS9N3-v0", WALK),
-    "lava": (CROSSINGS, "LavaCrossingS9N2-v0", "LavaCrossingS9N3-v0", WALK),
-    "door": (DOORS, "DoorKey-6x6-v0", "DoorKey-8x8-v0", FETCH),
+TARGETS = {  # choices, what the forecast is tested on, the target, its encoder
+    "crossing": (CROSSINGS, "SimpleCrossingS9N2-v0", "SimpleCrossingS9N3-v0", walk),
+    "lava": (CROSSINGS, "LavaCrossingS9N2-v0", "LavaCrossingS9N3-v0", walk),
+    "door": (DOORS, "DoorKey-6x6-v0", "DoorKey-8x8-v0", fetch),
 }
+PPO = read_study(FILE).curriculum("distilled").setting("learner", "target")
 RESETS = 40
 """Of the relatives and of the target, by which a network is examined."""
 
@@ -56,15 +59,15 @@ def main() -> None:
     given.add_argument("--seeds", type=int, default=1)
     options = given.parse_args()
     for name in options.targets:
-        choices, between, target, actions = TARGETS[name]
+        choices, between, target, encode = TARGETS[name]
         examined = miniatures(
-            level(between, actions),
-            tested_on=[level(between, actions), level(target, actions)],
+            level(between, encode),
+            tested_on=[level(between, encode), level(target, encode)],
             resets=RESETS,
         )
         print(f"\n{name}: {'choice':<26}{'own levels':>12}{'forecast':>10}{'came true':>11}")
         rows = [
-            row(label, *choice, examined, actions, seed)
+            row(label, *choice, examined, encode, seed)
             for label, choice in choices.items()
             for seed in range(options.seeds)
         ]
@@ -74,9 +77,14 @@ def main() -> None:
             print(f"rank correlation with what came true, {which}: {rank:.2f}")
 
 
-def row(label, names, resets, examined, actions, seed) -> tuple[float, float, float]:
+def level(name, encode):
+    """Return a level of MiniGrid as a network sees it."""
+    return observation_task(f"minigrid:MiniGrid-{name}", encode=encode, discount=0.99)
+
+
+def row(label, names, resets, examined, encode, seed) -> tuple[float, float, float]:
     """Return what a choice regains on its own levels, on those between, and on the target."""
-    small = miniatures(*[level(name, actions) for name in names], resets=resets)
+    small = miniatures(*[level(name, encode) for name in names], resets=resets)
     values = distil(small.knowledge(), small, PPO, seed=seed)
     own = float(np.mean([one.regained for one in small.examined(values)]))
     told, true = (one.examined(values).regained for one in examined.solved_tests)

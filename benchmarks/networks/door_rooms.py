@@ -1,4 +1,4 @@
-"""MiniGrid's DoorKey rooms as a family: of any size, seen in two ways.
+"""MiniGrid's DoorKey rooms, of any size, seen in two ways.
 
 What is seen of a room is a vector: offsets from the agent to key, door and goal, its direction,
 what is ahead, what it carries. A network learns from the vector itself. A table of errands has a
@@ -9,20 +9,18 @@ what is ahead. The tables of errands of all rooms have the same states, and netw
 """
 
 from functools import partial
-from typing import Literal
 
 import gymnasium as gym
 import numpy as np
 from minigrid.envs import DoorKeyEnv
 
 import curricle as cr
-from curricle.tasks import Parameter, task_family
+from curricle.transfer import ObservationMapping
 
 DISCOUNT = 0.97
 SCALE = 20  # of rewards: 20 for the goal, less with each step taken
 REACH = 2  # cells; larger offsets are clipped
 ACTIONS = 0, 1, 2, 3, 5  # left, right, forward, pick up, toggle
-SMALLEST, LARGEST = 5, 16  # sides, walls included
 
 
 class Room(gym.Wrapper):
@@ -109,29 +107,19 @@ def ahead(seen):
     return np.where(seen[:, 11] + seen[:, 12] > 0, 2, (seen[:, 10] > 0).astype(int))
 
 
-def read_as(target, source):
-    """Return how a network of a room reads a table of errands: offsets are clipped."""
-    if (target["seen"], source["seen"]) != ("vector", "errands"):
-        raise cr.errors.MappingError(f"networks read tables of errands: {source} by {target}")
-    counterparts = partial(errands, size=source["size"])
-    return cr.transfer.ObservationMapping(target.task, source.task, counterparts)
-
-
-@task_family(
-    Parameter("size", low=SMALLEST, high=LARGEST, harder="larger"),
-    Parameter("seen", harder="later"),
-    mapping=read_as,
-)
-def door_room(size: int, seen: Literal["errands", "vector"] = "vector"):
-    """Return the task of a room: a network's for the vector, else a table's."""
-    limit = 10 * size**2
-    if seen == "vector":
-        return cr.tasks.ObservationTask(partial(Room, size), DISCOUNT, limit)
+def table(size):
+    """Return the task of a room of a side, walls included, by its errands."""
     return cr.from_gymnasium(
         partial(Room, size), encode=partial(errand, size=size), states=ERRANDS,
-        discount=DISCOUNT, time_limit=limit,
+        discount=DISCOUNT, time_limit=10 * size**2,
     )  # fmt: skip
 
 
 def errand(seen, size):
+    """Return the state that one observation falls into."""
     return int(errands(seen, size)[0])
+
+
+def read_table(large, small):
+    """Return how the network of a room reads the errands of that of side 6."""
+    return ObservationMapping(large, small, partial(errands, size=6))

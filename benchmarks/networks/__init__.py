@@ -1,0 +1,1 @@
+"""Networks from sources, all steps charged: study files, and what they name."""
