@@ -1,7 +1,8 @@
 """Whether a shaping is safe: proven in every state, refuted in one, or checked on a sample."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 
@@ -204,18 +205,51 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ActionComparison:
-    """The optimal actions of a task and of its shaped version, N states."""
+    """The optimal actions of a task and of its shaped version, in N reachable states."""
 
     # A difference of two values is known to twice their bound. An action that falls short of the
     # best by no more may be optimal; where it is the only such action, it is.
 
-    optimal: BoolArray  # (N, A), may be optimal in the task
-    chosen: BoolArray  # (N, A), may be optimal in the shaped task
-    short: FloatArray  # (N, A), difference from the best in the task
-    shaped_short: FloatArray  # (N, A), difference from the best in the shaped task
-    error: float  # of a difference in the task
-    shaped_error: float  # of a difference in the shaped task
+    met: Reachable
+    unshaped: Solution
+    shaped: ShapedValues
     tolerance: float  # a loss that is allowed for
+
+    @cached_property
+    def q(self) -> FloatArray:
+        """The values of actions in the task, (N, A)."""
+        return self.unshaped.action_values[self.met.states]
+
+    @cached_property
+    def short(self) -> FloatArray:
+        """By how much they fall short of the best, (N, A)."""
+        return np.asarray(self.q.max(axis=1, keepdims=True) - self.q)
+
+    @cached_property
+    def shaped_short(self) -> FloatArray:
+        """The same in the shaped task, (N, A)."""
+        values = self.shaped.values
+        return np.asarray(values.max(axis=1, keepdims=True) - values)
+
+    @property
+    def error(self) -> float:
+        """The largest error of a difference in the task."""
+        return 2 * self.unshaped.error_bound
+
+    @property
+    def shaped_error(self) -> float:
+        """The largest error of a difference in the shaped task."""
+        return 2 * self.shaped.bound
+
+    @cached_property
+    def optimal(self) -> BoolArray:
+        """The actions that may be optimal in the task, (N, A)."""
+        return self.short <= self.error
+
+    @cached_property
+    def chosen(self) -> BoolArray:
+        """The actions that may be optimal in the shaped task, (N, A)."""
+        return self.shaped_short <= self.shaped_error
 
     @property
     def loss(self) -> float:
@@ -224,19 +258,19 @@ class ActionComparison:
         lost = np.where(certain, 0.0, self.short + self.error)
         return float(lost[self.chosen].max(initial=0.0))
 
-    @property
+    @cached_property
     def lost(self) -> FloatArray:
         """What an action optimal in the shaped task is proven to lose, (N,); 0 if allowed for."""
         least = np.where(self.chosen, self.short, np.inf).min(axis=1) - self.error
         return np.where(least > self.tolerance, least, 0.0)
 
-    @property
+    @cached_property
     def given_up(self) -> FloatArray:
         """How far the task's optimal actions are proven to fall short when shaped, (N,)."""
         least = np.where(self.optimal, self.shaped_short, np.inf).min(axis=1) - self.shaped_error
         return np.where(least > self.tolerance, least, 0.0)
 
-    @property
+    @cached_property
     def undecided(self) -> BoolArray:
         """States in which the optimal actions are proven neither equal nor different, (N,)."""
         same = (self.optimal == self.chosen).all(axis=1) & (self.optimal.sum(axis=1) == 1)
@@ -245,6 +279,94 @@ class ActionComparison:
             shaped_fine = self.shaped_short + self.shaped_error <= self.tolerance
             same |= ((fine | ~self.chosen) & (shaped_fine | ~self.optimal)).all(axis=1)
         return np.asarray(~same & (self.lost == 0) & (self.given_up == 0))
+
+    def total_loss(self) -> float:
+        """Return max_s V*(s) - V_worst(s) of policies of `chosen` actions, and both errors."""
+        mdp, states = self.met.mdp, self.met.states
+        row = mdp.outcome_row.copy()
+        first = np.take_along_axis(row[states], self.chosen.argmax(axis=1)[:, None], axis=1)
+        row[states] = np.where(self.chosen, row[states], first)
+        worst = solve(replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward)))
+        lost = (self.unshaped.values + worst.values)[states].max(initial=0.0)
+        return float(lost) + self.unshaped.error_bound + worst.error_bound
+
+    def counterexample(self) -> Counterexample:
+        """Return the state in which most is lost, or else one whose optimal action is given up."""
+        q, acted = self.q, self.shaped.values
+        if self.lost.any():
+            row = int(self.lost.argmax())
+            best = int(q[row].argmax())
+            other = int(np.where(self.chosen[row], self.short[row], np.inf).argmin())
+            lost = float(self.short[row, other])
+        else:
+            row = int(self.given_up.argmax())
+            other, lost = int(acted[row].argmax()), 0.0
+            best = int(np.where(self.optimal[row], self.shaped_short[row], np.inf).argmin())
+        state, mdp = int(self.met.states[row]), self.met.mdp
+        return Counterexample(
+            state=state,
+            components=values_of(mdp.states, state),
+            place=state_name(mdp.states, state),
+            action=best,
+            shaped_action=other,
+            actions=(action_name(mdp.actions, best), action_name(mdp.actions, other)),
+            lost=lost,
+            values=(float(q[row, best]), float(q[row, other])),
+            shaped_values=(float(acted[row, best]), float(acted[row, other])),
+        )
+
+    def too_close(self) -> str:
+        """Return the sentence about the states that are undecided."""
+        rows, mdp = np.flatnonzero(self.undecided), self.met.mdp
+        q, acted = self.q[rows[0]], self.shaped.values[rows[0]]
+        close = np.flatnonzero(self.optimal[rows[0]] | self.chosen[rows[0]])
+        values = " and ".join(
+            f"{action_name(mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
+            for a in close[np.argsort(-q[close], kind="stable")[:2]]
+        )
+        return (
+            f"in {len(rows):,} of {len(self.q):,} reachable states the values are too close to "
+            f"tell, first in {state_name(mdp.states, int(self.met.states[rows[0]]))}: {values}"
+        )
+
+    def decided(
+        self, theorem: str | None, behind: Origin | None
+    ) -> tuple[bool | None, tuple[str, ...]]:
+        """Return whether the optimal actions are the same, and where that is undecided."""
+        # A theorem proves that of any values, and `behind` is the potential behind given rewards.
+        if self.lost.any() or self.given_up.any():
+            return False, ()
+        by_values = theorem is None or behind is not None  # the very rewards, with their rounding
+        if by_values and not self.undecided.any():
+            return True, ()
+        if theorem is None:
+            return None, (self.too_close(),)
+        # A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that
+        # was given is off by its residual, twice in a difference of two actions, in every step.
+        largest = self.shaped.largest
+        off = 3 * EPSILON * largest + (0.0 if behind is None else behind.plain.worst)
+        reach = 2 * off * longest_episode(self.met.mdp)
+        vanishing = (self.short > self.error) & (self.short <= reach + self.error)
+        if by_values:
+            vanishing &= self.undecided[:, None]
+        hidden = float(self.short[vanishing].max(initial=0.0))
+        from_potential = behind is not None and behind.plain.potential.any()
+        if from_potential and not tied_exactly(self.met, self.unshaped, self.optimal):
+            hidden = max(hidden, self.error)
+        if hidden <= self.tolerance:
+            return True, ()
+        return None, (
+            f"by theory ({theorem}) the shaping is safe, but beside numbers of {largest:.2g} "
+            f"differences of {hidden:.2g} between actions vanish in double precision",
+        )
+
+
+def longest_episode(mdp: FiniteMDP) -> float:
+    """Return a bound of the expected (discounted) steps of an episode."""
+    if mdp.discount < 1:
+        return 1 / (1 - mdp.discount)
+    steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
+    return float(steps.values.max()) + steps.error_bound
 
 
 def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
@@ -272,69 +394,6 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
     return False
 
 
-def total_loss(unshaped: Solution, met: Reachable, chosen: BoolArray) -> float:
-    """Return max_s V*(s) - V_worst(s) of policies of `chosen` actions, (N, A), and both errors."""
-    mdp = met.mdp
-    row = mdp.outcome_row.copy()
-    rows = row[met.states]
-    first = np.take_along_axis(rows, chosen.argmax(axis=1)[:, None], axis=1)
-    row[met.states] = np.where(chosen, rows, first)
-    against = replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
-    worst = solve(against)
-    lost = (unshaped.values + worst.values)[met.states].max(initial=0.0)
-    return float(lost) + unshaped.error_bound + worst.error_bound
-
-
-def counterexample(
-    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
-) -> Counterexample:
-    """Return the state in which most is lost, or else one whose optimal action is given up."""
-    mdp, q = met.mdp, unshaped.action_values[met.states]
-    if compared.lost.any():
-        row = int(compared.lost.argmax())
-        best = int(q[row].argmax())
-        other = int(np.where(compared.chosen[row], compared.short[row], np.inf).argmin())
-        lost = float(compared.short[row, other])
-    else:
-        row = int(compared.given_up.argmax())
-        other, lost = int(shaped.values[row].argmax()), 0.0
-        best = int(np.where(compared.optimal[row], compared.shaped_short[row], np.inf).argmin())
-    state = int(met.states[row])
-    return Counterexample(
-        state=state,
-        components=values_of(mdp.states, state),
-        place=state_name(mdp.states, state),
-        action=best,
-        shaped_action=other,
-        actions=(action_name(mdp.actions, best), action_name(mdp.actions, other)),
-        lost=lost,
-        values=(float(q[row, best]), float(q[row, other])),
-        shaped_values=(float(shaped.values[row, best]), float(shaped.values[row, other])),
-    )
-
-
-def too_close(
-    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
-) -> str:
-    """Return the sentence about the states whose actions are proven neither equal nor different."""
-    rows = np.flatnonzero(compared.undecided)
-    row = rows[0]
-    q, acted = unshaped.action_values[met.states[row]], shaped.values[row]
-    close = np.flatnonzero(compared.optimal[row] | compared.chosen[row])
-    two = close[np.argsort(-q[close], kind="stable")[:2]]
-    values = " and ".join(
-        f"{action_name(met.mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
-        for a in two
-    )
-    return (
-        f"in {len(rows):,} of {len(met.states):,} reachable states the values are too close to "
-        f"tell, first in {state_name(met.mdp.states, int(met.states[row]))}: {values}"
-    )
-
-
-# -- every state -----------------------------------------------------------------------------------
-
-
 def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
     met, shaping = shaped.met, shaped.shaping
     findings, name = _findings(shaped), shaping.name
@@ -345,7 +404,7 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         _, several = several_entries(shaped.task, ways, shaped.phi[ways[:2]], starts)
         if several is not None:
             return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
-    unshaped, behind = shaped.unshaped, None
+    behind: Origin | None = None
     if shaping.any_reward:
         f = met.reward(shaped.reward())
         behind = origin(shaped.task, met, f)
@@ -355,18 +414,13 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
-    q = unshaped.action_values[met.states]
-    short = q.max(axis=1, keepdims=True) - q
-    shaped_short = values.values.max(axis=1, keepdims=True) - values.values
-    error, shaped_error = 2 * unshaped.error_bound, 2 * values.bound
-    close = short <= error, shaped_short <= shaped_error
-    compared = ActionComparison(*close, short, shaped_short, error, shaped_error, tolerance)
+    compared = ActionComparison(met, shaped.unshaped, values, tolerance)
     # At discount 1 the sum of F need not vanish in an episode without an end.
     endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
     from_potential = behind is None or behind.fitting is behind.plain
     applies = not endless and from_potential and shaping.meets_conditions(shaped)
     theorem = shaping.theorem if applies else None
-    holds, undecided = _decided(met, unshaped, values, compared, theorem, behind)
+    holds, undecided = compared.decided(theorem, behind)
     if shaped.changing:
         findings += ("the potential changes while learning; its last values were compared",)
     loss = 0.0 if holds and theorem is not None and behind is None else compared.loss
@@ -377,56 +431,13 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         theorem=theorem if holds else None,
         tolerance=tolerance,
         loss=loss,
-        total_loss=total_loss(unshaped, met, compared.chosen) if loss > 0 else 0.0,
-        error_bound=max(unshaped.error_bound, values.bound),
+        total_loss=compared.total_loss() if loss > 0 else 0.0,
+        error_bound=max(shaped.unshaped.error_bound, values.bound),
         residual=values.residual,
         findings=undecided + findings,
-        counterexample=counterexample(met, unshaped, values, compared) if holds is False else None,
+        counterexample=compared.counterexample() if holds is False else None,
         potential=None if behind is None or behind.fitting is None else behind.fitting.potential,
     )
-
-
-def _decided(
-    met: Reachable,
-    unshaped: Solution,
-    shaped: ShapedValues,
-    compared: ActionComparison,
-    theorem: str | None,
-    behind: Origin | None,
-) -> tuple[bool | None, tuple[str, ...]]:
-    """Return whether the optimal actions are the same, and where that is undecided."""
-    if compared.lost.any() or compared.given_up.any():
-        return False, ()
-    by_values = theorem is None or behind is not None  # the very rewards, with their rounding
-    if by_values and not compared.undecided.any():
-        return True, ()
-    if theorem is None:
-        return None, (too_close(met, unshaped, shaped, compared),)
-    # A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
-    # given is off by its residual, twice in a difference of two actions, in every step.
-    off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
-    reach = 2 * off * _longest(met.mdp)
-    vanishing = (compared.short > compared.error) & (compared.short <= reach + compared.error)
-    if by_values:
-        vanishing &= compared.undecided[:, None]
-    hidden = float(compared.short[vanishing].max(initial=0.0))
-    from_potential = behind is not None and behind.plain.potential.any()
-    if from_potential and not tied_exactly(met, unshaped, compared.optimal):
-        hidden = max(hidden, compared.error)
-    if hidden <= compared.tolerance:
-        return True, ()
-    return None, (
-        f"by theory ({theorem}) the shaping is safe, but beside numbers of {shaped.largest:.2g} "
-        f"differences of {hidden:.2g} between actions vanish in double precision",
-    )
-
-
-def _longest(mdp: FiniteMDP) -> float:
-    """Return a bound of the expected (discounted) steps of an episode."""
-    if mdp.discount < 1:
-        return 1 / (1 - mdp.discount)
-    steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
-    return float(steps.values.max()) + steps.error_bound
 
 
 # -- without a comparison of states ----------------------------------------------------------------
@@ -456,15 +467,8 @@ def _without_comparison(
             "differences between actions that are less than the rounding of F, in every step of "
             "an episode, vanish in double precision",
         )
-    return Certificate(
-        True,
-        shaping.name,
-        theorem=shaping.theorem,
-        tolerance=tolerance,
-        loss=0.0,
-        total_loss=0.0,
-        findings=findings,
-    )
+    proven: dict[str, Any] = {"theorem": shaping.theorem, "loss": 0.0, "total_loss": 0.0}
+    return Certificate(True, shaping.name, tolerance=tolerance, findings=findings, **proven)
 
 
 # -- a reward of your own, or look-back advice: random rollouts can refute it, and prove nothing ---
@@ -475,22 +479,20 @@ LONGEST = 200  # steps of a rollout at most
 BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps, among which two paths may meet
 
 
-def _length(shaped: ShapedTask, steps: int) -> int:
-    """Return the length of rollouts that are to take at most `steps` each."""
-    return min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
+def _sampled(shaped: ShapedTask, steps: int, seed: int, least: int) -> RandomRollouts:
+    """Return rollouts from the start that are long, at least `least`, and take so many steps."""
+    length = min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
+    length = max(least, length)
+    episodes = max(1, steps // length)
+    return random_rollouts(shaped.task, episodes=episodes, length=length, seed=seed)
 
 
 def _check_entries(shaped: ShapedTask, steps: int, seed: int) -> Checked:
     """Check that all transitions into a state have one phi."""
-    length = max(2, _length(shaped, steps))
-    rollouts = random_rollouts(
-        shaped.task, episodes=max(1, steps // length), length=length, seed=seed
-    )
-    taken = rollouts.taken & ~rollouts.ending
-    s, a, after = _transitions(rollouts, taken)
+    rollouts = _sampled(shaped, steps, seed, least=2)
+    ways = _transitions(rollouts, rollouts.taken & ~rollouts.ending)
     starts = np.unique(rollouts.states[:, 0])
-    phi = shaped.phi_of(s, a)
-    apart, sentence = several_entries(shaped.task, (s, a, after), phi, starts)
+    apart, sentence = several_entries(shaped.task, ways, shaped.phi_of(*ways[:2]), starts)
     return int(rollouts.length.sum()), apart, () if sentence is None else (sentence,)
 
 
@@ -501,29 +503,23 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 
 def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
     """Check that F may be that of a potential: along rollouts, and around states on them."""
-    task, rng = shaped.task, np.random.default_rng(seed)
-    live = is_live(task)
+    live = is_live(shaped.task)
     half = steps if live else max(1, steps // 2)
-    length = _length(shaped, half)
-    rollouts = random_rollouts(task, episodes=max(1, half // length), length=length, seed=seed)
+    rollouts = _sampled(shaped, half, seed, least=1)
     f = _rewards(shaped, rollouts)
-    if live:
-        near, f_near = rollouts, f
-    else:
+    near, f_near, taken = rollouts, f, int(rollouts.length.sum())
+    if not live:
         begun = np.unique(rollouts.states[:, :-1][rollouts.taken])
         number = min(len(begun), max(1, half // (BRANCHES * DEPTH)))
-        starts = np.repeat(rng.choice(begun, number, replace=False), BRANCHES)
-        near = random_rollouts(
-            task, episodes=len(starts), length=DEPTH, seed=seed + 1, starts=starts
-        )
-        f_near = _rewards(shaped, near)
+        chosen = np.random.default_rng(seed).choice(begun, number, replace=False)
+        starts = np.repeat(chosen, BRANCHES)
+        how = {"length": DEPTH, "seed": seed + 1, "starts": starts}
+        near = random_rollouts(shaped.task, episodes=len(starts), **how)
+        f_near, taken = _rewards(shaped, near), taken + int(near.length.sum())
     enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())
     checks = _meeting(shaped, near, f_near, enough), _returning(shaped, rollouts, f)
-    return (
-        int(rollouts.length.sum() + (0 if live else near.length.sum())),
-        max(apart for apart, _ in checks),
-        tuple(sentence for apart, sentence in checks if apart > enough),
-    )
+    sentences = (sentence for apart, sentence in checks if apart > enough)
+    return taken, max(apart for apart, _ in checks), tuple(sentences)
 
 
 def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
@@ -537,7 +533,7 @@ def _meeting(
     shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray, enough: float
 ) -> tuple[float, str]:
     """Return how far sums of F over paths of equal length between two states differ, and where."""
-    worst, sentence = 0.0, ""
+    worst, sentence, space = 0.0, "", shaped.task.states
     for n in range(1, DEPTH + 1):
         among = np.flatnonzero(rollouts.length >= n)
         if not among.size or worst > enough:
@@ -552,7 +548,6 @@ def _meeting(
             actions = rollouts.actions[among[pair], 0]
             sentence = different_by_action(shaped.task, here, there, sums[pair], actions)
             continue
-        space = shaped.task.states
         sentence = (
             f"not potential-based: two paths of {n} steps from {state_name(space, here)} to "
             f"{state_name(space, there)} have discounted sums of F of {sums[pair[0]]:.4g} and "

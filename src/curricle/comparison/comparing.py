@@ -6,18 +6,17 @@ same random stream in the target. Arms with different targets are refused.
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
 from curricle.comparison.comparison import Arm, Comparison, best_from_scratch, joined_arms
 from curricle.comparison.controls import CONTROLS, Control, check_fit
 from curricle.comparison.plan import (
     Failures,
-    InMemory,
     Learners,
     Memory,
     Plan,
@@ -60,11 +59,9 @@ def compare(
 
     All have one total budget: the target's plus the steps that the most expensive arm spends on its
     sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
-    spends all of it in the target, every other arm the rest after its sources, seed by seed.
-
-    Whether a curriculum pays is asked against the best arm from scratch; why it pays (by what it
-    knows, or by its optimism alone) against the controls that know nothing. An arm that raises an
-    error is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms, is raised.
+    spends all of it in the target, every other arm the rest after its sources, seed by seed. An arm
+    that fails is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms, is
+    raised.
 
     Parameters
     ----------
@@ -109,8 +106,8 @@ def compare(
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
     ...     budget={"corner": 500, "maze": 5000})
-    >>> found = compare(plan, seeds=5, controls=["placebo"])
-    >>> list(found.arms), found.total
+    >>> comparison = compare(plan, seeds=5, controls=["placebo"])
+    >>> list(comparison.arms), comparison.total
     (['scratch', 'transfer', 'transfer, placebo'], 5500)
     """
     check_progress(progress)
@@ -122,12 +119,10 @@ def compare(
             f"window must be at most {checkpoints(plan)}, the checkpoints within the target's "
             f"budget: got {window}"
         )
-    if threshold is None:  # the target is solved before any training, as that may fail
-        target = solved_target(plan)
-    else:
+    if threshold is not None:
         threshold = number("threshold", threshold, SettingError)
-    failed: dict[str, Exception] = {}
-    looks, stopped = ONE_LOOK, ""
+    level = threshold_before(plan, threshold)  # solving the target may fail
+    failed, looks, stopped = dict[str, Exception](), ONE_LOOK, ""
     with shown(progress) as bars:
         if precision is None and not difference:
             trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
@@ -136,8 +131,7 @@ def compare(
             first_arm = next(name for name, arm in plan.arms.items() if not arm.scratch)
 
             def gain(added: Sequence[int]) -> FloatArray:
-                now = tuple(added), failed, memory, workers, bars
-                batches.append(trained_arms(plan, *now))
+                batches.append(trained_arms(plan, tuple(added), failed, memory, workers, bars))
                 if first_arm in failed:  # no more seeds are added: the goal is about its gain
                     raise _FirstArmFailed
                 # The best from scratch at the first look. Verdicts are against all that learn from
@@ -153,11 +147,7 @@ def compare(
             names = [name for name in batches[0] if all(name in batch for batch in batches)]
             trained = {name: joined_arms([batch[name] for batch in batches]) for name in names}
             looks = Looks.doubling(first, most_seeds)
-    level = STATED
-    if threshold is None:
-        threshold, level = default_threshold(target, trained[SCRATCH])
-    spans = *plan.steps, threshold, window
-    return Comparison(plan.target, trained, *spans, failed, looks, stopped, threshold_from=level)
+    return comparison_of(plan, trained, level, window, failed, looks=looks, stopped=stopped)
 
 
 class _FirstArmFailed(Exception):
@@ -187,13 +177,13 @@ def comparison_plan(
         one_of("a control", control, CONTROLS, SettingError)
     check_comparable(arms)
     first = next(iter(arms.values()))
-    target = first.target
-    budget = first.setting("budget", target)
-    if isinstance(budget, Episodes | StoppingRule):
+    target, node = first.target, first.node(first.target)
+    if isinstance(node.budget, Episodes | StoppingRule):
         raise SettingError(
-            f"a comparison at one total budget needs the target's in steps: {target!r} has {budget}"
+            "a comparison at one total budget needs the target's in steps: "
+            f"{target!r} has {node.budget}"
         )
-    if first.setting("evaluation", target).method == "off":
+    if node.evaluation.method == "off":
         raise SettingError(f"a comparison needs greedy evaluation: that of {target!r} is off")
     for name, arm in arms.items():
         check_fit(controls, name, arm)
@@ -209,10 +199,14 @@ def checkpoints(plan: Plan) -> int:
     return plan.steps[0] // plan.eval_freq + 1
 
 
-def solved_target(plan: Plan) -> Target | ObservationTarget:
-    """Return the target, solved if it can be, with the evaluation that all arms share."""
+def threshold_before(plan: Plan, stated: float | None) -> tuple[float | None, str]:
+    """Return a threshold that is stated or else the target's, and where it comes from."""
+    # None before any training where it is the midpoint of scratch's curve.
+    if stated is not None:
+        return stated, STATED
     node = next(iter(plan.curricula.values())).node(plan.target)
-    return target_of(node.task, node.evaluation)
+    threshold = threshold_of_optimum(target_of(node.task, node.evaluation))
+    return threshold, MIDPOINT if threshold is None else OF_OPTIMUM
 
 
 def trained_arms(
@@ -225,13 +219,10 @@ def trained_arms(
 ) -> dict[str, Arm]:
     """Return all arms for these seeds, scratch first."""
     # An arm that raises an error is added to `failed`, and left out with its controls.
-    plan = plan.without(failed)
-    failures, arms = Failures(plan.needs), dict[str, Arm]()
-    run = InMemory(plan, tuple(sorted(seeds)), memory, workers, bars)
-
-    def finish() -> None:
-        """Make the arms of what was trained since, and tell of them."""
-        for unit, error in failures.each:
+    plan, failures, arms = plan.without(failed), Failures(plan.needs), dict[str, Arm]()
+    in_order = tuple(sorted(seeds))
+    for _ in chain(memory.train(plan, in_order, failures, workers, bars), [None]):
+        for unit, error in failures.errors:
             for name, arm in plan.arms.items():
                 if unit.key in arm.keys.values() and not failed.keys() & {name, arm.of}:
                     assert isinstance(error, Exception)
@@ -241,44 +232,53 @@ def trained_arms(
         for name, arm in plan.arms.items():
             if failed.keys() & {name, arm.of} or name in arms:
                 continue
-            if not all(key in run.done for key in arm.keys.values()):
-                break  # arms are told of in their order
+            if not all((key, in_order) in memory.trained for key in arm.keys.values()):
+                break  # `bars` are told of the arms in their order
             try:
-                arms[name] = _arm(plan, name, run, seeds)
+                arms[name] = _arm(plan, name, memory, seeds)
             except Exception as error:  # as its training may
                 failed[name] = error
             else:
                 bars.tell(name)
-
-    for _ in run.results(failures):
-        finish()
-    finish()
     if all(arm.scratch for arm in arms.values()):
         raise next(iter(failed.values()))
     return {name: arms[name] for name in plan.arms if name in arms}
 
 
-def _arm(plan: Plan, name: str, run: InMemory, seeds: tuple[int, ...]) -> Arm:
+def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
     """Return an arm whose units were trained, its seeds in the order in which they were given."""
-    planned, (_, total) = plan.arms[name], plan.steps
-    results = {task: run.memory.trained[key, run.seeds] for task, key in planned.keys.items()}
+    planned, in_order = plan.arms[name], tuple(sorted(seeds))
+    results = {task: memory.trained[key, in_order] for task, key in planned.keys.items()}
     last: Trained = results[plan.target]
-    kind: Any = {"control": bool(planned.control), "scratch": planned.scratch, "level": last.level}
-    arm = Arm.of(last.result, last.source_steps, total, plan.eval_freq, **kind)
-    unlearnt = dict[str, BoolArray]()
-    for source in planned.curriculum.order if not planned.control else ():
-        if source != plan.target:
-            node = planned.curriculum.node(source)
-            unlearnt[source] = node.unlearnt(results[source].result)
-    return replace(arm, unlearnt=unlearnt).take(np.searchsorted(run.seeds, seeds))
+    sources = [task for task in planned.curriculum.order if task != plan.target]
+    arm = Arm.of(
+        last.result,
+        last.source_steps,
+        plan.steps[1],
+        plan.eval_freq,
+        control=bool(planned.control),
+        scratch=planned.scratch,
+        level=last.level,
+        unlearnt={
+            source: planned.curriculum.node(source).unlearnt(results[source].result)
+            for source in (sources if not planned.control else ())
+        },
+    )
+    return arm.take(np.searchsorted(in_order, seeds))
 
 
-def default_threshold(target: Target | ObservationTarget, scratch: Arm) -> tuple[float, str]:
-    """Return nine tenths of the way to the optimum, or else the midpoint; and which it is."""
-    of_optimum = threshold_of_optimum(target)
-    if of_optimum is None:
-        return midpoint(scratch.curve), MIDPOINT
-    return of_optimum, OF_OPTIMUM
+def comparison_of(
+    plan: Plan,
+    arms: Mapping[str, Arm],
+    level: tuple[float | None, str],
+    window: int,
+    failed: Mapping[str, Exception],
+    **adding: Any,
+) -> Comparison:
+    """Return the comparison of trained arms, with :func:`threshold_before` as its `level`."""
+    threshold = midpoint(arms[SCRATCH].curve) if level[0] is None else level[0]
+    spans = *plan.steps, threshold, window
+    return Comparison(plan.target, arms, *spans, failed, threshold_from=level[1], **adding)
 
 
 def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:

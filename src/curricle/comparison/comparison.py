@@ -66,17 +66,16 @@ class Arm:
 
     Examples
     --------
-    >>> flat = np.zeros((2, 3))
-    >>> steps = np.array([0, 10, 20])
-    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat, False)
-    >>> arm.strong_gain(Arm(Curve(steps, flat), flat, flat, False))
+    >>> flat, steps = np.zeros((2, 3)), np.array([0, 10, 20])
+    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat)
+    >>> arm.strong_gain(Arm(Curve(steps, flat), flat, flat))
     array([3., 3.])
     """
 
     curve: Curve
     training_return: FloatArray = field(repr=False)
     guard_share: FloatArray = field(repr=False)
-    control: bool
+    control: bool = False
     scratch: bool = False
     level: Level | None = field(default=None, repr=False)
     unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
@@ -93,12 +92,9 @@ class Arm:
         spent: IntArray,
         total: int,
         eval_freq: int,
-        *,
-        control: bool = False,
-        scratch: bool = False,
-        level: Level | None = None,
+        **kind: Any,
     ) -> Self:
-        """Return an arm from the target's learning result.
+        """Return the arm of a learning result in the target; `kind` is the rest of its fields.
 
         Seed k learns for total - spent_k steps, after which its last value is repeated.
         """
@@ -114,7 +110,7 @@ class Arm:
             for curves in (result.greedy_return, result.training_return, result.guard_share)
         )
         curve = Curve(np.arange(n) * eval_freq, greedy, spent)
-        return cls(curve, training, guard_share, control, scratch, level)
+        return cls(curve, training, guard_share, **kind)
 
     @property
     def initial_value(self) -> float | None:
@@ -140,22 +136,19 @@ class Arm:
 def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate) -> Arm:
     """Return the arms of several batches of seeds as one arm, `join` called with their arrays."""
     first, levels = arms[0], [arm.level for arm in arms if arm.level is not None]
-    curve = Curve(
-        first.curve.steps,
-        join([arm.curve.values for arm in arms]),
-        join([arm.curve.source_steps for arm in arms]),
+    level = None
+    if levels:
+        level = replace(levels[0], values=join([level.values for level in levels]))
+    values, spent = (
+        join([getattr(arm.curve, x) for arm in arms]) for x in ("values", "source_steps")
     )
     return replace(
         first,
-        curve=curve,
+        curve=Curve(first.curve.steps, values, spent),
         training_return=join([arm.training_return for arm in arms]),
         guard_share=join([arm.guard_share for arm in arms]),
-        level=replace(levels[0], values=join([level.values for level in levels]))
-        if levels
-        else None,
-        unlearnt={
-            source: join([arm.unlearnt[source] for arm in arms]) for source in first.unlearnt
-        },
+        level=level,
+        unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
     )
 
 
@@ -171,7 +164,8 @@ def scratch_names(arms: Mapping[str, Arm]) -> tuple[str, ...]:
     return tuple(name for name, arm in arms.items() if name == SCRATCH or arm.scratch)
 
 
-UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
+NAN = float("nan")
+UNKNOWN = Interval(NAN, NAN, NAN, 0.95, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +173,7 @@ class Contrast:
     """One arm against learning from scratch, over K seeds.
 
     Of several arms that learn from scratch it is the best; the strong gain is an interval for the
-    smallest of the true gains over each. Weak transfer ignores the source steps, over the target's
+    smallest of the true gains over them. Weak transfer ignores the source steps, over the target's
     own budget. Strong transfer charges them, over the total budget. Gains are returns.
 
     Attributes
@@ -229,7 +223,8 @@ class Contrast:
         return ", ".join(filter(None, (self.verdict, self.reason)))
 
 
-MEASURES = tuple(one.name for one in fields(Contrast) if one.type is Interval)
+MEASURES = tuple(part.name for part in fields(Contrast) if part.type is Interval)
+NO_CONTRAST = Contrast(*[UNKNOWN] * len(MEASURES), p=NAN, adjusted_p=NAN, verdict="")
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,18 +311,15 @@ class Comparison:
 
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
-        """Those of the controls of each curriculum that know nothing of the task.
-
-        None without a constant one: learning from a placebo's values at random is slower.
-        """
-        asked_of: dict[str, tuple[str, ...]] = {}
+        """The controls of each curriculum that know nothing of the task, a constant among them."""
+        # None without a constant one: learning from a placebo's values at random is slower.
+        know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
-            levels = {
-                control: level for control in controls if (level := self[control].level) is not None
-            }
-            asked = any(level.constant for level in levels.values())
-            asked_of[name] = tuple(levels) if asked else ()
-        return asked_of
+            levels = {control: self[control].level for control in controls}
+            asked = any(level is not None and level.constant for level in levels.values())
+            known = (control for control, level in levels.items() if level is not None)
+            know_nothing[name] = tuple(known) if asked else ()
+        return know_nothing
 
     @cached_property
     def returns(self) -> dict[str, FloatArray]:
@@ -394,8 +386,7 @@ class Comparison:
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
         """Each arm against learning from scratch."""
-        names = [name for name in self.arms if name not in self.scratches]
-        return {name: self._contrast(name) for name in names}
+        return {name: self._contrast(name) for name in self.arms if name not in self.scratches}
 
     def _weak(self, name: str) -> Curve:
         """Return an arm's curve over the target's budget, without its source steps."""
@@ -425,7 +416,7 @@ class Comparison:
             ),
             probability_of_improvement=of_improvement(mean_return(strong), mean_return(whole)),
             p=alone.p,
-            adjusted_p=float("nan") if verdict is None else verdict.adjusted_p,
+            adjusted_p=NAN if verdict is None else verdict.adjusted_p,
             verdict="" if verdict is None else verdict.against_scratch,
             reason="" if reason is None else reason.words,
         )
@@ -435,38 +426,37 @@ class Comparison:
 
         All have the same keys; numbers that an arm does not have are NaN.
         """
-        return [{"arm": name, **self._row(name)} for name in self.arms]
-
-    def _row(self, name: str) -> dict[str, Any]:
-        times, contrast = self.times(name), self.contrasts.get(name)
-        row: dict[str, Any] = {
-            "control": self[name].control,
-            "seeds": self.seeds,
-            "source_steps": float(self[name].curve.source_steps.mean()),
-            "reached": int(times.reached.sum()),
-        }
-        intervals = {"steps_to_threshold": times.restricted_mean(confidence=self.confidence)}
-        intervals["mean_return"] = self.mean_return(name)
-        for measure in MEASURES:
-            intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
-        over, level = self.control_verdicts.get(name), self[name].level
-        knows = self.knowledge_verdicts.get(name)
-        intervals["gain_over_controls"] = UNKNOWN if over is None else over.gain
-        intervals["gain_by_knowledge"] = UNKNOWN if knows is None else knows.gain
-        for measure, interval in intervals.items():
-            row[measure] = interval.estimate
-            row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
-        row["p"] = float("nan") if contrast is None else contrast.p
-        row["adjusted_p"] = float("nan") if contrast is None else contrast.adjusted_p
-        row["verdict"] = "" if contrast is None else contrast.verdict
-        row["reason"] = "" if contrast is None else contrast.reason
-        row["unlearnt"] = self.unlearnt(name)
-        row["against"] = "" if contrast is None else self.best_scratch
-        row["strongest_control"] = "" if over is None else over.rival
-        row["beats_controls"] = "" if over is None else over.answer
-        row["beats_controls_p"] = float("nan") if over is None else over.adjusted_p
-        row["level"] = float("nan") if level is None else level.mean
-        return row
+        rows = list[dict[str, Any]]()
+        for name, arm in self.arms.items():
+            times, contrast = self.times(name), self.contrasts.get(name, NO_CONTRAST)
+            over, knows = self.control_verdicts.get(name), self.knowledge_verdicts.get(name)
+            intervals = {
+                "steps_to_threshold": times.restricted_mean(confidence=self.confidence),
+                "mean_return": self.mean_return(name),
+                **{measure: getattr(contrast, measure) for measure in MEASURES},
+                "gain_over_controls": UNKNOWN if over is None else over.gain,
+                "gain_by_knowledge": UNKNOWN if knows is None else knows.gain,
+            }
+            row: dict[str, Any] = {
+                "arm": name,
+                "control": arm.control,
+                "seeds": self.seeds,
+                "source_steps": float(arm.curve.source_steps.mean()),
+                "reached": int(times.reached.sum()),
+            }
+            for measure, interval in intervals.items():
+                row[measure] = interval.estimate
+                row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
+            for part in ("p", "adjusted_p", "verdict", "reason"):
+                row[part] = getattr(contrast, part)
+            row["unlearnt"] = self.unlearnt(name)
+            row["against"] = self.best_scratch if name in self.contrasts else ""
+            row["strongest_control"] = "" if over is None else over.rival
+            row["beats_controls"] = "" if over is None else over.answer
+            row["beats_controls_p"] = NAN if over is None else over.adjusted_p
+            row["level"] = NAN if arm.level is None else arm.level.mean
+            rows.append(row)
+        return rows
 
     def __str__(self) -> str:
         return self.text()
@@ -482,7 +472,7 @@ class Comparison:
         )
 
     def __repr__(self) -> str:
-        verdicts = [f"{name}: {one.against_scratch}" for name, one in self.verdicts.items()]
+        verdicts = [f"{name}: {answer.against_scratch}" for name, answer in self.verdicts.items()]
         return shortened(
             f"Comparison({self.target!r}, {counted(len(self.arms), 'arm')}, "
             f"{counted(self.seeds, 'seed')}; {'; '.join(verdicts)})"
@@ -500,7 +490,7 @@ class Comparison:
     @property
     def _below(self) -> list[str]:
         """The sentences below the table."""
-        failed = [f"{name} failed: {in_words(error)}" for name, error in self.failed.items()]
+        failed = (f"{name} failed: {in_words(error)}" for name, error in self.failed.items())
         return [*self.sentences, *failed]
 
     @property
@@ -516,15 +506,13 @@ class Comparison:
 
     def _cells(self, name: str) -> tuple[str, ...]:
         """Return an arm's row of the printed table: as many texts as `HEADS` has."""
-        times = self.times(name)
+        times, contrast = self.times(name), self.contrasts.get(name, NO_CONTRAST)
         missed = int((~times.reached).sum())
         steps = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
         steps = "> " * (missed > 0) + steps
-        strong, weak, words = "", "", ""
+        strong, weak, words = "", "", contrast.verdict
         if name in self.contrasts:
-            contrast = self.contrasts[name]
             strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
-            words = contrast.verdict
             if name in self.verdicts and not self.withheld:
                 words += f" (p = {contrast.adjusted_p:.2g})"
             words += f", {contrast.reason}" if contrast.reason else ""
@@ -535,25 +523,21 @@ class Comparison:
     @property
     def sentences(self) -> list[str]:
         """What the table does not say: the answers about controls, and a cheaper way."""
-        lines = [words for name in self.arms if (words := self.cluster_sentence(name))]
+        lines = [self.cluster_sentence(name) for name in self.arms]
         lines += [self.control_sentence(name) for name in self.control_verdicts]
         lines += [
             _sentence(name, verdict, "controls that know nothing")
             for name, verdict in self.knowledge_verdicts.items()
             if self.know_nothing[name] != self.controls[name]
         ]
-        lines += [line for name in self.controls if (line := self.cheaper_way(name))]
-        lines += [line for name in self.controls if (line := self.unlearnt(name))]
-        open_ = not_asked(list(self.reasons.values()))
-        return [*lines, open_] if open_ else lines
+        lines += [self.cheaper_way(name) for name in self.controls]
+        lines += [self.unlearnt(name) for name in self.controls]
+        return [line for line in (*lines, not_asked(list(self.reasons.values()))) if line]
 
     def cheaper_way(self, name: str) -> str:
         """Return the initial value that gains as much without any source; empty if not known."""
-        ways = [
-            control
-            for control in self.know_nothing[name]
-            if self[control].initial_value is not None
-        ]
+        controls = self.know_nothing[name]
+        ways = [control for control in controls if self[control].initial_value is not None]
         if self.reasons[name].why not in ("level", "mostly level", "not shown") or not ways:
             return ""
         best = max(ways, key=lambda control: float(self.returns[control].mean()))
@@ -598,10 +582,8 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
     strongest = verdict.rival.removeprefix(f"{name}, ")
     if verdict.rivals == 1:
         return f"{name} gains more than its {strongest}: {verdict}"
-    return (
-        f"{name} gains more than each of its {verdict.rivals} {controls}: {verdict}; the "
-        f"strongest is {strongest}"
-    )
+    several = f"each of its {verdict.rivals} {controls}"
+    return f"{name} gains more than {several}: {verdict}; the strongest is {strongest}"
 
 
 HEADS = ("", "steps to threshold", "mean return", "strong gain", "weak gain", "verdict")
@@ -614,21 +596,21 @@ def short(interval: Interval) -> str:
 
 def _lines(comparison: Comparison) -> list[Any]:
     """Return the charged curve of each arm: controls as their curriculum, but dashed."""
-    number, colour = -1, "currentColor"
-    lines = []
+    number, colour, lines = -1, "currentColor", []
     for name, arm in comparison.arms.items():
         scratch = name in comparison.scratches
         if not (scratch or arm.control):
             number += 1
-        if not scratch:
             colour = COLOURS[OWN_COLOURS[number % len(OWN_COLOURS)]]
         curve = arm.charged(comparison.scratch)
-        dashed = arm.control or (scratch and name != SCRATCH)
-        shade = "currentColor" if scratch else colour
-        confidence = comparison.confidence
         lines.append(
             seed_line(
-                name, curve.steps, curve.filled(), shade, dashed=dashed, confidence=confidence
+                name,
+                curve.steps,
+                curve.filled(),
+                "currentColor" if scratch else colour,
+                dashed=arm.control or (scratch and name != SCRATCH),
+                confidence=comparison.confidence,
             )
         )
     return lines

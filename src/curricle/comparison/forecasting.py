@@ -8,7 +8,6 @@ epsilon-greedy learning falls from there.
 import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from hashlib import blake2b
 from typing import Any, cast
 
@@ -24,6 +23,7 @@ from curricle.comparison.learnt_sources import (
 )
 from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
+    SEEDS,
     Candidate,
     Trial,
     affordable,
@@ -65,7 +65,7 @@ from curricle.transfer.transfer import Calibrate, transfer_names
 
 @dataclass(frozen=True)
 class ForecastRow:
-    """One potential as it would enter the target: a single source's, or an aggregate."""
+    """A potential as it would enter the target: a single source's, or an aggregate."""
 
     name: str  # the transfer, as "source -> target [n]", or the aggregate's name
     aggregate: bool  # whether it is an aggregate of all transfers
@@ -197,10 +197,11 @@ class Forecast:
         """Return sentences and a table, in lines of so many characters at most."""
         above = [*self._head, *(f"{name}: {cover}" for name, cover in self.coverage.items())]
         words = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
+        columns, cells = _table_of(self)
         return "\n".join(
             [
                 *(folded(line, width) for line in above),
-                *text_table(["", *columns(self)], _cells_of(self), width),
+                *text_table(["", *columns], cells, width),
                 *(folded(line, width) for line in words),
             ]
         )
@@ -212,11 +213,12 @@ class Forecast:
     def _repr_html_(self) -> str:
         """Return the answer, what that rests on, the table and coverage."""
         words = [row.verdict if row.aggregate else "" for row in self.rows]
-        rows = [(*row, text) for row, text in zip(_cells_of(self), words, strict=True)]
+        columns, cells = _table_of(self)
+        rows = [(*row, text) for row, text in zip(cells, words, strict=True)]
         last = "start, in words"
         return block(
             *self._head,
-            table(["potential", *columns(self), last], rows, wide=[last]),
+            table(["potential", *columns, last], rows, wide=[last]),
             "* the one that the curriculum uses",
             self.coverage and coverage_table(self.coverage),
         )
@@ -256,20 +258,18 @@ COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
 """What each column shows of a row."""
 
 
-def columns(forecast: Forecast) -> list[str]:
-    """Return those it has: gains where there was a trial, and values where potentials have them."""
-    left_out = set[str]()
-    if all(row.gain is None for row in forecast.rows):
-        left_out = {"gain"}
+def _table_of(forecast: Forecast) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Return the columns of a forecast and its rows: name, with a star if it is used, and cells."""
+    # Gains where there was a trial, and values where potentials have them.
+    left_out = {"gain"} if all(row.gain is None for row in forecast.rows) else set()
     if not _values_are_read(forecast):
         left_out |= COLUMNS.keys() - {"gain", "start"}
-    return [name for name in COLUMNS if name not in left_out]
-
-
-def _cells_of(forecast: Forecast) -> list[tuple[str, ...]]:
-    """Return the name of each potential, with a star if it is used, and its columns."""
-    shown = [COLUMNS[name] for name in columns(forecast)]
-    return [(row.name + " *" * row.used, *(cell(row) for cell in shown)) for row in forecast.rows]
+    shown = {name: cell for name, cell in COLUMNS.items() if name not in left_out}
+    cells = [
+        (row.name + " *" * row.used, *(cell(row) for cell in shown.values()))
+        for row in forecast.rows
+    ]
+    return list(shown), cells
 
 
 def _values_are_read(forecast: Forecast) -> bool:
@@ -343,13 +343,12 @@ def anti_knowledge(row: ForecastRow, random_return: float) -> str:
     starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
     high, mean = float(mean_interval(starts).high), float(starts.mean())
     if (mean if np.isnan(high) else high) < random_return:
-        signs.append(
-            f"its policy starts at {mean:.3g}, below the random policy's {random_return:.3g}"
-        )
+        below = f"below the random policy's {random_return:.3g}"
+        signs.append(f"its policy starts at {mean:.3g}, {below}")
     if (ranks < 0).all():
         other = "Q*" if row.seeds[0].exact else "the returns of its own policy"
-        words = f"its order of the pairs is against that of {other}"
-        signs.append(f"{words} (rank {ranks.mean():.2f})")
+        against = f"its order of the pairs is against that of {other}"
+        signs.append(f"{against} (rank {ranks.mean():.2f})")
     return f"may be anti-knowledge: {'; '.join(signs)}" if signs else ""
 
 
@@ -426,8 +425,7 @@ def forecast(
     ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator=name))
     ...                for name in hunt.predator_names],
     ...     aggregate=maximum, budget=50_000)
-    >>> found = forecast(plan, trial=False)
-    >>> found.ranking
+    >>> forecast(plan, trial=False).ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
     check_progress(progress)
@@ -445,10 +443,10 @@ def forecast(
     any_target = judged.target(curriculum.tasks[name], evaluation, episodes)
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
     candidates = candidates_of(curriculum, name, aggregates)
-    _check_trial(candidates, trial, perfect)
+    tried, trial_seeds, no_trial = _planned_trial(candidates, trial, perfect)
     reads_values = curriculum.setting("shaping", name).reads_values
-    made_trial, no_trial, learnt = None, "no source is trained", dict[str, Any]()
-    rows = list[ForecastRow]()
+    made_trial: Trial | None = None
+    learnt, rows = dict[str, Any](), list[ForecastRow]()
     with shown(progress) as bars:
         sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
         all_rows = reads_values and not only_used  # without values, potentials do not differ
@@ -456,16 +454,25 @@ def forecast(
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
             phi = tuple(candidate.potentials(sources, numbers))
-            judge = partial(_judgement, phi, any_target, workers, reads_values=reads_values)
-            of_seeds = judged.judgement(any_target, phi, judge)
+            of_seeds = judged.judgement(any_target, phi, workers, reads_values=reads_values)
             rows.append(ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds))
             grow()
             bars.tell(candidate.name)
-        if not perfect:
-            how = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            made_trial, no_trial = _trial(candidates, trial, threshold, any_target, how)
-            if made_trial is not None:
+        if tried:
+            relative = trial if isinstance(trial, Curriculum) else None
+            how: Any = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
+            if relative is None:  # a relative has its own threshold
+                how["threshold"] = threshold
+                if threshold is None:
+                    how["threshold"] = threshold_of_optimum(any_target)
+            try:
+                made_trial = run_trial(tried, relative, seeds=trial_seeds, **how)
                 bars.tell("trial")
+            except CurricleError as error:  # the potentials can be looked at all the same
+                if trial is not None:
+                    raise
+                no_trial = f"it failed: {error}"
+        if not perfect:
             learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
             learnt |= distilled_sources(curriculum.tasks, sources)
     gains = made_trial if made_trial is not None and not made_trial.relative else None
@@ -478,6 +485,7 @@ def forecast(
         )
         for row in rows
     ]
+    rows.sort(key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf)))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     coverage: dict[str, Any]  # where the pairs of a mapping are few enough to count
     if isinstance(any_target, ObservationTarget):
@@ -487,15 +495,11 @@ def forecast(
         countable = {label: edge for label, edge in labels.items() if edge.mapping.countable}
         coverage = {label: edge.mapping.coverage() for label, edge in countable.items()}
     return Forecast(
-        target=name,
-        coverage=coverage,
-        rows=tuple(
-            sorted(
-                rows, key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf))
-            )
-        ),
-        optimum=any_target.optimum,
-        random_return=any_target.random_return,
+        name,
+        coverage,
+        tuple(rows),
+        any_target.optimum,
+        any_target.random_return,
         solved=any_target.solution is not None,
         exact=any_target.evaluation.method == "exact",
         trained=sources,
@@ -506,48 +510,31 @@ def forecast(
     )
 
 
-Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K seeds
-
-
-@dataclass(frozen=True)
-class JudgedPotentials:
-    """Targets, judgements of their potentials and what trials learn alone, computed once."""
-
-    memory: Memory = field(default_factory=Memory)
-    _targets: list[tuple[Any, Any, Target | ObservationTarget]] = field(default_factory=list)
-    _found: dict[Any, Judgement] = field(default_factory=dict)
-
-    def target(
-        self, task: Any, evaluation: GreedyEvaluation, episodes: int | None = None
-    ) -> Target | ObservationTarget:
-        """Return a task as a target, solved once."""
-        how = evaluation, episodes
-        for known, settings, target in self._targets:
-            if known is task and settings == how:
-                return target
-        target = target_of(task, evaluation, episodes=episodes)
-        self._targets.append((task, how, target))
-        return target
-
-    def judgement(
-        self,
-        target: Target | ObservationTarget,
-        potentials: tuple[AnyPotential, ...],
-        judge: Callable[[], Judgement],
-    ) -> Judgement:
-        """Return the judgement of K potentials; `judge` makes it where it is the first of them."""
-        if not all(isinstance(one, PairPotential) for one in potentials):
-            return judge()
-        key = id(target), *map(_digest, potentials)
-        if key not in self._found:
-            self._found[key] = judge()
-        return self._found[key]
-
-
-def _digest(potential: PairPotential) -> bytes:
-    """Return a digest of the numbers that a potential is made of."""
-    numbers: Iterable[Any] = potential.kernel or (potential.values,)
-    return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
+def _planned_trial(
+    candidates: list[Candidate], trial: bool | Curriculum | None, perfect: bool
+) -> tuple[list[Candidate], int, str]:
+    """Return the candidates and the seeds of the trial, or none of them and why there is none."""
+    # Raises CurriculumError, before any training, where the trial that is asked for cannot be made.
+    if perfect and trial:
+        raise CurriculumError(
+            "a trial trains the sources: with perfect=True, trial must be False or left out"
+        )
+    if not isinstance(trial, bool | Curriculum | None):
+        raise CurriculumError(f"trial must be True, False, None or a Curriculum: got {trial!r}")
+    if perfect or trial is False:
+        return [], 0, "no source is trained" if perfect else "none was asked for"
+    (used,) = (candidate for candidate in candidates if candidate.used)
+    smaller = isinstance(trial, Curriculum)
+    why = hindrance(trial if isinstance(trial, Curriculum) else used.curriculum)
+    if why and trial is not None:
+        which = "a smaller relative" if smaller else "a trial"
+        raise CurriculumError(f"{which} needs models and a budget in steps: {why}")
+    if why:
+        return [], 0, f"{why}; trial=smaller_curriculum rehearses on a smaller relative"
+    if trial is not None:
+        return [used] if smaller else candidates, SEEDS, ""
+    tried, seeds = affordable(candidates)
+    return tried, seeds, "" if seeds else "it would take long; trial=True makes it"
 
 
 def _sources(
@@ -566,89 +553,87 @@ def _sources(
             + ", ".join(trained)
         )
     if not perfect:
-        before = curriculum.ancestors(name)
         how: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
-        return curriculum.train(seeds, only=before, **how).sources
+        return curriculum.train(seeds, only=curriculum.ancestors(name), **how).sources
     solved = {}
-    for source in [edge.source for edge in curriculum.in_edges(name)]:
-        node = curriculum.node(source)
+    for edge in curriculum.in_edges(name):
+        node = curriculum.node(edge.source)
         known = not node.deep and not is_observation_task(node.task)
         solution = Target.of(node.task, node.evaluation).solution if known else None
         if solution is None:
             raise CurriculumError(
                 "a forecast for sources learnt perfectly needs tasks that can be solved: "
-                f"{source!r} cannot"
+                f"{node.name!r} cannot"
             )
-        none = np.zeros(len(seeds), np.int64)
-        solved[source] = SourceValues(node.task, seeds, solution.action_values[None], none)
+        no_steps = np.zeros(len(seeds), np.int64)
+        solved[node.name] = SourceValues(node.task, seeds, solution.action_values[None], no_steps)
     return solved
 
 
-def _check_trial(
-    candidates: Sequence[Candidate], trial: bool | Curriculum | None, perfect: bool
-) -> None:
-    """Raise CurriculumError where a trial is asked for that cannot be made, before any training."""
-    if perfect and trial:
-        raise CurriculumError(
-            "a trial trains the sources: with perfect=True, trial must be False or left out"
-        )
-    if trial is True and (why := hindrance(candidates[0].curriculum)):
-        raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
-    if not isinstance(trial, bool | Curriculum | None):
-        raise CurriculumError(f"trial must be True, False, None or a Curriculum: got {trial!r}")
-    if isinstance(trial, Curriculum) and (why := hindrance(trial)):
-        raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
+Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K seeds
 
 
-def _trial(
-    candidates: Sequence[Candidate],
-    trial: bool | Curriculum | None,
-    threshold: float | None,
-    any_target: AnyTarget,
-    how: Mapping[str, Any],
-) -> tuple[Trial | None, str]:
-    """Return the trial of the candidates, or of the used one, or None and why there is none."""
-    if trial is False:
-        return None, "none was asked for"
-    (used,) = (candidate for candidate in candidates if candidate.used)
-    if isinstance(trial, Curriculum):
-        return run_trial([used], trial, **how), ""
-    threshold = threshold_of_optimum(any_target) if threshold is None else threshold
-    if trial is True:
-        return run_trial(candidates, threshold=threshold, **how), ""
-    why = hindrance(used.curriculum)
-    if why:
-        return None, f"{why}; trial=smaller_curriculum rehearses on a smaller relative"
-    tried, seeds = affordable(candidates)
-    if not seeds:
-        return None, "it would take long; trial=True makes it"
-    try:
-        return run_trial(tried, seeds=seeds, threshold=threshold, **how), ""
-    except CurricleError as error:  # the potentials can be looked at all the same
-        return None, f"it failed: {error}"
+@dataclass(frozen=True)
+class JudgedPotentials:
+    """Targets, judgements of their potentials and what trials learn alone, computed once."""
+
+    memory: Memory = field(default_factory=Memory)
+    _targets: list[tuple[Any, Any, AnyTarget]] = field(default_factory=list)
+    _judgements: dict[Any, Judgement] = field(default_factory=dict)
+
+    def target(self, task: Any, evaluation: GreedyEvaluation, episodes: int | None) -> AnyTarget:
+        """Return a task as a target, solved once."""
+        how = evaluation, episodes
+        for known, settings, target in self._targets:
+            if known is task and settings == how:
+                return target
+        target = target_of(task, evaluation, episodes=episodes)
+        self._targets.append((task, how, target))
+        return target
+
+    def judgement(
+        self,
+        target: AnyTarget,
+        potentials: tuple[AnyPotential, ...],
+        workers: int | None,
+        *,
+        reads_values: bool,
+    ) -> Judgement:
+        """Return how good the potentials of K seeds are, and their scale; computed once."""
+        if not all(isinstance(phi, PairPotential) for phi in potentials):
+            return _judgement(target, potentials, workers, reads_values=reads_values)
+        key = id(target), *map(_digest, potentials)
+        if key not in self._judgements:
+            judgement = _judgement(target, potentials, workers, reads_values=reads_values)
+            self._judgements[key] = judgement
+        return self._judgements[key]
+
+
+def _digest(potential: PairPotential) -> bytes:
+    """Return a digest of the numbers that a potential is made of."""
+    numbers: Iterable[Any] = potential.kernel or (potential.values,)
+    return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
 
 
 def _judgement(
+    target: AnyTarget,
     potentials: Sequence[AnyPotential],
-    any_target: AnyTarget,
     workers: int | None,
     *,
     reads_values: bool,
 ) -> Judgement:
     """Return how good potentials are and their scale; of networks what policies return."""
+    n = len(potentials)
     if not reads_values:
-        nan, target = float("nan"), cast(Any, any_target)
-        starts = [policy_return(phi, target, seed=k) for k, phi in enumerate(potentials)]
+        nan, seen = float("nan"), cast(Any, target)
+        starts = [policy_return(phi, seen, seed=k) for k, phi in enumerate(potentials)]
         return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
     of_actions: Sequence[Any]
-    if isinstance(any_target, ObservationTarget):
-        threads, fit = 0, Calibrate(any_target.episodes)
+    if isinstance(target, ObservationTarget):
+        threads, fit = 0, Calibrate(target.episodes)
         of_actions = potentials if potentials[0].of_actions else ()
     else:
-        fit, of_actions = Calibrate(), potentials
-        threads = threads_for(any_target.task, workers, len(potentials))
-    seeds = over_seeds(
-        lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads
-    )
-    calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-    return tuple(seeds), calibrations
+        threads, fit, of_actions = threads_for(target.task, workers, n), Calibrate(), potentials
+    seeds = over_seeds(lambda k: potential_quality(potentials[k], target, seed=k), n, threads)
+    calibrations = (fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
+    return tuple(seeds), tuple(calibrations)
