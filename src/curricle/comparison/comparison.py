@@ -87,12 +87,7 @@ class Arm:
 
     @classmethod
     def of(
-        cls,
-        result: LearningResult,
-        spent: IntArray,
-        total: int,
-        eval_freq: int,
-        **kind: Any,
+        cls, result: LearningResult, spent: IntArray, total: int, eval_freq: int, **kind: Any
     ) -> Self:
         """Return the arm of a learning result in the target; `kind` is the rest of its fields.
 

@@ -14,14 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from curricle.arrays import FloatArray
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    generative_model,
-    has_tables,
-    same_task,
-    tables,
-)
+from curricle.tasks.mdp import FiniteMDP, Task, generative_model, has_tables, same_task, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
 

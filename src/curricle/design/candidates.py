@@ -298,11 +298,7 @@ class Judged:
 
 
 def source_candidates(
-    target: Any,
-    *,
-    kinds: Sequence[str] = KINDS,
-    most: int = MOST,
-    propose: Propose | None = None,
+    target: Any, *, kinds: Sequence[str] = KINDS, most: int = MOST, propose: Propose | None = None
 ) -> SourceCandidates:
     """Return candidates for the sources of a target, each with its mapping from it.
 

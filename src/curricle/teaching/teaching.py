@@ -14,12 +14,7 @@ from curricle.checks import text
 from curricle.display import block, table
 from curricle.errors import SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
-from curricle.learning.result import (
-    LearningResult,
-    learning_result,
-    learnt_curve,
-    learnt_table,
-)
+from curricle.learning.result import LearningResult, learning_result, learnt_curve, learnt_table
 from curricle.learning.run import Run
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
