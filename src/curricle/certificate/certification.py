@@ -17,7 +17,6 @@ from curricle.certificate.diagnosis import (
     widest,
 )
 from curricle.certificate.shaped_task import (
-    ComparedTask,
     Ends,
     Reachable,
     ShapedTask,
@@ -153,7 +152,7 @@ def certify(
         bars.bar("certifying")
         if reason is None:
             answer: Certificate | SampledCertificate = _exact_certificate(
-                checked.with_states(), tolerance
+                replace(checked, compared=True), tolerance
             )
         else:
             answer = _without_comparison(checked, tolerance, steps, seed, reason)
@@ -394,7 +393,7 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
     return False
 
 
-def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
+def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
     met, shaping = shaped.met, shaped.shaping
     findings, name = _findings(shaped), shaping.name
     if shaping.one_way_in:
