@@ -1,5 +1,9 @@
-from .comparing import compare as compare
-from .comparison import Arm as Arm, Comparison as Comparison, Contrast as Contrast
+from .comparison import (
+    Arm as Arm,
+    Comparison as Comparison,
+    Contrast as Contrast,
+    compare as compare,
+)
 from .forecasting import Forecast as Forecast, forecast as forecast
 from .learnt_sources import source_learning as source_learning
 from .task_differences import differences as differences

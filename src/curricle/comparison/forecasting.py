@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from curricle.checks import instance, one_of
-from curricle.comparison.comparing import threshold_of_optimum
+from curricle.comparison.comparison import threshold_of_optimum
 from curricle.comparison.learnt_sources import (
     DistilledSource,
     SourceLearning,
@@ -115,10 +115,8 @@ class Forecast:
     optimum, random_return : float
         Expected return of an optimal policy (NaN if the target is too large to solve), and of the
         random policy, with which learning from scratch starts.
-    solved : bool
-        Whether potentials are compared with the exact Q*.
-    exact : bool
-        Whether returns are exact too.
+    solved, exact : bool
+        Whether potentials are compared with the exact Q*, and whether returns are exact.
     trained : dict of str to SourceValues
         The sources, as :meth:`Curriculum.train` takes them; with `perfect` their optimal values.
     perfect : bool
@@ -395,16 +393,14 @@ def forecast(
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
         default 1000, or 50 for an observation task.
     trial : bool or Curriculum, optional
-        True for a trial of 20 seeds, whatever it takes; False for none; by default one of 8 to 20
-        seeds, where the tasks have models and it takes 5 s or less on one processor, about. A
-        curriculum is a smaller relative, the verdict on which is carried over, and says so.
+        True for a trial of 20 seeds, False for none; by default one of 8 to 20 seeds, where the
+        tasks have models and it takes 5 s or less on one processor, about. A curriculum is a
+        smaller relative, the verdict on which is carried over.
     threshold : float, optional
         Return that counts as learnt in the trial, as in :func:`compare`.
-    workers : int, optional
-        Threads over seeds.
-    progress : bool or callable, optional
-        True shows a bar for each task that is learnt and for the potentials; a function is called
-        with the name of each potential when it has been looked at, and with "trial" after one.
+    workers, progress : optional
+        Threads over seeds; True for a bar for each task that is learnt and for the potentials, or a
+        function of the name of each potential looked at, and of "trial" after one.
     only_used : bool
         Whether it has a row for the potential that the curriculum would use, and no other.
     judged : JudgedPotentials, optional

@@ -10,14 +10,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from curricle.comparison.comparing import (
+from curricle.comparison.comparison import (
+    Comparison,
     checkpoints,
     comparison_of,
     comparison_plan,
     threshold_before,
     trained_arms,
 )
-from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import entering
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import Curriculum

@@ -12,8 +12,7 @@ import pyarrow.parquet as pq
 
 from curricle.arrays import IntArray
 from curricle.checks import one_of
-from curricle.comparison.comparing import MIDPOINT
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import MIDPOINT, Arm, Comparison
 from curricle.comparison.controls import PLACEBO, Level
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
