@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import Pursuit, QInitialisation, compare
-from curricle.comparison.controls import Level, VisitedPairs
+from curricle.comparison.controls import VisitedPairs
 from curricle.transfer import FunctionValues, ObservationMapping
 from curricle.transfer.potential import ObservationPotential
 from tests.comparisons import ALL, HERE, MAZE, copied, corner, pursuit
@@ -231,5 +231,3 @@ def test_levels_of_batches_are_joined_in_order():
     for label in CONSTANTS:
         name = f"transfer, {label}"
         np.testing.assert_array_equal(grown[name].level.values, once[name].level.values)
-    level = Level(np.array([1.0, 2.0, 3.0]), 1.0, True)
-    assert level.take(np.array([2, 0])).values.tolist() == [3.0, 1.0]

@@ -69,17 +69,13 @@ class SourceLearning(Frozen):
 
     def __str__(self) -> str:
         got, random = f"{self.returns.mean():.4g}", f"{self.random_return:.4g}"
-        if self.measured_by == UNKNOWN:
+        failed, by = f"{self.name} did NOT learn its own task: {got}", self.measured_by
+        if by == UNKNOWN:
             # No better than random is a fact, whatever the optimum is.
             if self.returns.mean() - self.random_return <= STANDARD_ERRORS * self.noise:
-                return (
-                    f"{self.name} did NOT learn its own task: {got}, no better than random "
-                    f"({random}); its values may mislead"
-                )
+                return f"{failed}, no better than random ({random}); its values may mislead"
             return f"{self.name} returns {got} where random is {random}; its optimum is not known"
-        by = self.measured_by
-        if self.fresh_steps:
-            by += f" of {self.fresh_steps:,} steps"
+        by += f" of {self.fresh_steps:,} steps" if self.fresh_steps else ""
         if np.isnan(self.share):
             return (
                 f"{self.name} cannot be judged: {by} returns {self.reference:.4g}, no more than "
@@ -87,18 +83,18 @@ class SourceLearning(Frozen):
             )
         if self.share < NOT_LEARNT:
             return (
-                f"{self.name} did NOT learn its own task: {got} where random is {random} and {by} "
-                f"{self.reference:.4g}; its values may mislead"
+                f"{failed} where random is {random} and {by} {self.reference:.4g}; its values may "
+                "mislead"
             )
-        only = "" if self.learnt else "only "
         # 100 % only where no more than a thousandth is missing
         per_cent = round(100 * self.share)
         per_cent = per_cent if self.share >= 0.999 else min(99, per_cent)
-        words = f"{self.name} learnt {only}{per_cent:d} % of the way to {by}"
-        if self.shares.min() < NOT_LEARNT:
-            failed = int((self.shares < NOT_LEARNT).sum())
-            words += f", but {failed} of {counted(len(self.seeds), 'seed')} did NOT learn it"
-        return words
+        only = "" if self.learnt else "only "
+        sentence = f"{self.name} learnt {only}{per_cent:d} % of the way to {by}"
+        if failing := int((self.shares < NOT_LEARNT).sum()):
+            seeds = counted(len(self.seeds), "seed")
+            sentence += f", but {failing} of {seeds} did NOT learn it"
+        return sentence
 
 
 def source_learning(
@@ -130,22 +126,22 @@ def source_learning(
             dense = name in read and isinstance(learnt.values, np.ndarray)
             if not dense or is_observation_task(curriculum.tasks[name]):
                 continue
-            generative = generative_model(curriculum.tasks[name])
-            if generative.time_limit is not None or generative.discount < 1:  # episodes are bounded
-                node = curriculum.node(name)
-                learnings[name] = _learning(node, learnt, fresh, workers, bars.within())
-                bars.tell(name)
+            node = curriculum.node(name)
+            generative = generative_model(node.task)
+            if generative.time_limit is None:
+                if generative.discount == 1:
+                    continue  # an episode has no bound
+                node = replace(node, evaluation=replace(node.evaluation, discounted=True))
+            learnings[name] = _learning(node, learnt, fresh, workers, bars.within())
+            bars.tell(name)
     return learnings
 
 
 def _learning(
     node: Node, learnt: SourceValues, fresh: bool, workers: int | None, bars: Bars
 ) -> SourceLearning:
-    generative, evaluation = generative_model(node.task), node.evaluation
-    if generative.time_limit is None:  # nothing else has a bound
-        evaluation = replace(evaluation, discounted=True)
-    target = Target.of(node.task, evaluation)
-    random, random_noise = target.estimated(EqualValues(np.zeros((1, generative.actions.size))))
+    target = Target.of(node.task, node.evaluation)
+    random, random_noise = target.estimated(EqualValues(np.zeros((1, learnt.values.shape[2]))))
     returns, noise = _returns(target, learnt.values)
     reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
     if target.solution is not None:
@@ -153,14 +149,14 @@ def _learning(
         reference, reference_noise = target.estimated(best)
         by = OPTIMUM
     elif fresh and not is_live(node.task):
-        steps = 2 * int(learnt.steps_used.max())
+        steps, by = 2 * int(learnt.steps_used.max()), FRESH
         # Without sources, on random streams of its own.
         off = GreedyEvaluation(method="off")
         name = f"{node.name}/fresh"
         alone = replace(node, name=name, budget=steps, eval_freq=steps, evaluation=off)
         trained = alone.train(learnt.seeds, workers=workers, progress=bars)
         of_fresh, reference_noise = _returns(target, trained.values)
-        reference, by = float(of_fresh.mean()), FRESH
+        reference = float(of_fresh.mean())
     total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
     return SourceLearning(
         node.name, learnt.seeds, frozen(returns), random, reference, by, total, fresh_steps=steps
