@@ -1,5 +1,6 @@
 """Candidates for the sources of a target: proposed by kind, judged, and none of them twice."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -85,12 +86,10 @@ class SourceCandidate(Frozen):
     task : Task
         With tables.
     mappings : StateActionMapping, ObservationMapping or sequence of them
-        From the target to the task; several where the target reads it in several ways, as each of
-        two predators reads the single predator of a smaller hunt.
-    kind : str
-        One of the kinds of :func:`source_candidates`; "proposed" for a user's candidate.
-    words : str
-        A description for a person.
+        From the target to the task; several where the target reads it in several ways, as two
+        predators both read the single predator of a smaller hunt.
+    kind, words : str
+        A kind of :func:`source_candidates`, or "proposed"; and a description for a person.
     share : float, optional
         Size or distance as a share of the target's: the side of a crop, the way from starts or a
         bottleneck to the goal.
@@ -122,8 +121,7 @@ class SourceCandidate(Frozen):
     def __post_init__(self) -> None:
         fit_name("a candidate", self.name, CurriculumError)
         text(f"the kind of {self.name!r}", self.kind, CurriculumError)
-        several = isinstance(self.mappings, Sequence)
-        mappings = tuple(self.mappings) if several else (self.mappings,)
+        mappings = self.mappings if isinstance(self.mappings, Sequence) else (self.mappings,)
         if not mappings or not all(isinstance(mapping, MAPPINGS) for mapping in mappings):
             raise CurriculumError(
                 f"a candidate needs mappings from the target: {self.name!r} has {self.mappings!r}"
@@ -132,7 +130,7 @@ class SourceCandidate(Frozen):
             raise CurriculumError(
                 f"the mappings of a candidate must lead to its task: one of {self.name!r} does not"
             )
-        object.__setattr__(self, "mappings", mappings)
+        object.__setattr__(self, "mappings", tuple(mappings))
 
     @property
     def mapping(self) -> Any:
@@ -192,8 +190,7 @@ def mappings_between(
 def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
     """Return the pair that most target pairs read, (S', A'), and the share of pairs that do."""
     shape = after.states.size, generative_model(after).actions.size
-    known = (reader >= 0) & (read != UNMAPPED)
-    index = np.full(shape[0] * shape[1], UNMAPPED, np.int64)
+    known, index = (reader >= 0) & (read != UNMAPPED), np.full(math.prod(shape), UNMAPPED, np.int64)
     if not known.any():
         return 0.0, index.reshape(shape)
     size = before.states.size * generative_model(before).actions.size - ENDED
@@ -251,8 +248,8 @@ class SourceCandidates:
         return by_name[name]
 
     @property
-    def _reasons(self) -> str:
-        """Why candidates were dropped and how many, the most frequent reason first."""
+    def reasons(self) -> str:
+        """Why drafts were dropped and how many, the most frequent reason first."""
         counts = Counter(dropped.reason for dropped in self.dropped).most_common()
         return "; ".join(f"{n} {reason}" for reason, n in counts)
 
@@ -269,13 +266,9 @@ class SourceCandidates:
 
     def _left_out(self) -> list[str]:
         """Return sentences about candidates that were dropped or not looked at."""
-        lines = list[str]()
-        if self.dropped:
-            looked_at = len(self.candidates) + len(self.dropped)
-            lines.append(f"dropped {len(self.dropped)} of {looked_at}: {self._reasons}")
-        if self.cut:
-            lines.append(f"cut at {len(self)}: there is more to look at")
-        return lines
+        dropped, looked_at = len(self.dropped), len(self.candidates) + len(self.dropped)
+        lines = [f"dropped {dropped} of {looked_at}: {self.reasons}"] if dropped else []
+        return lines + [f"cut at {len(self)}: there is more to look at"] * self.cut
 
     def __str__(self) -> str:
         width = max(len(candidate.name) for candidate in self.candidates)
@@ -361,8 +354,7 @@ def source_candidates(
             "propose"
         )
     known = {AS_TARGET: judged(target.mdp)}
-    kept, dropped = list[SourceCandidate](), list[DroppedCandidate]()
-    cut = False
+    kept, dropped, cut = list[SourceCandidate](), list[DroppedCandidate](), False
     for draft in (draft for turn in zip_longest(*drafts) for draft in turn if draft is not None):
         if len(kept) == most:
             cut = True
@@ -390,7 +382,7 @@ def source_candidates(
     candidates = SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
     if not kept:
         raise CurriculumError(
-            f"a target needs a candidate that can be learnt: {candidates._reasons}"
+            f"a target needs a candidate that can be learnt: {candidates.reasons}"
         )
     return candidates
 
@@ -468,13 +460,9 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
     error = best.error_bound + chance.error_bound
     error += ROUNDING * max(1.0, abs(optimum), abs(random_return))
     values = best.values[reachable_states(mdp)]
-    return Judged(
-        mdp,
-        NOTHING_TO_LEARN if optimum - random_return <= error else "",
-        optimum,
-        random_return,
-        np.array([optimum, values.min(), values.max()]),
-    )
+    refusal = NOTHING_TO_LEARN if optimum - random_return <= error else ""
+    fingerprint = np.array([optimum, values.min(), values.max()])
+    return Judged(mdp, refusal, optimum, random_return, fingerprint)
 
 
 def same_up_to_homomorphism(task: Judged, other: Judged) -> bool:
