@@ -109,10 +109,7 @@ def test_scratch_has_the_settings_of_the_target():
 
 
 def test_the_steps_of_a_calibration_are_charged(calls):
-    arms = {
-        "raw": pursuit(),
-        "calibrated": pursuit(calibrate=cr.transfer.Calibrate()),
-    }
+    arms = {"raw": pursuit(), "calibrated": pursuit(calibrate=cr.transfer.Calibrate())}
     found = compare(arms, seeds=2, controls=["scaled"])
     assert found.total == 13_000
     hunts = [call for call in calls if call["stream"] == "hunt"]
@@ -129,10 +126,7 @@ def test_the_steps_of_a_calibration_are_charged(calls):
 
 
 def test_an_arm_and_its_controls_have_a_guard():
-    arms = {
-        "bare": corner(),
-        "guarded": corner(shaping=cr.QInitialisation(guard=cr.Guard())),
-    }
+    arms = {"bare": corner(), "guarded": corner(shaping=cr.QInitialisation(guard=cr.Guard()))}
     found = compare(arms, seeds=2, controls=ALL)
     for name, arm in found.arms.items():
         if name.startswith("guarded"):

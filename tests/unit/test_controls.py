@@ -168,10 +168,7 @@ def test_a_constant_is_another_initial_value_bit_for_bit(shaping):
 
 @pytest.mark.parametrize(
     "shaping",
-    [
-        cr.DecayingAdvice(weight=cr.learning.linear(1.0, 0.0, steps=100)),
-        cr.RewardBonus(),
-    ],
+    [cr.DecayingAdvice(weight=cr.learning.linear(1.0, 0.0, steps=100)), cr.RewardBonus()],
     ids=["decaying advice", "bonus"],
 )
 def test_no_initial_value_is_named_where_a_constant_is_not_one(shaping):

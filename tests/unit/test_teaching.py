@@ -204,7 +204,7 @@ def says(probabilities):
                 "no goal": (
                     lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
                     "goal needs at least one state.*task 'n'",
-                ),
+                )
             },
         }
     ),

@@ -10,14 +10,7 @@ import curricle as cr
 from curricle.comparison import trial as trials
 from curricle.comparison.comparison import Arm, Comparison
 from curricle.comparison.forecasting import JudgedPotentials, forecast
-from curricle.comparison.trial import (
-    Trial,
-    affordable,
-    apart,
-    candidates_of,
-    hindrance,
-    run_trial,
-)
+from curricle.comparison.trial import Trial, affordable, apart, candidates_of, hindrance, run_trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics.curves import Curve
 from tests.comparisons import MAZE, assert_same, calls, copied, corner, pursuit  # noqa: F401
