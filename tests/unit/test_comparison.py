@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import curricle as cr
 from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.comparison import MEASURES
 from curricle.show.findings import findings
 from curricle.statistics import Curve
-from curricle.statistics.curves import charge_source
-from curricle.statistics.hypothesis_tests import holm, sign_flip_test
+from curricle.statistics.hypothesis_tests import holm
 from curricle.statistics.intervals import interquartile_interval
-from tests.comparisons import HERE, corner, flat
+from tests.comparisons import corner, flat
 
 STEPS = np.array([0, 10, 20, 30, 40])
 
@@ -60,43 +58,6 @@ def test_measures_by_hand():
     assert BY_HAND.times("misled", strong=False).steps.tolist() == [20.0, 20.0]
     assert BY_HAND.times("helped", strong=False).steps.tolist() == [0.0, 0.0]
     assert BY_HAND.mean_return("helped").estimate == 2.0
-
-
-def test_measures_are_those_of_the_metrics():
-    arms = {"one": corner(HERE, 100, 200, 10), "two": corner(HERE, 160, 200, 10)}
-    found = compare(arms, seeds=8, window=3, threshold=150)
-    free = slice(0, 21)
-    scratch = found.scratch.curve
-    base = Curve(scratch.steps[free], scratch.values[:, free])
-    for name in ("one", "two"):
-        curve, contrast = found[name].curve, found.contrasts[name]
-        weak, charged = Curve(base.steps, curve.values[:, free]), charge_source(scratch, curve)
-        settings = {"threshold": 150.0, "window": 3}
-        expected = {
-            "jumpstart": cr.statistics.jumpstart(base, weak),
-            "weak_steps_saved": cr.statistics.steps_saved(base, weak, **settings),
-            "strong_steps_saved": cr.statistics.steps_saved(scratch, charged, **settings),
-            "weak_gain": cr.statistics.mean_return(weak) - cr.statistics.mean_return(base),
-            "strong_gain": cr.statistics.mean_return(charged) - cr.statistics.mean_return(scratch),
-            "asymptotic_gain": cr.statistics.asymptotic_performance(charged)
-            - cr.statistics.asymptotic_performance(scratch),
-        }
-        for measure, values in expected.items():
-            assert values.any(), measure
-            interval, wanted = getattr(contrast, measure), cr.statistics.mean_interval(values)
-            assert (interval.estimate, interval.low, interval.high) == pytest.approx(
-                (wanted.estimate, wanted.low, wanted.high), nan_ok=True
-            ), measure
-        np.testing.assert_array_equal(
-            found[name].strong_gain(found.scratch), expected["strong_gain"]
-        )
-        wins = cr.statistics.probability_of_improvement(
-            cr.statistics.mean_return(charged), cr.statistics.mean_return(scratch)
-        )
-        assert contrast.probability_of_improvement.estimate == wins.estimate
-        mean = cr.statistics.mean_return(charged).mean()
-        assert found.mean_return(name).estimate == pytest.approx(mean)
-        assert contrast.p == sign_flip_test(expected["strong_gain"])
 
 
 def test_a_gain_is_the_difference_of_two_entries_of_its_column():

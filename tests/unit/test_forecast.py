@@ -108,21 +108,33 @@ def row_of(task, values):
     return look(plan, seeds=1, trained=sources)["mean"]
 
 
-def test_at_the_optimum_learning_is_steady():
-    assert row_of(LINE, Q).verdict == "starts at 98.5, 0% optimistic: expect no fall from there"
+STEADY = "0% optimistic: expect no fall from there"
+ABOVE = np.array([[0.0, 600.0, 0.0, 0.0]] * 2 + [[0.0] * 4])
+BELOW = np.array([[0.0], [1.0], [0.0]])
 
 
 @pytest.mark.parametrize(
-    ("share", "words"),
+    ("values", "words"),
     [
-        (0.19, "expect no fall from there"),
-        (0.21, "returns may fall from there under epsilon-greedy"),
-        (0.26, "expect a fall from there under epsilon-greedy"),
+        (Q, STEADY),
+        (Q + 0.19 * SIZE, "100% optimistic: expect no fall from there"),
+        (Q + 0.21 * SIZE, "100% optimistic: returns may fall from there under epsilon-greedy"),
+        (Q + 0.26 * SIZE, "100% optimistic: expect a fall from there under epsilon-greedy"),
+        # Of few pairs optimism is no danger: half of them far too high, an excess of 150 of 148.75.
+        (Q + ABOVE, "25% optimistic: expect no fall from there"),
+        # Half of a positive Q* would also be exact after a factor of 2, but does no harm.
+        (Q / 2, STEADY),
+        # The second cell has 199 - 230 = -31, below the 0 of no potential.
+        (
+            Q - 230 * BELOW,
+            f"{STEADY}; underestimates state 1 (row 0, column 1), which the optimal policy visits, "
+            "by 31: a guard bounds what that costs",
+        ),
+        (Q - 218 * BELOW, STEADY),  # up to 20 typical rewards, of -1 here, are let pass
     ],
 )
-def test_optimism_is_measured_against_the_values(share, words):
-    verdict = row_of(LINE, Q + share * SIZE).verdict
-    assert verdict == f"starts at 98.5, 100% optimistic: {words}"
+def test_what_learning_does_from_a_good_start(values, words):
+    assert row_of(LINE, values).verdict == f"starts at 98.5, {words}"
 
 
 @pytest.mark.parametrize(("share", "words"), [(0.4, "no fall"), (0.5, "a fall")])
@@ -130,13 +142,6 @@ def test_an_estimated_excess_has_to_be_larger(share, words, monkeypatch):
     """The excess is over the value of the policy itself, (98.5 + 199) / 2 a step here too."""
     monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
     assert f": expect {words}" in row_of(LINE, Q + share * SIZE).verdict
-
-
-def test_optimism_about_few_pairs_is_no_danger():
-    """Half of the pairs far too high: excess 150 of 148.75."""
-    values = Q.copy()
-    values[:2, 1] = Q[:2, 1] + 600
-    assert row_of(LINE, values).verdict.endswith("25% optimistic: expect no fall from there")
 
 
 def test_a_policy_that_never_arrives_is_no_gain(monkeypatch):
@@ -153,28 +158,9 @@ def test_too_small_a_scale_is_to_be_calibrated():
     half = cr.solve(COST, tolerance=1e-6).action_values / 2
     found = row_of(COST, half)
     assert found.scale == pytest.approx(2.0)
-    assert found.verdict == (
-        "starts at -1.75, 100% optimistic: expect a fall from there under epsilon-greedy; "
-        "calibrate with c = 2.0"
-    )
-
-
-def test_a_potential_below_q_needs_no_calibration():
-    """Half of a positive Q* would also be exact after a factor of 2, but does no harm."""
-    found = row_of(LINE, Q / 2)
-    assert found.scale == pytest.approx(2.0)
-    assert found.verdict == "starts at 98.5, 0% optimistic: expect no fall from there"
-
-
-def test_an_underestimate_on_the_way_needs_a_guard():
-    """The second cell has 199 - 230 = -31, below the 0 of no potential."""
-    verdict = row_of(LINE, Q - np.array([[0.0], [230.0], [0.0]])).verdict
-    assert verdict == (
-        "starts at 98.5, 0% optimistic: expect no fall from there; underestimates state 1 (row 0, "
-        "column 1), which the optimal policy visits, by 31: a guard bounds what that costs"
-    )
-    # Up to 20 typical rewards, of -1 here, are let pass.
-    assert "underestimates" not in row_of(LINE, Q - np.array([[0.0], [218.0], [0.0]])).verdict
+    fall = "expect a fall from there under epsilon-greedy; calibrate with c = 2.0"
+    assert found.verdict == f"starts at -1.75, 100% optimistic: {fall}"
+    assert row_of(LINE, Q / 2).scale == pytest.approx(2.0)
 
 
 def test_a_scale_that_most_seeds_cannot_be_given_is_none():
@@ -261,29 +247,25 @@ def test_the_table_holds_the_numbers():
 
 
 @pytest.mark.parametrize(
-    ("target", "message"),
+    ("settings", "message"),
     [
-        ("moon", "a task must be one of near, far, other: got 'moon'"),
-        ("near", "a forecast needs a task with transfers into it: 'near' has none"),
+        ({"target": "moon"}, "a task must be one of near, far, other: got 'moon'"),
+        ({"target": "near"}, "a forecast needs a task with transfers into it: 'near' has none"),
+        ({"target": "far", "episodes": 0}, "episodes of an evaluation must be"),
+        ({"target": "far", "aggregates": [3]}, r"must be a function \(N, S, A\).*: got 3"),
     ],
 )
-def test_a_target_that_makes_no_sense(target, message, calls):
+def test_what_makes_no_sense_is_refused(settings, message, calls):
     plan = cr.Curriculum(
         tasks={"near": LINE, "far": LINE, "other": LINE},
         transfers=[cr.Transfer("near", "far", cr.transfer.identity(LINE))],
         budget=10,
     )
-    with pytest.raises(cr.errors.CurriculumError) as caught:
-        look(plan, target, seeds=1)
-    assert str(caught.value) == message
+    with pytest.raises(cr.errors.CurricleError, match=message):
+        cr.forecast(plan, trial=False, seeds=1, **settings)
     assert calls == []
-
-
-def test_a_name_that_is_no_row():
-    plan, sources = copy_of(LINE, Q)
-    with pytest.raises(cr.errors.CurriculumError) as caught:
-        look(plan, seeds=1, trained=sources)["minimum"]
-    assert str(caught.value) == "a row of a forecast must be one of mean: got 'minimum'"
+    with pytest.raises(cr.errors.CurriculumError, match="must be one of mean: got 'minimum'"):
+        look(copy_of(LINE, Q)[0], seeds=1)["minimum"]
 
 
 def test_a_calibrated_curriculum_has_a_calibrated_row():
@@ -311,14 +293,6 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
 
     found = look(pursuit(3, Cautious(), budget=2000), seeds=1)
     assert any(one.used for one in found.rows)
-
-
-def test_wrong_types_are_refused(calls):
-    with pytest.raises(cr.errors.SettingError, match="episodes of an evaluation must be"):
-        look(pursuit(3, cr.mean, budget=100), episodes=0)
-    with pytest.raises(cr.errors.CurriculumError, match=r"must be a function \(N, S, A\).*: got 3"):
-        look(pursuit(3, cr.mean, budget=100), aggregates=[3])
-    assert calls == []
 
 
 def test_a_weak_start_is_said_to_be_one_and_no_more():

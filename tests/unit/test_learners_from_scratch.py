@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import QLearning, compare
-from curricle.comparison import Comparison, verdicts_of
+from curricle.comparison import Comparison
 from curricle.errors import CurriculumError, SettingError
 from tests.comparisons import MAZE, assert_same, copied, corner, flat, pursuit
 
@@ -67,14 +67,6 @@ def test_the_verdict_is_against_the_best():
     assert alone.verdict == "pays"
 
 
-def test_it_is_the_test_of_verdicts_of():
-    found = by_hand(5.0, 3.0, 4.9)
-    wanted = verdicts_of(found.returns, {"mine": found.scratches})["mine"]
-    verdict, gain = found.verdicts["mine"], found.contrasts["mine"].strong_gain
-    assert (verdict.p, verdict.rival) == (wanted.p, "scratch, 1")
-    assert (gain.low, gain.high) == (wanted.gain.low, wanted.gain.high)
-
-
 def test_learners_are_named_after_their_settings():
     given = [QLearning(epsilon=0.5, initial_value=3.0), cr.SARSA()]
     found = compare(corner(), seeds=1, scratch=given)
@@ -90,15 +82,6 @@ def test_one_that_fails_is_left_out():
     found = compare(plan, seeds=1, scratch={"two": cr.DoubleQLearning(), "fast": FAST})
     assert list(found.arms) == ["scratch", "scratch, fast", "transfer"]
     assert "sparse tables are for QLearning" in str(found.failed["scratch, two"])
-
-
-def test_seeds_are_added_until_the_gain_over_the_best_is_known():
-    plan = corner(target=1000)
-    grown = compare(plan, seeds=2, precision=1e-9, most_seeds=5, scratch=[FAST])
-    once = compare(plan, seeds=5, scratch=[FAST])
-    for name in once.arms:
-        assert_same(grown[name], once[name])
-    assert grown.scratches == once.scratches
 
 
 @pytest.mark.parametrize(

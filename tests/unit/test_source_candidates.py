@@ -233,17 +233,6 @@ def test_a_users_table_without_names_has_candidates():
     assert plan.train(seeds=1)["chain"].steps_used == [200]
 
 
-def test_the_same_in_every_run():
-    target = frozen_lake_family(map="4x4")
-    one, other = source_candidates(target), source_candidates(target)
-    assert names(one) == names(other)
-    assert one.dropped == other.dropped
-    for mine, again in zip(one, other, strict=True):
-        assert (mine.mapping.index == again.mapping.index).all()
-        assert mine.optimum == again.optimum
-    assert str(one) == str(other)
-
-
 def test_a_bottleneck_from_which_the_goal_is_out_of_reach_is_dropped():
     # A yard of five cells behind a one-way door, into which many ways lead and none out.
     after = {0: (1, 2), 1: (7, 2), 2: (3, 3), 3: (4, 5), 4: (3, 3), 5: (3, 6), 6: (5, 5)}

@@ -108,21 +108,6 @@ def test_equal_values_are_one_problem():
 # -- each difference, with values or a place -----------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("settings", "expected"),
-    [
-        ({"discount": 0.5, "time_limit": 9}, ["discount", "time_limit"]),
-        ({"ends": ["treasure", "fire"]}, ["end rule", "ends"]),
-        ({"start": "uniform"}, ["start"]),
-        ({"rewards": Rewards(fire=-5)}, ["reward", "rewards"]),
-        ({"origin": (1, 0)}, ["states", "origin"]),
-        ({"map": ["S.", ".T"]}, ["states", "map"]),
-    ],
-)
-def test_mazes(settings, expected):
-    assert names(MAZE, GridWorld(**({"map": ["S.F", "..T"]} | settings))) == expected
-
-
 def test_values_are_told():
     """Of the first state that differs, of numbers and of what a user stated."""
     other = GridWorld(["S.F", "..T"], rewards=Rewards(fire=-5), time_limit=9, start="uniform")
@@ -134,21 +119,27 @@ def test_values_are_told():
 
 
 @pytest.mark.parametrize(
-    ("other", "expected"),
+    ("task", "other", "expected"),
     [
-        (Pursuit(3, 2, step_reward=-2.0), ["reward", "step_reward"]),
-        (Pursuit(3, 2, prey=np.tile([1.0, 0, 0, 0, 0], (9, 1))), ["reward", "prey"]),
-        (Pursuit(3, 2, capture="any"), ["end rule", "reward", "start", "capture"]),
-        (Pursuit(3, 2, capture="as_published"), ["end rule", "start", "capture"]),
-        (Pursuit(3, 2, discount=0.9, time_limit=None), ["discount", "time_limit"]),
-        (Pursuit(3, 2, moves=4), ["actions", "moves"]),
-        (Pursuit(3, 1), ["states", "actions", "predators"]),
-        (MAZE, ["states", "actions"]),
+        (MAZE, replace(MAZE, discount=0.5, time_limit=9), ["discount", "time_limit"]),
+        (MAZE, replace(MAZE, ends=["treasure", "fire"]), ["end rule", "ends"]),
+        (MAZE, replace(MAZE, start="uniform"), ["start"]),
+        (MAZE, replace(MAZE, rewards=Rewards(fire=-5)), ["reward", "rewards"]),
+        (MAZE, replace(MAZE, origin=(1, 0)), ["states", "origin"]),
+        (MAZE, GridWorld(["S.", ".T"]), ["states", "map"]),
+        (HUNT, Pursuit(3, 2, step_reward=-2.0), ["reward", "step_reward"]),
+        (HUNT, Pursuit(3, 2, prey=np.tile([1.0, 0, 0, 0, 0], (9, 1))), ["reward", "prey"]),
+        # Where more is caught in a step, the mean reward of it differs too.
+        (HUNT, Pursuit(3, 2, capture="any"), ["end rule", "reward", "start", "capture"]),
+        (HUNT, Pursuit(3, 2, capture="as_published"), ["end rule", "start", "capture"]),
+        (HUNT, Pursuit(3, 2, discount=0.9, time_limit=None), ["discount", "time_limit"]),
+        (HUNT, Pursuit(3, 2, moves=4), ["actions", "moves"]),
+        (HUNT, Pursuit(3, 1), ["states", "actions", "predators"]),
+        (HUNT, MAZE, ["states", "actions"]),
     ],
 )
-def test_pursuits(other, expected):
-    """Where more is caught in a step, the mean reward of it differs too."""
-    assert names(HUNT, other) == expected
+def test_what_differs_is_named(task, other, expected):
+    assert names(task, other) == expected
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,16 @@ import pytest
 import curricle as cr
 from curricle.comparison import trial as trials
 from curricle.comparison.comparison import Arm, Comparison
-from curricle.comparison.forecasting import JudgedPotentials, forecast
+from curricle.comparison.forecasting import (
+    ForecastRow,
+    JudgedPotentials,
+    anti_knowledge,
+    forecast,
+)
 from curricle.comparison.trial import Trial, affordable, apart, candidates_of, hindrance, run_trial
 from curricle.errors import CurriculumError, SettingError
 from curricle.statistics.curves import Curve
+from curricle.transfer.rollouts import PotentialQuality
 from tests.comparisons import MAZE, assert_same, calls, copied, corner, pursuit  # noqa: F401
 
 LINE = cr.GridWorld("S..T", time_limit=30)
@@ -202,8 +208,6 @@ def test_a_live_task_has_no_trial_and_its_words_are_weak():
         "smaller relative"
     )
     assert found.used.gain is None
-    with pytest.raises(CurriculumError, match="needs models and a budget in steps: 'near' is live"):
-        cr.forecast(plan, seeds=1, trial=True)
 
 
 def test_a_smaller_relative_carries_its_verdict_and_its_assumption():
@@ -214,22 +218,27 @@ def test_a_smaller_relative_carries_its_verdict_and_its_assumption():
     assert found.answer == f"{trials.verdict_words(alone.gain('mean'))}, as on a smaller relative"
     assert "assumes that what pays there pays in 'far'" in found.basis
     assert found.used.gain is None  # returns of another task order nothing here
-    with pytest.raises(CurriculumError, match="a smaller relative needs models"):
-        cr.forecast(live_plan(), seeds=1, trial=live_plan())
+
+
+OFF = cr.GreedyEvaluation(method="off")
+EPISODES = copied(LINE, budget={"near": 50, "far": cr.Episodes(9)})
 
 
 @pytest.mark.parametrize(
-    ("settings", "why"),
+    ("plan", "settings", "message"),
     [
-        ({"budget": {"near": 50, "far": cr.Episodes(9)}}, "the budget of 'far' is 9 episodes"),
-        ({"evaluation": cr.GreedyEvaluation(method="off")}, "greedy evaluation of 'far' is off"),
+        (EPISODES, {"trial": True}, "models and a budget in steps: the budget of 'far' is 9 epis"),
+        (copied(LINE, evaluation=OFF), {"trial": True}, "greedy evaluation of 'far' is off"),
+        (live_plan(), {"trial": True}, "a trial needs models and a budget in steps: 'near' is l"),
+        (corner(), {"trial": live_plan()}, "a smaller relative needs models"),
+        (corner(), {"trial": 3}, "trial must be True, False, None or a Curriculum"),
+        (corner(), {"trial": True, "perfect": True}, "trains the sources: with perfect=True"),
     ],
 )
-def test_what_cannot_be_compared_has_no_trial(settings, why):
-    plan = copied(LINE, **settings)
-    assert why in hindrance(plan)
-    with pytest.raises(CurriculumError, match=re.escape(why)):
-        cr.forecast(plan, trial=True)
+def test_a_trial_that_makes_no_sense_is_refused(plan, settings, message, calls):  # noqa: F811
+    with pytest.raises(CurriculumError, match=message):
+        cr.forecast(plan, **settings)
+    assert calls == []
 
 
 def test_a_long_trial_is_made_only_if_it_is_asked_for(monkeypatch):
@@ -276,14 +285,6 @@ def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):
         cr.forecast(corner(target=300), seeds=1, trial=True)
 
 
-def test_nonsense_is_refused_before_training(calls):  # noqa: F811
-    with pytest.raises(CurriculumError, match="trial must be True, False, None or a Curriculum"):
-        cr.forecast(corner(), trial=3)
-    with pytest.raises(CurriculumError, match="a trial trains the sources: with perfect=True"):
-        cr.forecast(corner(), trial=True, perfect=True)
-    assert calls == []
-
-
 # -- anti-knowledge --------------------------------------------------------------------------------
 
 
@@ -305,9 +306,6 @@ def test_anti_knowledge_is_named_per_transfer():
 
 
 def test_one_seed_against_the_others_is_noise():
-    from curricle.comparison.forecasting import ForecastRow, anti_knowledge
-    from curricle.transfer.rollouts import PotentialQuality
-
     def row(*pairs):
         seeds = tuple(PotentialQuality(s, 0.0, 0.0, 1.0, r, exact=True) for s, r in pairs)
         return ForecastRow("a -> b", False, False, seeds, ())

@@ -34,16 +34,6 @@ def column(height, seeds=8):
 # -- a verdict and what else is asked ----------------------------------------------------------
 
 
-def test_a_verdict_stays_when_controls_come():
-    """p = 2^-7 = 0.0078: with five controls in the family it would be 0.047, with seven 0.0625."""
-    alone = compared(scratch=column(0), mine=column(-1))
-    many = {f"c{n}_control": column(2) for n in range(7)}
-    beside = compared(scratch=column(0), mine=column(-1), **many)
-    for found in (alone, beside):
-        assert found.contrasts["mine"].verdict == "costs more than it brings"
-        assert found.contrasts["mine"].adjusted_p == found.contrasts["mine"].p == 2**-7
-
-
 def test_seeds_to_come_withhold_every_verdict():
     arms = {"scratch": column(0), "mine": column(2), "c_control": column(1)}
     whole = compared(**arms)
@@ -190,10 +180,19 @@ def test_a_family_is_corrected_for_its_questions_and_looks():
         assert looked[name].gain.low <= found[name].gain.low
 
 
-def test_questions_that_make_no_sense():
-    for rivals in ({"a": []}, {"a": ["z"]}, {"a": ["b"]}):
-        with pytest.raises(SettingError, match=r"needs a rival|needs returns: 'z'|the same seeds"):
-            verdicts_of({"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0]}, rivals)
+@pytest.mark.parametrize(
+    ("mine", "rivals", "message"),
+    [
+        ([1.0, 2.0, 3.0], [], "an arm to be compared needs a rival: 'mine' has none"),
+        ([1.0, 2.0, 3.0], ["z"], "an arm to be compared needs returns: 'z' has none"),
+        ([1.0, 2.0], ["b"], "must be of the same seeds: 'mine' has 2, 'b' 3"),
+        ([1.0, np.nan, 2.0], ["b"], "differences must be finite: seed 1"),
+        ([1.0, np.inf, 2.0], ["b"], "differences must be finite: seed 1"),
+    ],
+)
+def test_questions_that_make_no_sense(mine, rivals, message):
+    with pytest.raises(SettingError, match=message):
+        verdicts_of({"mine": mine, "b": [0.0, 0.5, 1.0]}, {"mine": rivals})
 
 
 # -- how many seeds ----------------------------------------------------------------------------
@@ -284,13 +283,6 @@ def test_where_seeds_are_added_a_failure_is_noted_once(after, seeds):
     again = replace(bad, aggregate=failing(BROKEN, after=after))
     first = compare({"bad": again, "good": good}, **asked)
     assert (list(first.arms), first.seeds) == (names, seeds)
-
-
-def test_returns_that_are_not_finite_are_refused():
-    for bad in (np.nan, np.inf):
-        returns = {"mine": [1.0, bad, 2.0], "scratch": [0.0, 0.5, 1.0]}
-        with pytest.raises(SettingError, match="differences must be finite: seed 1"):
-            verdicts_of(returns, {"mine": ["scratch"]})
 
 
 NOISE = 0.1 * np.random.default_rng(5).permutation(12)
