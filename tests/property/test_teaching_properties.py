@@ -39,23 +39,24 @@ def assert_same(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
-@pytest.mark.parametrize("learner", LEARNERS, ids=lambda learner: type(learner).__name__)
-def test_one_task_is_plain_learning_bit_for_bit(learner):
+ROLLOUTS = cr.GreedyEvaluation(method="rollouts", episodes=7)
+SETTINGS = [
+    *({"learner": learner, "seeds": [2, 7], "stream": "x"} for learner in LEARNERS),
+    {"evaluation": ROLLOUTS},
+    {"budget": cr.Episodes(40)},
+    {"budget": cr.StoppingRule(3000, plateau=1e-9, patience=3)},
+]
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_one_task_is_plain_learning_bit_for_bit(settings):
+    settings = {"budget": 1500, "eval_freq": 30} | settings
     for seed in range(3):
         (task,) = tasks_of(seed, 1, 15).values()
-        settings = {"seeds": [seed, 7], "eval_freq": 30, "stream": "x"}
-        alone = cr.learn(task, learner, 1500, **settings)
-        found = teach({"t": task}, None, learner, 1500, target="t", **settings)
-        assert_same(found.learning, alone)
-
-
-def test_one_task_is_plain_learning_judged_by_rollouts():
-    (task,) = tasks_of(2, 1, 15).values()
-    evaluation = cr.GreedyEvaluation(method="rollouts", episodes=7)
-    alone = cr.learn(task, budget=1500, evaluation=evaluation)
-    found = teach({"t": task}, budget=1500, target="t", evaluation=evaluation)
-    assert_same(found.learning, alone)
-    assert found.learning.evaluation_steps == alone.evaluation_steps > 0
+        alone = cr.learn(task, **settings)
+        learning = teach({"t": task}, target="t", **settings).learning
+        assert_same(learning, alone)
+        assert learning.evaluation_steps == alone.evaluation_steps
 
 
 def test_one_task_is_plain_learning_with_the_loops_as_shipped(as_shipped):
@@ -67,15 +68,6 @@ def test_one_task_is_plain_learning_with_the_loops_as_shipped(as_shipped):
             assert_same(
                 teach({"t": task}, None, learner, 5000, target="t", seeds=2).learning, alone
             )
-
-
-def test_one_task_is_plain_learning_in_episodes_and_by_a_stopping_rule():
-    (task,) = tasks_of(1, 1, 15).values()
-    for budget in cr.Episodes(40), cr.StoppingRule(3000, plateau=1e-9, patience=3):
-        alone = cr.learn(task, None, budget, eval_freq=50)
-        assert_same(
-            teach({"t": task}, None, None, budget, target="t", eval_freq=50).learning, alone
-        )
 
 
 @given(

@@ -245,26 +245,17 @@ def test_advice_is_compared_at_its_last_weight(weight, holds, acted_on):
     assert found.findings == (f"in the long run the policy acts on {acted_on}",)
 
 
-def test_advice_that_is_the_same_for_all_actions_is_safe():
-    level = np.repeat(PHI[:, None], 4, axis=1)
-    found = certify(MAZE, cr.DecayingAdvice(level))
-    assert found.holds
-    assert found.loss == 0
-
-
-FRAMES = RNG.normal(size=(3, MAZE.states.size))
-
-
 def test_a_changing_potential_is_compared_as_it_ends():
-    weight = cr.learning.linear(1.0, 0.5, steps=40)
-    phi = cr.StatePotential(MAZE, FRAMES, weight=weight, frame_steps=(0, 15, 300))
+    frames, weight = RNG.normal(size=(3, 8)), cr.learning.linear(1.0, 0.5, steps=40)
+    phi = cr.StatePotential(MAZE, frames, weight=weight, frame_steps=(0, 15, 300))
     found = certify(MAZE, cr.StateShaping(phi))
     assert found.holds
-    assert found.findings == (
-        "the potential changes while learning; its last values were compared",
-    )
+    sentence = "the potential changes while learning; its last values were compared"
+    assert found.findings == (sentence,)
     ends_as = check_shaping(MAZE, cr.StateShaping(phi)).phi
-    np.testing.assert_array_equal(ends_as, 0.5 * np.where(MAZE.mdp.terminal, 0, FRAMES[2]))
+    np.testing.assert_array_equal(ends_as, 0.5 * np.where(MAZE.mdp.terminal, 0, frames[2]))
+    level = np.repeat(PHI[:, None], 4, axis=1)  # advice that is the same for all actions
+    assert certify(MAZE, cr.DecayingAdvice(level)).loss == 0
 
 
 HUNT = cr.Pursuit(size=3, predators=2)

@@ -27,37 +27,31 @@ NEAR = with_start(MAZE, GoalDistance(1, 3))
 BOTH = {"near": NEAR, "far": MAZE}
 
 
-class Recorder:
-    """Draws tasks in turn, and remembers the episodes."""
-
-    def __init__(self):
-        self.seen = []
-
-    def start(self, n_tasks):
-        return np.eye(n_tasks)[0]
-
-    def update(self, memory, episode):
-        self.seen.append(episode)
-        return np.roll(memory, 1)
-
-    def probabilities(self, memory):
-        return memory
-
-
 class Always:
-    """Draws one task."""
+    """Draws one task, and remembers the episodes."""
 
     def __init__(self, task):
-        self.task = task
+        self.task, self.seen = task, []
 
     def start(self, n_tasks):
         return np.eye(n_tasks)[self.task]
 
     def update(self, memory, episode):
+        self.seen.append(episode)
         return memory
 
     def probabilities(self, memory):
         return memory
+
+
+class Recorder(Always):
+    """Draws tasks in turn, and remembers the episodes."""
+
+    def __init__(self):
+        super().__init__(0)
+
+    def update(self, memory, episode):
+        return np.roll(super().update(memory, episode), 1)
 
 
 class Failing(Always):
@@ -175,40 +169,35 @@ def says(probabilities):
     return lambda: teach(BOTH, teacher, target="far", budget=100)
 
 
-@pytest.mark.parametrize(
-    ("error", "call", "says"),
-    cases(
-        {
-            SettingError: {
-                "states": (
-                    lambda: teach({**BOTH, "s": cr.GridWorld("S.T")}, target="far"),
-                    "share their states.*'s'",
-                ),
-                "limit": (
-                    lambda: teach({**BOTH, "o": OTHER}, target="far"),
-                    "share their time_limit: 'o' has 60 and 'far' has 50",
-                ),
-                "no limit": (
-                    lambda: teach({"c": chain(None)}, target="c"),
-                    "need a time limit: 'c' has none",
-                ),
-                "learner": (
-                    lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
-                    "not by a start",
-                ),
-                "sum": (says([0.5, 0.6]), "sum to 1: after 0 episodes"),
-                "shape": (says([1.0]), "2 numbers from 0 up"),
-                "bounds": (lambda: ReverseCurriculum(0.8, 0.2), "r_min .* got 0.8 and 0.2"),
-            },
-            TaskError: {
-                "no goal": (
-                    lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
-                    "goal needs at least one state.*task 'n'",
-                )
-            },
-        }
-    ),
-)
+REFUSALS = {
+    SettingError: {
+        "states": (
+            lambda: teach({**BOTH, "s": cr.GridWorld("S.T")}, target="far"),
+            "share their states.*'s'",
+        ),
+        "limit": (
+            lambda: teach({**BOTH, "o": OTHER}, target="far"),
+            "share their time_limit: 'o' has 60 and 'far' has 50",
+        ),
+        "no limit": (lambda: teach({"c": chain(None)}, target="c"), "a time limit: 'c' has none"),
+        "learner": (
+            lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
+            "not by a start",
+        ),
+        "sum": (says([0.5, 0.6]), "sum to 1: after 0 episodes"),
+        "shape": (says([1.0]), "2 numbers from 0 up"),
+        "bounds": (lambda: ReverseCurriculum(0.8, 0.2), "r_min .* got 0.8 and 0.2"),
+    },
+    TaskError: {
+        "no goal": (
+            lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
+            "goal needs at least one state.*task 'n'",
+        ),
+    },
+}
+
+
+@pytest.mark.parametrize(("error", "call", "says"), cases(REFUSALS))
 def test_refusals(error, call, says):
     check_refusal(error, call, says)
 
@@ -234,19 +223,12 @@ CASES = [(seed, n) for seed in range(4) for n in (0, 1, 2, 3, 8, 60)]
 def episodes(seed, n):
     """Return n random episodes; some tasks may never be among them."""
     rng = np.random.default_rng(seed)
-    found = []
+    drawn = []
     for _ in range(n):
         task, length = int(rng.integers(N_TASKS)), int(rng.integers(1, 6))
-        found.append(
-            Episode(
-                task,
-                rng.normal(size=length),
-                rng.normal(size=length),
-                bool(rng.random() < (task + 1) / 5),
-                0.9,
-            )
-        )
-    return found
+        rewards, errors = rng.normal(size=length), rng.normal(size=length)
+        drawn.append(Episode(task, rewards, errors, bool(rng.random() < (task + 1) / 5), 0.9))
+    return drawn
 
 
 def probabilities(teacher, seen):
