@@ -525,15 +525,15 @@ class Comparison:
         missed = int((~times.reached).sum())
         steps = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
         steps = "> " * (missed > 0) + steps
-        strong, weak, words = "", "", contrast.verdict
+        strong, weak, verdict = "", "", contrast.verdict
         if name in self.contrasts:
             strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
             if name in self.verdicts and not self.withheld:
-                words += f" (p = {contrast.adjusted_p:.2g})"
-            words += f", {contrast.reason}" if contrast.reason else ""
+                verdict += f" (p = {contrast.adjusted_p:.2g})"
+            verdict += f", {contrast.reason}" if contrast.reason else ""
         elif name == self.best_scratch and len(self.scratches) > 1:
-            words = "the best from scratch: gains are over it"
-        return name, steps, short(self.mean_return(name)), strong, weak, words
+            verdict = "the best from scratch: gains are over it"
+        return name, steps, short(self.mean_return(name)), strong, weak, verdict
 
     @property
     def sentences(self) -> list[str]:
@@ -573,11 +573,11 @@ class Comparison:
         if (groups := clusters(values)) is None:
             return ""
         high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(groups))
-        words = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
+        sentence = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
         if min(map(len, groups)) > self.seeds // 4:
-            return words
+            return sentence
         middle = interquartile_interval(values, confidence=self.confidence)
-        return f"{words}; interquartile mean, without the few: {short(middle)}"
+        return f"{sentence}; interquartile mean, without the few: {short(middle)}"
 
     def unlearnt(self, name: str) -> str:
         """Return which sources of an arm did not learn their own tasks; empty if all did."""

@@ -194,13 +194,13 @@ class Forecast:
     def text(self, width: int = 80) -> str:
         """Return sentences and a table, in lines of so many characters at most."""
         above = [*self._head, *(f"{name}: {cover}" for name, cover in self.coverage.items())]
-        words = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
+        below = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
         columns, cells = _table_of(self)
         return "\n".join(
             [
                 *(folded(line, width) for line in above),
                 *text_table(["", *columns], cells, width),
-                *(folded(line, width) for line in words),
+                *(folded(line, width) for line in below),
             ]
         )
 
@@ -210,9 +210,9 @@ class Forecast:
 
     def _repr_html_(self) -> str:
         """Return the answer, what that rests on, the table and coverage."""
-        words = [row.verdict if row.aggregate else "" for row in self.rows]
         columns, cells = _table_of(self)
-        rows = [(*row, text) for row, text in zip(cells, words, strict=True)]
+        verdicts = [row.verdict * row.aggregate for row in self.rows]
+        rows = [(*row, verdict) for row, verdict in zip(cells, verdicts, strict=True)]
         last = "start, in words"
         return block(
             *self._head,
@@ -288,29 +288,27 @@ RAISED = 1.15  # scale above which a calibration is worth its steps
 
 def start_words(row: ForecastRow, target: AnyTarget) -> str:
     """Return what the start with a potential is, whether it lasts, and what to do, in words."""
-    if np.isnan(row.mean("start")):
+    start, optimistic = row.mean("start"), row.mean("optimistic")
+    if np.isnan(start):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"
-    start = row.mean("start")
     excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
-    words = [f"starts at {start:.3g}"]
     # If the optimum is unknown, any better start is a good one.
     gain = start - target.random_return
     whole = np.nan_to_num(target.optimum - target.random_return)
     good = gain > GOOD * whole
+    parts = [f"starts at {start:.3g}"]
     if not good:
-        weak = gain > GAIN * whole
-        words.append("a weak start" if weak else "near or below the random policy")
-    words.append(f"{row.mean('optimistic'):.0%} optimistic")
+        parts.append("a weak start" if gain > GAIN * whole else "near or below the random policy")
+    parts.append(f"{optimistic:.0%} optimistic")
     slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
-    advice = []
     # A weak start has little to lose, and its policy is little evidence of phi's scale.
-    if good and row.mean("optimistic") > OPTIMISTIC and excess >= slips:
+    if not good:
+        advice = ["what learning gains from there is open"]
+    elif optimistic > OPTIMISTIC and excess >= slips:
         fall = "expect a fall" if excess >= collapses else "returns may fall"
-        advice.append(f"{fall} from there under epsilon-greedy")
-    elif good:
-        advice.append("expect no fall from there")
+        advice = [f"{fall} from there under epsilon-greedy"]
     else:
-        advice.append("what learning gains from there is open")
+        advice = ["expect no fall from there"]
     if good and excess > 0 and row.scale > RAISED:
         advice.append(f"calibrate with c = {row.scale:.1f}")
     worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
@@ -318,10 +316,10 @@ def start_words(row: ForecastRow, target: AnyTarget) -> str:
         task: Any = target.task
         where = state_name(task.states, worst.most_underestimated_state)
         advice.append(
-            f"underestimates {where}, which the optimal policy visits, by"
-            f" {worst.largest_underestimate:.3g}: a guard bounds what that costs"
+            f"underestimates {where}, which the optimal policy visits, by "
+            f"{worst.largest_underestimate:.3g}: a guard bounds what that costs"
         )
-    return ", ".join(words) + (": " + "; ".join(advice) if advice else "")
+    return f"{', '.join(parts)}: {'; '.join(advice)}"
 
 
 def network_words(row: ForecastRow) -> str:

@@ -163,8 +163,8 @@ class Trial:
     def verdict(self, name: str) -> str:
         """Return whether a candidate pays, by the area under its whole curve, in a few words."""
         gain = self.gain(name)
-        words = "it failed in the trial" if gain is None else verdict_words(gain)
-        return f"{words}, as on a smaller relative" if self.relative else words
+        answer = "it failed in the trial" if gain is None else verdict_words(gain)
+        return f"{answer}, as on a smaller relative" if self.relative else answer
 
     def numbers(self, name: str) -> str:
         """Return steps to the threshold with a candidate's sources and without, and the gain."""
@@ -183,16 +183,16 @@ class Trial:
         slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
         bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
         if saved.estimate >= 0:
-            words = f"saves {bound}{in_brief(saved)}"
+            change = f"saves {bound}{in_brief(saved)}"
         else:
             n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
             more = in_brief(replace(saved, estimate=n, low=low, high=high))
-            words = f"takes {bound}{more} more"
+            change = f"takes {bound}{more} more"
         spent = comparison[name].curve.source_steps.mean()
         return (
             f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
             f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
-            f"{words}; {gained}"
+            f"{change}; {gained}"
         )
 
     def _steps(self, name: str) -> str:

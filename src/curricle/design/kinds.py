@@ -145,9 +145,9 @@ def family_members(target: DesignTarget) -> Iterator[Draft]:
             for name, value in source.parameters.items()
             if value != parameters[name]
         )
-        words = f"an easier member of the family: {changes}"
+        about = f"an easier member of the family: {changes}"
         build = partial(_member, target.member, source)
-        yield Draft("member", str(source), words, build, member=source)
+        yield Draft("member", str(source), about, build, member=source)
 
 
 def _member(target: Any, source: Any) -> Made:
@@ -163,8 +163,8 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
     if isinstance(task, DeepSea):
         for rows in spread(range(1, task.size)):
             build = paired(task, partial(task.bottom, rows), project)
-            words = f"the lowest {rows} rows alone"
-            yield Draft("crop", f"lowest {rows} rows", words, build, rows / task.size)
+            about = f"the lowest {rows} rows alone"
+            yield Draft("crop", f"lowest {rows} rows", about, build, rows / task.size)
         return
     axes = _axes(task, np.flatnonzero(target.goal))
     extents = {axis: extent for axis, (extent, _) in axes.items()}
@@ -177,9 +177,9 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
             part = {axis: _window(extents[axis], side, place) for axis, place in places}
             if part != extents:
                 name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
-                words = f"the part around the goal: {name}"
+                about = f"the part around the goal: {name}"
                 build = paired(task, partial(_cut, task, part), reads)
-                yield Draft("crop", name, words, build, side / longest)
+                yield Draft("crop", name, about, build, side / longest)
 
 
 def _axes(task: Any, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
@@ -235,10 +235,10 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
     goal = np.flatnonzero(target.goal)
     for most in spread(range(1, far)):
         ring = "1" if most == 1 else f"1..{most}"
-        words = f"episodes start {ring} step{'s' * (most > 1)} from the goal"
+        about = f"episodes start {ring} step{'s' * (most > 1)} from the goal"
         start = GoalDistance(1, most, goal=goal)
         build = paired(target.task, partial(with_start, target.task, start))
-        yield Draft("starts", f"starts {ring} from the goal", words, build, most / far)
+        yield Draft("starts", f"starts {ring} from the goal", about, build, most / far)
 
 
 # -- a bottleneck as the goal ----------------------------------------------------------------------
@@ -290,11 +290,11 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
     far = max(1, int(way[mdp.start_states].max(initial=1)))
     for state in order[peak[order]][:MOST_BOTTLENECKS].tolist():
         name = mdp.states.label(state)
-        words = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
+        about = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
         build = partial(_ending_in, target, state, int(way[state]))
         title = f"to {name}"
         title = title if len(title) <= 90 else f"{title[:87]}..."
-        yield Draft("bottleneck", title, words, build, float(way[state]) / far)
+        yield Draft("bottleneck", title, about, build, float(way[state]) / far)
 
 
 def _edges(mdp: FiniteMDP) -> Any:
@@ -378,9 +378,9 @@ def removals(target: DesignTarget) -> Iterator[Draft]:
     if isinstance(task, Pursuit) and not callable(task.prey):
         alone = task.prey == "uniform" or len(task.prey) == task.cells
         for n in range(1, task.predators if alone else 1):
-            words = f"the same grid with {n} of {task.predators} predators"
+            about = f"the same grid with {n} of {task.predators} predators"
             fewer = partial(_with_predators, task, n)
-            yield Draft("removed", counted(n, "predator"), words, fewer)
+            yield Draft("removed", counted(n, "predator"), about, fewer)
     yield from _without_hazards(task)
     row = mdp.outcome_row[~mdp.terminal]
     rewards = mdp.reward[row][mdp.probability[row] > 0]
@@ -420,8 +420,8 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
         groups.append((f"no {kind} at {at}", ((row, column),)))
     reads = same_position if isinstance(task, GridWorld) else project
     for name, places in groups:
-        words = f"the same map, {counted(len(places), 'hazard')} removed"
-        yield Draft("removed", name, words, paired(task, partial(_cleared, task, places), reads))
+        about = f"the same map, {counted(len(places), 'hazard')} removed"
+        yield Draft("removed", name, about, paired(task, partial(_cleared, task, places), reads))
 
 
 def _cleared(task: Any, places: Places) -> Any:
@@ -456,12 +456,12 @@ def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
         return
     parameter, plain = SWITCHES.get(type(task), ("", None))
     if parameter and getattr(task, parameter) != plain:
-        name, words = "no slipping", "moves do what they are meant to"
+        name, about = "no slipping", "moves do what they are meant to"
         build = paired(task, partial(replace, task, **{parameter: plain}))
     else:
-        name, words = "likeliest outcomes", "every action has its likeliest outcome"
+        name, about = "likeliest outcomes", "every action has its likeliest outcome"
         build = paired(task, partial(_likeliest, mdp))
-    yield Draft("deterministic", name, words, build)
+    yield Draft("deterministic", name, about, build)
 
 
 def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
@@ -503,9 +503,9 @@ def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
     groups += [(name,) for name in names] if len(names) > 1 else []
     for group in groups:
         name = f"{', '.join(group)} by 2"
-        words = f"a coarser table: each two values of {' and '.join(group)} are one"
+        about = f"a coarser table: each two values of {' and '.join(group)} are one"
         build = partial(_merged, target.task, target.mdp, group)
-        yield Draft("coarser", name[:90], words, build)
+        yield Draft("coarser", name[:90], about, build)
 
 
 def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
