@@ -28,17 +28,10 @@ from tests.enumeration import (
     states_of,
     whole,
 )
-from tests.tasks import DenseMDP, mdps
+from tests.tasks import mdps
 
 
-@given(mdps(), st.data())
-def test_bonuses_agree_with_enumeration(mdp, data):
-    phi = pairs_of(data, mdp)
-    found = certify(mdp.task(), cr.RewardBonus(phi))
-    agrees_exactly(mdp, found, phi[:, :, None])
-
-
-@given(mdps(), st.sampled_from([1e3, 1e7, 1e11]), st.data())
+@given(mdps(), st.sampled_from([0.0, 1e3, 1e7, 1e11]), st.data())
 def test_small_differences_among_large_rewards_agree_with_enumeration(mdp, scale, data):
     """A tolerance relative to the values would call such bonuses safe."""
     large = data.draw(arrays(np.int64, mdp.p.shape, elements=st.integers(-1, 1)))
@@ -95,24 +88,6 @@ def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
     found = certify(task, cr.LookAheadAdvice(phi), ends="given")
     ending = fractions(mdp.discount) * fractions(np.where(mdp.terminal, phi.max(axis=1), 0.0))
     agrees_with_values(mdp, found, action_values(mdp), action_values(mdp, ending[None, None, :]))
-
-
-def test_a_table_that_starts_with_values_at_its_ends_is_refused():
-    # Ending pays 1, going round pays 0; phi says that the end is worth -9.
-    mdp = DenseMDP(
-        np.array([[[0.0, 1.0], [1.0, 0.0]], [[0.0, 1.0]] * 2]),
-        np.array([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0]] * 2]),
-        np.array([False, True]),
-        0.9,
-    )
-    task = mdp.task()
-    phi = np.array([[0.0, 0.0], [-9.0, -9.0]])
-    found = certify(task, cr.LookAheadAdvice(phi), ends="given")
-    assert found.holds is False
-    assert found.counterexample.lost == pytest.approx(0.1)  # once round, then in: 0.9
-    assert found.total_loss == pytest.approx(1.0)  # round for ever
-    assert found.counterexample.shaped_values == pytest.approx((1 - 8.1, 0.0))
-    assert certify(task, cr.LookAheadAdvice(phi))  # learn() reads it as 0
 
 
 @given(mdps(), st.floats(0.1, 10.0), st.data())

@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from curricle import compare
 from curricle.comparison import Arm, Comparison
 from curricle.comparison.comparison import MEASURES
 from curricle.show.findings import findings
 from curricle.statistics import Curve
-from curricle.statistics.hypothesis_tests import holm
 from curricle.statistics.intervals import interquartile_interval
-from tests.comparisons import corner, flat
+from tests.comparisons import flat
 
 STEPS = np.array([0, 10, 20, 30, 40])
 
@@ -121,18 +119,6 @@ def comparison_of(threshold=0.5, **returns):
 def test_a_gain_within_rounding_is_none(more, gain):
     scratch, helped = flat([1.0]), flat([1.0 + more])
     np.testing.assert_allclose(helped.strong_gain(scratch), [gain], rtol=1e-3)
-
-
-def test_tests_are_corrected_for_the_number_of_curricula():
-    found = compare({"one": corner(), "two": corner(source=900)}, seeds=6, controls=["scaled"])
-    assert len(found.contrasts) == 6
-    assert "scratch" not in found.contrasts
-    own = [found.contrasts[name] for name in ("one", "two")]
-    adjusted = holm([one.p for one in own])
-    assert [one.adjusted_p for one in own] == adjusted.tolist()
-    assert any(one.adjusted_p > one.p for one in own)
-    controls = [one for name, one in found.contrasts.items() if ", " in name]
-    assert [(np.isnan(one.adjusted_p), one.verdict) for one in controls] == [(True, "")] * 4
 
 
 @pytest.mark.parametrize(

@@ -54,13 +54,6 @@ def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):  #
     assert (own[:, None] == own[None]).all(axis=2).sum() == 20  # each equals itself
 
 
-def test_a_trial_does_not_depend_on_the_seeds_that_are_looked_at():
-    plan = corner()
-    one, other = (cr.forecast(plan, seeds=seeds).trial.comparison for seeds in (2, [7, 8, 9]))
-    for name in ("scratch", "mean"):
-        assert_same(one[name], other[name])
-
-
 def test_each_candidate_pays_for_its_own_sources_only():
     tasks = {"left": MAZE, "right": MAZE, "far": MAZE, "first": MAZE}
     edges = [

@@ -724,7 +724,7 @@ def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
         number = min(len(begun), max(1, half // (BRANCHES * DEPTH)))
         chosen = np.random.default_rng(seed).choice(begun, number, replace=False)
         starts = np.repeat(chosen, BRANCHES)
-        how = {"length": DEPTH, "seed": seed + 1, "starts": starts}
+        how: Any = {"length": DEPTH, "seed": seed + 1, "starts": starts}
         near = random_rollouts(shaped.task, episodes=len(starts), **how)
         f_near, taken = _rewards(shaped, near), taken + int(near.length.sum())
     enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())

@@ -242,7 +242,8 @@ class Contrast:
 
 
 MEASURES = tuple(part.name for part in fields(Contrast) if part.type is Interval)
-NO_CONTRAST = Contrast(*[UNKNOWN] * len(MEASURES), p=NAN, adjusted_p=NAN, verdict="")
+NOTHING: Any = dict.fromkeys(MEASURES, UNKNOWN) | {"p": NAN, "adjusted_p": NAN, "verdict": ""}
+NO_CONTRAST = Contrast(**NOTHING)
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,10 +92,10 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
 
 def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
     """Return a curriculum in whose miniatures each observation has the answer of another."""
-    tasks: dict[str, Any] = {
-        name: replace(task, shuffled=True) if isinstance(task, Miniatures) else task
-        for name, task in curriculum.tasks.items()
-    }
+    tasks: dict[str, Any] = dict(curriculum.tasks)
+    for name, task in tasks.items():
+        if isinstance(task, Miniatures):
+            tasks[name] = replace(task, shuffled=True)
     transfers = []
     for edge in curriculum.transfers:
         source, target = tasks[edge.source], tasks[edge.target]

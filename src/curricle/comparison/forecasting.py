@@ -40,7 +40,7 @@ from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import Target
-from curricle.progress import Bars, Progress, check_progress, shown
+from curricle.progress import Progress, check_progress, shown
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
@@ -442,25 +442,34 @@ def forecast(
     made_trial: Trial | None = None
     learnt, rows = dict[str, Any](), list[ForecastRow]()
     with shown(progress) as bars:
-        sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
+        if perfect:
+            sources = _solved_sources(curriculum, name, numbers, trained or {})
+        else:
+            learning: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
+            before = curriculum.ancestors(name)
+            sources = curriculum.train(numbers, only=before, **learning).sources
         all_rows = reads_values and not only_used  # without values, potentials do not differ
         looked_at = [candidate for candidate in candidates if candidate.used or all_rows]
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
             phi = tuple(candidate.potentials(sources, numbers))
             of_seeds = judged.judgement(any_target, phi, workers, reads_values=reads_values)
-            rows.append(ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds))
+            row = ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds)
+            start = start_words(row, any_target) if reads_values else network_words(row)
+            against = anti_knowledge(row, any_target.random_return)
+            rows.append(replace(row, verdict=start, anti_knowledge=against))
             grow()
             bars.tell(candidate.name)
         if tried:
-            relative = trial if isinstance(trial, Curriculum) else None
             how: Any = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            if relative is None:  # a relative has its own threshold
+            if isinstance(trial, Curriculum):
+                how["relative"] = trial  # which has its own threshold
+            elif threshold is None:
+                how["threshold"] = threshold_of_optimum(any_target)
+            else:
                 how["threshold"] = threshold
-                if threshold is None:
-                    how["threshold"] = threshold_of_optimum(any_target)
             try:
-                made_trial = run_trial(tried, relative, seeds=trial_seeds, **how)
+                made_trial = run_trial(tried, seeds=trial_seeds, **how)
                 bars.tell("trial")
             except CurricleError as error:  # the potentials can be looked at all the same
                 if trial is not None:
@@ -469,16 +478,8 @@ def forecast(
         if not perfect:
             learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
             learnt |= distilled_sources(curriculum.tasks, sources)
-    gains = made_trial if made_trial is not None and not made_trial.relative else None
-    rows = [
-        replace(
-            row,
-            gain=None if gains is None else gains.gain(row.name),
-            verdict=start_words(row, any_target) if reads_values else network_words(row),
-            anti_knowledge=anti_knowledge(row, any_target.random_return),
-        )
-        for row in rows
-    ]
+    if made_trial is not None and not made_trial.relative:
+        rows = [replace(row, gain=made_trial.gain(row.name)) for row in rows]
     rows.sort(key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf)))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     coverage: dict[str, Any]  # where the pairs of a mapping are few enough to count
@@ -531,24 +532,15 @@ def _planned_trial(
     return tried, seeds, "" if seeds else "it would take long; trial=True makes it"
 
 
-def _sources(
-    curriculum: Curriculum,
-    name: str,
-    seeds: tuple[int, ...],
-    trained: Mapping[str, Learnt] | None,
-    perfect: bool,
-    workers: int | None,
-    bars: Bars,
+def _solved_sources(
+    curriculum: Curriculum, name: str, seeds: tuple[int, ...], trained: Mapping[str, Learnt]
 ) -> dict[str, SourceValues]:
-    """Return what the sources of a target learnt, or their solutions, as if learnt."""
-    if perfect and trained:
+    """Return the solutions of the sources of a target, as if learnt without a step."""
+    if trained:
         raise CurriculumError(
             "a forecast for sources learnt perfectly takes no trained ones: got "
             + ", ".join(trained)
         )
-    if not perfect:
-        how: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
-        return curriculum.train(seeds, only=curriculum.ancestors(name), **how).sources
     solved = {}
     for edge in curriculum.in_edges(name):
         node = curriculum.node(edge.source)
@@ -593,41 +585,31 @@ class JudgedPotentials:
         *,
         reads_values: bool,
     ) -> Judgement:
-        """Return how good the potentials of K seeds are, and their scale; computed once."""
-        if not all(isinstance(phi, PairPotential) for phi in potentials):
-            return _judgement(target, potentials, workers, reads_values=reads_values)
-        key = id(target), *map(_digest, potentials)
-        if key not in self._judgements:
-            judgement = _judgement(target, potentials, workers, reads_values=reads_values)
+        """Return how good potentials are and their scale; of networks what policies return."""
+        n, key = len(potentials), None
+        if all(isinstance(phi, PairPotential) for phi in potentials):
+            key = id(target), *map(_digest, potentials)
+            if key in self._judgements:
+                return self._judgements[key]
+        if not reads_values:
+            nan, seen = float("nan"), cast(Any, target)
+            starts = [policy_return(phi, seen, seed=k) for k, phi in enumerate(potentials)]
+            return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
+        of_actions: Sequence[Any] = potentials
+        if isinstance(target, ObservationTarget):
+            threads, fit = 0, Calibrate(target.episodes)
+            of_actions = potentials if potentials[0].of_actions else ()
+        else:
+            threads, fit = threads_for(target.task, workers, n), Calibrate()
+        seeds = over_seeds(lambda k: potential_quality(potentials[k], target, seed=k), n, threads)
+        calibrations = (fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
+        judgement = tuple(seeds), tuple(calibrations)
+        if key is not None:
             self._judgements[key] = judgement
-        return self._judgements[key]
+        return judgement
 
 
-def _digest(potential: PairPotential) -> bytes:
+def _digest(potential: Any) -> bytes:
     """Return a digest of the numbers that a potential is made of."""
     numbers: Iterable[Any] = potential.kernel or (potential.values,)
     return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
-
-
-def _judgement(
-    target: AnyTarget,
-    potentials: Sequence[AnyPotential],
-    workers: int | None,
-    *,
-    reads_values: bool,
-) -> Judgement:
-    """Return how good potentials are and their scale; of networks what policies return."""
-    n = len(potentials)
-    if not reads_values:
-        nan, seen = float("nan"), cast(Any, target)
-        starts = [policy_return(phi, seen, seed=k) for k, phi in enumerate(potentials)]
-        return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
-    of_actions: Sequence[Any]
-    if isinstance(target, ObservationTarget):
-        threads, fit = 0, Calibrate(target.episodes)
-        of_actions = potentials if potentials[0].of_actions else ()
-    else:
-        threads, fit, of_actions = threads_for(target.task, workers, n), Calibrate(), potentials
-    seeds = over_seeds(lambda k: potential_quality(potentials[k], target, seed=k), n, threads)
-    calibrations = (fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-    return tuple(seeds), tuple(calibrations)

@@ -12,7 +12,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
+from graphlib import TopologicalSorter
 from heapq import heappop, heappush
+from itertools import product
 from math import inf
 from time import monotonic
 from typing import Any, NamedTuple, Self
@@ -368,25 +370,16 @@ takes about as long as a small unit."""
 class Queue:
     """Units that are still to be sent: the first of those whose sources are trained comes first."""
 
-    # A unit costs time in the logarithm of their number and in its own sources and seeds alone.
-
-    def __init__(self, units: Iterable[Unit], done: Mapping[Any, Collection[int]]):
+    def __init__(self, units: Iterable[Unit]):
         self.units = list(units)
-        self.ready = list[int]()  # a heap of the numbers of units that can be sent
-        self._missing = list[int]()  # how many pairs of a source and a seed each unit waits for
-        self._waiting = dict[tuple[Any, int], list[int]]()  # source -> units that wait
+        numbers = enumerate(self.units)
+        self._numbers = {(unit.key, seed): n for n, unit in numbers for seed in unit.seeds}
+        self._order = TopologicalSorter[int]()
         for number, unit in enumerate(self.units):
-            missing = {
-                (key, seed)
-                for key in unit.sources.values()
-                for seed in unit.seeds
-                if seed not in done.get(key, ())
-            }
-            self._missing.append(len(missing))
-            for pair in missing:
-                self._waiting.setdefault(pair, []).append(number)
-            if not missing:
-                self.ready.append(number)  # ascending, and so a heap
+            read = self._numbers.keys() & product(unit.sources.values(), unit.seeds)
+            self._order.add(number, *{self._numbers[pair] for pair in read})
+        self._order.prepare()
+        self.ready = sorted(self._order.get_ready())  # a heap of the units that can be sent
 
     def pop(self) -> Unit:
         """Return the next unit to be sent."""
@@ -394,11 +387,9 @@ class Queue:
 
     def trained(self, unit: Unit) -> None:
         """Note that a unit is stored: others may have waited for it alone."""
-        for seed in unit.seeds:
-            for number in self._waiting.pop((unit.key, seed), ()):
-                self._missing[number] -= 1
-                if not self._missing[number]:
-                    heappush(self.ready, number)
+        self._order.done(self._numbers[unit.key, unit.seeds[0]])
+        for number in self._order.get_ready():
+            heappush(self.ready, number)
 
 
 @dataclass
@@ -406,8 +397,8 @@ class Scheduler:
     """Sends units to workers, each after its sources, and has their results stored."""
 
     # `holder` takes results by add and stores them by write, which it may put off for some seconds
-    # while it holds any (bool); done has the seeds that are stored, by key. `workers` tell their
-    # number, and why a unit is lost that nobody here cancelled.
+    # while it holds any (bool). `workers` tell their number, and why a unit is lost that nobody
+    # here cancelled.
 
     send: Callable[[Unit], "Future[Any]"]  # its sources must be stored
     holder: Any
@@ -425,7 +416,7 @@ class Scheduler:
     def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, Any]]:
         """Yield each unit with its result when it is stored."""
         # When one fails, no more are started that only arms with a failure need.
-        queue, running = Queue(units, self.holder.done), dict[Future[Any], Unit]()
+        queue, running = Queue(units), dict[Future[Any], Unit]()
         try:
             while queue.ready or running or self.holder:
                 # at least for one worker: some clusters start workers when there is work

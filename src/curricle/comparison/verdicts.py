@@ -164,10 +164,11 @@ def verdicts_of(
     p = [math.nan if interim else _p_value(rows, draws, looks) for rows in apart.values()]
     adjusted_p = p if interim else holm(p).tolist()
     needed, verdicts = seeds_needed(len(apart), looks=looks), {}
-    for (name, rows), *of_test in zip(apart.items(), p, adjusted_p, strict=True):
+    for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
+        n, seeds = rows.shape
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
-        answer = _smallest_gain(rows, looks), strongest, len(rows), *of_test
-        verdicts[name] = Verdict(*answer, rows.shape[1], needed, interim)
+        gain = _smallest_gain(rows, looks)
+        verdicts[name] = Verdict(gain, strongest, n, p_value, adjusted, seeds, needed, interim)
     return verdicts
 
 
