@@ -651,7 +651,7 @@ MUTATIONS = [
     Mutation(
         "a tie that is not proven is called safe",
         "certificate/certification.py",
-        "and not tied_exactly(self.met, self.unshaped, self.optimal):",
+        "and not tied_exactly(self.met, self.unshaped, self.task.optimal):",
         "and False:",
         (
             "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",

@@ -18,6 +18,7 @@ from curricle.certificate.diagnosis import (
     widest,
 )
 from curricle.certificate.shaped_task import (
+    ActionValues,
     Ends,
     Reachable,
     ShapedTask,
@@ -418,102 +419,68 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
 class ActionComparison:
     """The optimal actions of a task and of its shaped version, in N reachable states."""
 
-    # A difference of two values is known to twice their bound. An action that falls short of the
-    # best by no more may be optimal; where it is the only such action, it is.
-
     met: Reachable
     unshaped: Solution
     shaped: ShapedValues
     tolerance: float  # a loss that is allowed for
 
     @cached_property
-    def q(self) -> FloatArray:
-        """The values of actions in the task, (N, A)."""
-        return self.unshaped.action_values[self.met.states]
-
-    @cached_property
-    def short(self) -> FloatArray:
-        """By how much they fall short of the best, (N, A)."""
-        return np.asarray(self.q.max(axis=1, keepdims=True) - self.q)
-
-    @cached_property
-    def shaped_short(self) -> FloatArray:
-        """The same in the shaped task, (N, A)."""
-        values = self.shaped.values
-        return np.asarray(values.max(axis=1, keepdims=True) - values)
-
-    @property
-    def error(self) -> float:
-        """The largest error of a difference in the task."""
-        return 2 * self.unshaped.error_bound
-
-    @property
-    def shaped_error(self) -> float:
-        """The largest error of a difference in the shaped task."""
-        return 2 * self.shaped.bound
-
-    @cached_property
-    def optimal(self) -> BoolArray:
-        """The actions that may be optimal in the task, (N, A)."""
-        return self.short <= self.error
-
-    @cached_property
-    def chosen(self) -> BoolArray:
-        """The actions that may be optimal in the shaped task, (N, A)."""
-        return self.shaped_short <= self.shaped_error
+    def task(self) -> ActionValues:
+        """The values of the task itself."""
+        return ActionValues(self.unshaped.action_values[self.met.states], self.unshaped.error_bound)
 
     @property
     def loss(self) -> float:
         """The largest possible loss of one action that may be optimal in the shaped task."""
-        certain = self.optimal & (self.optimal.sum(axis=1, keepdims=True) == 1)
-        lost = np.where(certain, 0.0, self.short + self.error)
-        return float(lost[self.chosen].max(initial=0.0))
+        optimal = self.task.optimal
+        certain = optimal & (optimal.sum(axis=1, keepdims=True) == 1)
+        lost = np.where(certain, 0.0, self.task.short + self.task.error)
+        return float(lost[self.shaped.optimal].max(initial=0.0))
 
     @cached_property
     def lost(self) -> FloatArray:
         """What an action optimal in the shaped task is proven to lose, (N,); 0 if allowed for."""
-        least = np.where(self.chosen, self.short, np.inf).min(axis=1) - self.error
-        return np.where(least > self.tolerance, least, 0.0)
+        return self.task.lost(self.shaped.optimal, self.tolerance)
 
     @cached_property
     def given_up(self) -> FloatArray:
         """How far the task's optimal actions are proven to fall short when shaped, (N,)."""
-        least = np.where(self.optimal, self.shaped_short, np.inf).min(axis=1) - self.shaped_error
-        return np.where(least > self.tolerance, least, 0.0)
+        return self.shaped.lost(self.task.optimal, self.tolerance)
 
     @cached_property
     def undecided(self) -> BoolArray:
         """States in which the optimal actions are proven neither equal nor different, (N,)."""
-        same = (self.optimal == self.chosen).all(axis=1) & (self.optimal.sum(axis=1) == 1)
+        optimal, chosen = self.task.optimal, self.shaped.optimal
+        same = (optimal == chosen).all(axis=1) & (optimal.sum(axis=1) == 1)
         if self.tolerance > 0:
-            fine = self.short + self.error <= self.tolerance
-            shaped_fine = self.shaped_short + self.shaped_error <= self.tolerance
-            same |= ((fine | ~self.chosen) & (shaped_fine | ~self.optimal)).all(axis=1)
+            sides = self.task, self.shaped
+            fine, shaped_fine = (side.short + side.error <= self.tolerance for side in sides)
+            same |= ((fine | ~chosen) & (shaped_fine | ~optimal)).all(axis=1)
         return np.asarray(~same & (self.lost == 0) & (self.given_up == 0))
 
     def total_loss(self) -> float:
-        """Return max_s V*(s) - V_worst(s) of policies of `chosen` actions, and both errors."""
-        mdp, states = self.met.mdp, self.met.states
+        """Return max_s V*(s) - V_worst(s) of policies that may be optimal when shaped, in all."""
+        mdp, states, chosen = self.met.mdp, self.met.states, self.shaped.optimal
         row = mdp.outcome_row.copy()
-        first = np.take_along_axis(row[states], self.chosen.argmax(axis=1)[:, None], axis=1)
-        row[states] = np.where(self.chosen, row[states], first)
+        first = np.take_along_axis(row[states], chosen.argmax(axis=1)[:, None], axis=1)
+        row[states] = np.where(chosen, row[states], first)
         worst = solve(replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward)))
         lost = (self.unshaped.values + worst.values)[states].max(initial=0.0)
         return float(lost) + self.unshaped.error_bound + worst.error_bound
 
     def counterexample(self) -> Counterexample:
         """Return the state in which most is lost, or else one whose optimal action is given up."""
-        q, acted = self.q, self.shaped.values
+        q, acted, mdp = self.task.values, self.shaped.values, self.met.mdp
         if self.lost.any():
             row = int(self.lost.argmax())
             best = int(q[row].argmax())
-            other = int(np.where(self.chosen[row], self.short[row], np.inf).argmin())
-            lost = float(self.short[row, other])
+            other = int(np.where(self.shaped.optimal[row], self.task.short[row], np.inf).argmin())
+            lost = float(self.task.short[row, other])
         else:
             row = int(self.given_up.argmax())
             other, lost = int(acted[row].argmax()), 0.0
-            best = int(np.where(self.optimal[row], self.shaped_short[row], np.inf).argmin())
-        state, mdp = int(self.met.states[row]), self.met.mdp
+            best = int(np.where(self.task.optimal[row], self.shaped.short[row], np.inf).argmin())
+        state = int(self.met.states[row])
         return Counterexample(
             state=state,
             components=values_of(mdp.states, state),
@@ -529,15 +496,16 @@ class ActionComparison:
     def too_close(self) -> str:
         """Return the sentence about the states that are undecided."""
         rows, mdp = np.flatnonzero(self.undecided), self.met.mdp
-        q, acted = self.q[rows[0]], self.shaped.values[rows[0]]
-        close = np.flatnonzero(self.optimal[rows[0]] | self.chosen[rows[0]])
+        row = rows[0]
+        q, acted = self.task.values[row], self.shaped.values[row]
+        close = np.flatnonzero(self.task.optimal[row] | self.shaped.optimal[row])
         values = " and ".join(
             f"{action_name(mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
             for a in close[np.argsort(-q[close], kind="stable")[:2]]
         )
         return (
-            f"in {len(rows):,} of {len(self.q):,} reachable states the values are too close to "
-            f"tell, first in {state_name(mdp.states, int(self.met.states[rows[0]]))}: {values}"
+            f"in {len(rows):,} of {len(self.met.states):,} reachable states the values are too "
+            f"close to tell, first in {state_name(mdp.states, int(self.met.states[row]))}: {values}"
         )
 
     def decided(
@@ -557,13 +525,14 @@ class ActionComparison:
         largest = self.shaped.largest
         off = 3 * EPSILON * largest + (0.0 if behind is None else behind.plain.worst)
         reach = 2 * off * longest_episode(self.met.mdp)
-        vanishing = (self.short > self.error) & (self.short <= reach + self.error)
+        short, error = self.task.short, self.task.error
+        vanishing = (short > error) & (short <= reach + error)
         if by_values:
             vanishing &= self.undecided[:, None]
-        hidden = float(self.short[vanishing].max(initial=0.0))
+        hidden = float(short[vanishing].max(initial=0.0))
         from_potential = behind is not None and behind.plain.potential.any()
-        if from_potential and not tied_exactly(self.met, self.unshaped, self.optimal):
-            hidden = max(hidden, self.error)
+        if from_potential and not tied_exactly(self.met, self.unshaped, self.task.optimal):
+            hidden = max(hidden, error)
         if hidden <= self.tolerance:
             return True, ()
         return None, (

@@ -150,11 +150,40 @@ def shaping_rewards(
 
 
 @dataclass(frozen=True, eq=False)
-class ShapedValues:
-    """The values that a policy acts on under shaping, of the N reachable states."""
+class ActionValues:
+    """Values of actions in the N reachable states, and which of them may be the best."""
+
+    # A difference of two values is known to twice their bound. An action that falls short of the
+    # best by no more may be optimal; where it is the only such action, it is.
 
     values: FloatArray  # (N, A)
     bound: float  # their largest possible error
+
+    @property
+    def error(self) -> float:
+        """The largest error of a difference of two values."""
+        return 2 * self.bound
+
+    @cached_property
+    def short(self) -> FloatArray:
+        """By how much each action falls short of the best, (N, A)."""
+        return np.asarray(self.values.max(axis=1, keepdims=True) - self.values)
+
+    @cached_property
+    def optimal(self) -> BoolArray:
+        """The actions that may be optimal, (N, A)."""
+        return self.short <= self.error
+
+    def lost(self, actions: BoolArray, tolerance: float) -> FloatArray:
+        """Return how far the best of `actions` is proven to fall short, (N,); 0 if allowed for."""
+        least = np.where(actions, self.short, np.inf).min(axis=1) - self.error
+        return np.where(least > tolerance, least, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedValues(ActionValues):
+    """The values that a policy acts on under shaping."""
+
     residual: float  # their largest distance from what theory derives from the task's own values
     largest: float  # the largest number that they are computed from
 
