@@ -7,7 +7,7 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import source_learning
-from curricle.comparison.learnt_sources import SourceLearning
+from curricle.comparison.forecasting import SourceLearning
 from curricle.curriculum import SourceValues
 from curricle.planning import target as target_module
 from curricle.planning.target import Target
