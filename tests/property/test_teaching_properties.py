@@ -79,17 +79,17 @@ def test_one_task_is_plain_learning_with_the_loops_as_shipped(as_shipped):
 def test_steps_add_up_and_draws_follow_the_probabilities(teacher, seed, n_tasks, budget, eval_freq):
     tasks, eval_freq = tasks_of(seed, n_tasks, 12), min(eval_freq, budget)
     settings = {"seeds": [seed], "eval_freq": eval_freq, "goal": ENDS}
-    found = teach(tasks, teacher, None, budget, target="0", **settings)
-    assert found.learning.steps_used[0] == budget == found.steps_per_task.sum()
-    assert set(found.drawn[0]) <= set(range(n_tasks))
-    lengths = np.diff(found.begun_at[0], append=budget)
+    result = teach(tasks, teacher, None, budget, target="0", **settings)
+    assert result.learning.steps_used[0] == budget == result.steps_per_task.sum()
+    assert set(result.drawn[0]) <= set(range(n_tasks))
+    lengths = np.diff(result.begun_at[0], append=budget)
     assert (lengths >= 1).all()
     assert (lengths <= 12).all()
-    np.testing.assert_allclose(found.probabilities.sum(axis=2), 1.0)
-    assert (found.probabilities >= 0).all()
-    for checkpoint, step in enumerate(found.learning.steps[:-1]):
-        episode = np.searchsorted(found.begun_at[0], step, side="right") - 1
-        assert found.probabilities[0, checkpoint, found.drawn[0][episode]] > 0
+    np.testing.assert_allclose(result.probabilities.sum(axis=2), 1.0)
+    assert (result.probabilities >= 0).all()
+    for checkpoint, step in enumerate(result.learning.steps[:-1]):
+        episode = np.searchsorted(result.begun_at[0], step, side="right") - 1
+        assert result.probabilities[0, checkpoint, result.drawn[0][episode]] > 0
 
 
 @given(teacher=st.sampled_from(TEACHERS), seed=st.integers(0, 5))
@@ -102,7 +102,7 @@ def test_results_depend_on_the_seed_alone(teacher, seed):
 
     together, alone = taught(3, 3), taught([2], 1)
     for name in CURVES:
-        mine, own = (getattr(found.learning, name) for found in (together, alone))
+        mine, own = (getattr(result.learning, name) for result in (together, alone))
         np.testing.assert_array_equal(mine[2:], own)
     np.testing.assert_array_equal(together.drawn[2], alone.drawn[0])
     np.testing.assert_array_equal(together.probabilities[2:], alone.probabilities)
@@ -112,9 +112,9 @@ def test_results_depend_on_the_seed_alone(teacher, seed):
 
 def test_the_draws_of_seeds_differ_and_are_those_of_the_probabilities():
     tasks = tasks_of(0, 4, 12)
-    found = teach(tasks, Uniform(), None, 20_000, target="0", seeds=5)
-    counts = np.array([np.bincount(drawn, minlength=4) for drawn in found.drawn])
+    result = teach(tasks, Uniform(), None, 20_000, target="0", seeds=5)
+    counts = np.array([np.bincount(drawn, minlength=4) for drawn in result.drawn])
     share = counts / counts.sum(axis=1, keepdims=True)
     error = np.sqrt(0.25 * 0.75 / counts.sum(axis=1)).max()
     assert abs(share - 0.25).max() < 5 * error
-    assert len({tuple(drawn[:30]) for drawn in found.drawn}) == 5
+    assert len({tuple(drawn[:30]) for drawn in result.drawn}) == 5

@@ -40,15 +40,15 @@ def large_mapped():
 
 
 def test_a_large_task_is_sampled():
-    found = certify(
+    certificate = certify(
         LARGE, ShapingReward(lambda s, a, t: 0.99 * hidden(t) - hidden(s)), steps=30_000
     )
-    assert found.holds is None
-    assert isinstance(found, SampledCertificate)
-    assert not found
-    assert 25_000 < found.steps <= 30_000
-    assert found.residual < 1e-9
-    assert f"no contradiction in {found.steps:,} sampled steps" in str(found)
+    assert certificate.holds is None
+    assert isinstance(certificate, SampledCertificate)
+    assert not certificate
+    assert 25_000 < certificate.steps <= 30_000
+    assert certificate.residual < 1e-9
+    assert f"no contradiction in {certificate.steps:,} sampled steps" in str(certificate)
 
 
 @pytest.mark.parametrize(
@@ -61,12 +61,12 @@ def test_a_large_task_is_sampled():
     ],
 )
 def test_a_large_task_is_sampled_and_contradicts(bonus):
-    found = certify(LARGE, ShapingReward(bonus), steps=30_000)
-    assert found.holds is None
-    assert found.residual > 0.01
-    first = found.contradictions[0]
+    certificate = certify(LARGE, ShapingReward(bonus), steps=30_000)
+    assert certificate.holds is None
+    assert certificate.residual > 0.01
+    first = certificate.contradictions[0]
     assert "two paths of" in first or "the action does not matter" in first
-    assert f"Found in {found.steps:,} sampled steps" in str(found)
+    assert f"Found in {certificate.steps:,} sampled steps" in str(certificate)
 
 
 @pytest.mark.parametrize("kind", [cr.QInitialisation, cr.LookAheadAdvice])

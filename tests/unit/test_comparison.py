@@ -73,13 +73,13 @@ def test_a_threshold_at_which_nothing_was_learnt_is_not_reached_by_it(start):
     """That of a curve that stays as it is lies on it; who learns more passes it."""
     flat = np.full((6, 11), start)
     later = flat + np.where(np.arange(11) < 5, 0.0, 0.5)
-    found = comparison_of(scratch=flat, same=flat.copy(), later=later, threshold=start)
-    assert [row["reached"] for row in found.rows()] == [0, 0, 6]
-    assert found.times("scratch").steps.tolist() == [100.0] * 6
-    assert found.times("later").steps.tolist() == [50.0] * 6
-    assert found.contrasts["later"].strong_steps_saved.estimate == 50
-    assert found.contrasts["same"].strong_steps_saved.estimate == 0
-    assert "> 100 (6 never)" in str(found)
+    comparison = comparison_of(scratch=flat, same=flat.copy(), later=later, threshold=start)
+    assert [row["reached"] for row in comparison.rows()] == [0, 0, 6]
+    assert comparison.times("scratch").steps.tolist() == [100.0] * 6
+    assert comparison.times("later").steps.tolist() == [50.0] * 6
+    assert comparison.contrasts["later"].strong_steps_saved.estimate == 50
+    assert comparison.contrasts["same"].strong_steps_saved.estimate == 0
+    assert "> 100 (6 never)" in str(comparison)
     above = comparison_of(scratch=flat + 1.0, same=flat + 1.0, threshold=start)
     assert [row["steps_to_threshold"] for row in above.rows()] == [0, 0]  # it was reached before
 
@@ -89,29 +89,31 @@ def test_seeds_that_are_apart_from_the_others_are_said_to_be():
     heights = np.where(np.arange(12) < 2, 1.0, 150.0) + rng.normal(scale=0.5, size=12)
     few = np.repeat(heights[:, None], 11, axis=1)
     half = np.repeat(heights[(np.arange(12) % 4), None], 11, axis=1) + rng.normal(size=(12, 1))
-    found = comparison_of(scratch=few + 300, few=few, half=half, none=few[2:].repeat(2, 0)[:12])
-    assert [name for name in found.arms if found.cluster_sentence(name)] == [
+    comparison = comparison_of(
+        scratch=few + 300, few=few, half=half, none=few[2:].repeat(2, 0)[:12]
+    )
+    assert [name for name in comparison.arms if comparison.cluster_sentence(name)] == [
         "scratch",
         "few",
         "half",
     ]
-    one = found.cluster_sentence("few")
-    middle = interquartile_interval(found.returns["few"])
-    assert one.startswith("the seeds of few are in two clusters, mean return of 10 near 150.")
-    assert f"and of 2 near {heights[:2].mean():.4g}; interquartile mean" in one
-    assert one.endswith(f"without the few: {str(middle).rpartition(',')[0]}")
-    assert "of 6 near" in found.cluster_sentence("half")
-    assert "interquartile" not in found.cluster_sentence("half")
-    assert one in str(found)
-    (sentences,) = [each.sentences for each in findings(found) if each.arm == "few"]
-    assert any("The seeds of few are in two" in each for each in sentences)
-    assert any("The seeds of scratch are in two" in each for each in sentences)
+    few_apart = comparison.cluster_sentence("few")
+    middle = interquartile_interval(comparison.returns["few"])
+    assert few_apart.startswith("the seeds of few are in two clusters, mean return of 10 near 150.")
+    assert f"and of 2 near {heights[:2].mean():.4g}; interquartile mean" in few_apart
+    assert few_apart.endswith(f"without the few: {str(middle).rpartition(',')[0]}")
+    assert "of 6 near" in comparison.cluster_sentence("half")
+    assert "interquartile" not in comparison.cluster_sentence("half")
+    assert few_apart in str(comparison)
+    (sentences,) = [arm.sentences for arm in findings(comparison) if arm.arm == "few"]
+    assert any("The seeds of few are in two" in sentence for sentence in sentences)
+    assert any("The seeds of scratch are in two" in sentence for sentence in sentences)
 
 
 def comparison_of(threshold=0.5, **returns):
     """A comparison of curves over 100 steps, of arms without sources."""
     steps = np.arange(11) * 10
-    arms = {name: Arm(Curve(steps, each), each, each, False) for name, each in returns.items()}
+    arms = {name: Arm(Curve(steps, curve), curve, curve, False) for name, curve in returns.items()}
     return Comparison("maze", arms, 100, 100, threshold, 1)
 
 
@@ -131,9 +133,9 @@ def test_verdicts(height, verdict):
     few = "too few seeds for a verdict (7; 8 or more)"
     for arms, expected in ((1, verdict), (4, few)):
         names = [f"arm {i}" for i in range(arms)]
-        found = replace(BY_HAND, arms={"scratch": scratch, **dict.fromkeys(names, other)})
-        assert found.contrasts["arm 0"].verdict == expected
-        assert found.contrasts["arm 0"].p == (2**-6 if height else 1.0)
+        comparison = replace(BY_HAND, arms={"scratch": scratch, **dict.fromkeys(names, other)})
+        assert comparison.contrasts["arm 0"].verdict == expected
+        assert comparison.contrasts["arm 0"].p == (2**-6 if height else 1.0)
 
 
 def test_rows_are_a_table():
@@ -149,8 +151,8 @@ def test_rows_are_a_table():
         contrast = BY_HAND.contrasts[row["arm"]]
         for measure in MEASURES:
             interval = getattr(contrast, measure)
-            found = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
-            np.testing.assert_equal(found, (interval.estimate, interval.low, interval.high))
+            numbers = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
+            np.testing.assert_equal(numbers, (interval.estimate, interval.low, interval.high))
             assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
         assert (row["p"], row["adjusted_p"]) == (contrast.p, contrast.adjusted_p)
         assert row["verdict"] == contrast.verdict

@@ -39,13 +39,15 @@ def trained(calls):
 @pytest.mark.parametrize("seeds", [1, [7, 8]])
 def test_pursuit_is_ranked_as_training_ranks_it(seeds, calls):
     """In training, minimum and mean start best, and mean falls from -10 to -17 an episode."""
-    found = look(pursuit(5, cr.minimum, budget=400_000), seeds=seeds)
+    foreseen = look(pursuit(5, cr.minimum, budget=400_000), seeds=seeds)
     assert trained(calls) == ["chase"]
-    assert [name for name in found.ranking if name != "total"] == ["minimum", "mean", "maximum"]
-    assert (found.solved, found.exact) == (True, True)
-    least, middle, most, twice = (found[name] for name in ("minimum", "mean", "maximum", "total"))
+    assert [name for name in foreseen.ranking if name != "total"] == ["minimum", "mean", "maximum"]
+    assert (foreseen.solved, foreseen.exact) == (True, True)
+    least, middle, most, twice = (
+        foreseen[name] for name in ("minimum", "mean", "maximum", "total")
+    )
     assert least.mean("start") > middle.mean("start") > most.mean("start")
-    assert found.random_return < middle.mean("start") < least.mean("start") < found.optimum
+    assert foreseen.random_return < middle.mean("start") < least.mean("start") < foreseen.optimum
     assert re.search(
         r"% optimistic: expect no fall from there; calibrate with c = 1\.[45]$", least.verdict
     )
@@ -61,26 +63,26 @@ def test_pursuit_is_ranked_as_training_ranks_it(seeds, calls):
     assert twice.mean("start") == middle.mean("start")
     assert twice.mean("optimistic") < 0.1
     assert twice.verdict.endswith("% optimistic: expect no fall from there")
-    assert {one.name for one in found.rows if not one.aggregate} == {
+    assert {row.name for row in foreseen.rows if not row.aggregate} == {
         "chase -> hunt [1]",
         "chase -> hunt [2]",
     }
-    assert [one.used for one in found.rows] == [one.name == "minimum" for one in found.rows]
+    assert [row.used for row in foreseen.rows] == [row.name == "minimum" for row in foreseen.rows]
 
 
 def test_a_target_too_large_to_solve_is_judged_by_rollouts(calls):
     """8x8 pursuit has 6.6 million pairs."""
     plan = pursuit(8, cr.mean, budget=400_000)
-    found = look(plan, seeds=1, episodes=200)
+    foreseen = look(plan, seeds=1, episodes=200)
     assert trained(calls) == ["chase"]
-    assert (found.solved, found.exact) == (False, False)
-    assert np.isnan(found.optimum)
-    assert [name for name in found.ranking if name != "total"] == ["minimum", "mean", "maximum"]
-    assert ": random policy -" in " ".join(str(found).split())
+    assert (foreseen.solved, foreseen.exact) == (False, False)
+    assert np.isnan(foreseen.optimum)
+    assert [name for name in foreseen.ranking if name != "total"] == ["minimum", "mean", "maximum"]
+    assert ": random policy -" in " ".join(str(foreseen).split())
     how = "(returns by rollouts; Q* estimated by the values of phi's own policy)"
-    assert how in " ".join(str(found).split())
-    assert "expect a fall from there under epsilon-greedy" in found["mean"].verdict
-    assert "calibrate with c = " in found["minimum"].verdict
+    assert how in " ".join(str(foreseen).split())
+    assert "expect a fall from there under epsilon-greedy" in foreseen["mean"].verdict
+    assert "calibrate with c = " in foreseen["minimum"].verdict
 
 
 # -- verdicts, from values made up by hand ---------------------------------------------------------
@@ -156,10 +158,10 @@ def test_a_policy_that_never_arrives_is_no_gain(monkeypatch):
 def test_too_small_a_scale_is_to_be_calibrated():
     """Half of Q*, which is negative: 50 % too high, and exact after a factor of 2."""
     half = cr.solve(COST, tolerance=1e-6).action_values / 2
-    found = row_of(COST, half)
-    assert found.scale == pytest.approx(2.0)
+    foreseen = row_of(COST, half)
+    assert foreseen.scale == pytest.approx(2.0)
     fall = "expect a fall from there under epsilon-greedy; calibrate with c = 2.0"
-    assert found.verdict == f"starts at -1.75, 100% optimistic: {fall}"
+    assert foreseen.verdict == f"starts at -1.75, 100% optimistic: {fall}"
     assert row_of(LINE, Q / 2).scale == pytest.approx(2.0)
 
 
@@ -171,9 +173,9 @@ def test_a_scale_that_most_seeds_cannot_be_given_is_none():
         )
     }
     forecast = look(plan, seeds=3, trained=silent)
-    found = forecast["mean"]
-    assert [bool(one.refusal) for one in found.calibrations] == [False, True, True]
-    assert np.isnan(found.scale)
+    foreseen = forecast["mean"]
+    assert [bool(row.refusal) for row in foreseen.calibrations] == [False, True, True]
+    assert np.isnan(foreseen.scale)
     assert re.search(r"^mean \*.* none$", str(forecast), re.MULTILINE)
     assert look(plan, seeds=1, trained=sources)["mean"].scale == pytest.approx(1.0)
 
@@ -187,20 +189,20 @@ def test_custom_aggregates_have_rows_too():
 
     lambdas = [lambda p: p.min(axis=0), lambda p: np.median(p, axis=0)]
     plan = pursuit(3, lambdas[0], budget=20_000)
-    found = look(plan, seeds=2, aggregates=[lambdas[1], mean, cr.maximum])
-    assert sorted(found.ranking) == [
+    foreseen = look(plan, seeds=2, aggregates=[lambdas[1], mean, cr.maximum])
+    assert sorted(foreseen.ranking) == [
         "<lambda> [1]", "<lambda> [2]", "maximum", "mean [1]", "mean [2]", "minimum", "total",
     ]  # fmt: skip
-    starts = [found[name].mean("start") for name in found.ranking]
+    starts = [foreseen[name].mean("start") for name in foreseen.ranking]
     assert starts == sorted(starts, reverse=True)
     for mine, theirs in (
         ("<lambda> [1]", "minimum"),
         ("<lambda> [2]", "mean [1]"),
         ("mean [2]", "maximum"),
     ):
-        assert found[mine].seeds == found[theirs].seeds
-    assert found["minimum"].seeds != found["mean [1]"].seeds != found["maximum"].seeds
-    assert [one.name for one in found.rows if one.used] == ["<lambda> [1]"]
+        assert foreseen[mine].seeds == foreseen[theirs].seeds
+    assert foreseen["minimum"].seeds != foreseen["mean [1]"].seeds != foreseen["maximum"].seeds
+    assert [row.name for row in foreseen.rows if row.used] == ["<lambda> [1]"]
 
 
 def test_the_target_may_be_any_task_with_transfers_into_it(calls):
@@ -215,11 +217,11 @@ def test_the_target_may_be_any_task_with_transfers_into_it(calls):
         budget=500,
         evaluation=SUMMED,
     )
-    found = look(plan, "left", seeds=1)
+    foreseen = look(plan, "left", seeds=1)
     assert trained(calls) == ["near"]
-    assert found.target == "left"
-    assert found.optimum == 196.0  # 200 less four steps, not discounted
-    look(plan, seeds=1, trained=found.trained)
+    assert foreseen.target == "left"
+    assert foreseen.optimum == 196.0  # 200 less four steps, not discounted
+    look(plan, seeds=1, trained=foreseen.trained)
     assert trained(calls) == ["near", "left"]
 
 
@@ -227,20 +229,20 @@ def test_the_target_may_be_any_task_with_transfers_into_it(calls):
 
 
 def test_the_table_holds_the_numbers():
-    found = look(pursuit(3, cr.minimum, budget=cr.StoppingRule(20_000)), seeds=2)
-    assert max(map(len, str(found).split("\n"))) <= 80
-    lines = re.sub(r"\n  (?! )", " ", str(found)).split("\n")
+    foreseen = look(pursuit(3, cr.minimum, budget=cr.StoppingRule(20_000)), seeds=2)
+    assert max(map(len, str(foreseen).split("\n"))) <= 80
+    lines = re.sub(r"\n  (?! )", " ", str(foreseen)).split("\n")
     assert re.fullmatch(r"chase learnt 9\d % of the way to its optimum", lines[2])
     assert lines[3].startswith("The start with phi, from 2 seeds of chase (20,000 steps): optimum ")
-    assert [line.split(":")[0] for line in lines[4:6]] == list(found.coverage)
-    for one, line in zip(found.rows, lines[7:13], strict=True):
+    assert [line.split(":")[0] for line in lines[4:6]] == list(foreseen.coverage)
+    for row, line in zip(foreseen.rows, lines[7:13], strict=True):
         name, *numbers = re.split(r"\s{2,}", line.strip())
-        assert name == one.name + " *" * one.used
+        assert name == row.name + " *" * row.used
         share = float(numbers.pop(1).rstrip("%")) / 100
-        expected = [one.mean(m) for m in ("start", "excess", "rank")] + [one.scale]
+        expected = [row.mean(m) for m in ("start", "excess", "rank")] + [row.scale]
         assert [float(number) for number in numbers] == pytest.approx(expected, rel=0.05, abs=0.005)
-        assert share == pytest.approx(one.mean("optimistic"), abs=0.0051)
-    assert lines[13:] == [f"{name}: {found[name].verdict}" for name in found.ranking]
+        assert share == pytest.approx(row.mean("optimistic"), abs=0.0051)
+    assert lines[13:] == [f"{name}: {foreseen[name].verdict}" for name in foreseen.ranking]
 
 
 # -- refusals --------------------------------------------------------------------------------------
@@ -275,14 +277,14 @@ def test_a_calibrated_curriculum_has_a_calibrated_row():
         for edge in raw.transfers
     ]
     plan = replace(raw, transfers=transfers)
-    found = look(plan, seeds=[4, 5])
-    (fitted,) = (one for one in found.rows if one.used)
+    foreseen = look(plan, seeds=[4, 5])
+    (fitted,) = (row for row in foreseen.rows if row.used)
     assert fitted.name == "mean, calibrated"
-    result = plan.train([4, 5], trained=found.trained)
+    result = plan.train([4, 5], trained=foreseen.trained)
     place = cr.planning.Target.of(plan.tasks["hunt"])
-    for one, phi in zip(fitted.seeds, result.potentials["hunt"], strict=True):
-        assert one.excess == potential_quality(phi, place).excess
-    assert fitted.mean("excess") < found["mean"].mean("excess")
+    for row, phi in zip(fitted.seeds, result.potentials["hunt"], strict=True):
+        assert row.excess == potential_quality(phi, place).excess
+    assert fitted.mean("excess") < foreseen["mean"].mean("excess")
     assert fitted.scale == pytest.approx(1.0, abs=0.1)
 
 
@@ -291,16 +293,16 @@ def test_an_aggregate_may_be_any_object_that_can_be_called():
         def __call__(self, potentials):
             return potentials.min(axis=0) - 1
 
-    found = look(pursuit(3, Cautious(), budget=2000), seeds=1)
-    assert any(one.used for one in found.rows)
+    foreseen = look(pursuit(3, Cautious(), budget=2000), seeds=1)
+    assert any(row.used for row in foreseen.rows)
 
 
 def test_a_weak_start_is_said_to_be_one_and_no_more():
     """A tenth to half of the way from the random policy to the optimum: little to lose."""
-    found = look(pursuit(4, cr.maximum, budget=50_000, evaluation=SUMMED), seeds=1)
-    whole = found.optimum - found.random_return
-    assert 0.1 < (found["maximum"].mean("start") - found.random_return) / whole < 0.5
+    foreseen = look(pursuit(4, cr.maximum, budget=50_000, evaluation=SUMMED), seeds=1)
+    whole = foreseen.optimum - foreseen.random_return
+    assert 0.1 < (foreseen["maximum"].mean("start") - foreseen.random_return) / whole < 0.5
     words = (
         r"starts at -\d\S*, a weak start, \d+% optimistic: what learning gains from there is open"
     )
-    assert re.fullmatch(words, found["maximum"].verdict)
+    assert re.fullmatch(words, foreseen["maximum"].verdict)

@@ -26,7 +26,7 @@ def check(monkeypatch, capsys, tmp_path):
     (tmp_path / "maze.toml").write_text(STUDY)
 
     def run(*changes):
-        arguments = [part for one in changes for part in ("--set", one)]
+        arguments = [part for change in changes for part in ("--set", change)]
         file = str(tmp_path / "maze.toml")
         monkeypatch.setattr(sys, "argv", ["curricle", "check", file, *arguments])
         with pytest.raises(SystemExit) as ended:
@@ -40,9 +40,9 @@ def check(monkeypatch, capsys, tmp_path):
 def test_a_forecast_is_the_return_at_the_first_step():
     """Exact in every seed: what was foreseen is what came."""
     plan = corner()
-    found = cr.forecast(plan, seeds=[2, 5])
+    foreseen = cr.forecast(plan, seeds=[2, 5])
     came = plan.train([2, 5])["maze"].greedy_return[:, 0]
-    starts = [one.start for one in found["mean"].seeds]
+    starts = [quality.start for quality in foreseen["mean"].seeds]
     np.testing.assert_allclose(starts, came, rtol=1e-9)
 
 
@@ -86,23 +86,28 @@ def test_one_seed_where_three_would_be_slow(check, monkeypatch):
 
 def test_a_perfect_source_is_its_solution():
     plan = corner(source=1)
-    found = cr.forecast(plan, seeds=[4, 5], perfect=True)
+    foreseen = cr.forecast(plan, seeds=[4, 5], perfect=True)
     solved = cr.solve(plan.tasks["corner"]).action_values
-    np.testing.assert_allclose(found.trained["corner"].values[0], solved, atol=1e-3)
-    assert (found.perfect, found.computed_from) == (True, "if corner were learnt perfectly")
-    assert len(found["mean"].seeds) == 1
-    assert "seed" not in str(found).split(":")[0]
+    np.testing.assert_allclose(foreseen.trained["corner"].values[0], solved, atol=1e-3)
+    assert (foreseen.perfect, foreseen.computed_from) == (True, "if corner were learnt perfectly")
+    assert len(foreseen["mean"].seeds) == 1
+    assert "seed" not in str(foreseen).split(":")[0]
 
 
 def test_steps_are_those_that_the_sources_were_trained_for():
     rule = cr.StoppingRule(max_steps=900, threshold=194.0, patience=3)
     plan = corner(source=rule, eval_freq=100).replace("corner", eval_freq=10)
-    found = cr.forecast(plan, seeds=5)
-    used = found.trained["corner"].steps_used
+    foreseen = cr.forecast(plan, seeds=5)
+    used = foreseen.trained["corner"].steps_used
     assert used.min() < used.max()
-    assert found.computed_from == (f"from 5 seeds of corner ({used.mean():,.0f} steps on average)")
+    assert foreseen.computed_from == (
+        f"from 5 seeds of corner ({used.mean():,.0f} steps on average)"
+    )
     longer = plan.replace("corner", budget=90_000)
-    assert cr.forecast(longer, seeds=5, trained=found.trained).computed_from == found.computed_from
+    assert (
+        cr.forecast(longer, seeds=5, trained=foreseen.trained).computed_from
+        == foreseen.computed_from
+    )
 
 
 def test_a_source_that_cannot_be_solved_has_no_perfect_forecast(monkeypatch):
@@ -121,10 +126,10 @@ def test_perfect_sources_are_not_given():
 def test_without_a_trial_no_forecast_says_what_learning_gains():
     """A start at the random policy's return is called open, and what came was a gain."""
     plan = copied(MAZE, budget={"near": 1, "far": 3000}, eval_freq={"far": 100})
-    found = cr.forecast(plan, seeds=1, trial=False)
-    assert "no better than" not in str(found)
-    assert found.answer == "whether it pays is open"
-    assert found["mean"].verdict.endswith("what learning gains from there is open")
+    foreseen = cr.forecast(plan, seeds=1, trial=False)
+    assert "no better than" not in str(foreseen)
+    assert foreseen.answer == "whether it pays is open"
+    assert foreseen["mean"].verdict.endswith("what learning gains from there is open")
 
 
 @pytest.mark.parametrize(("seeds", "few"), [(5, "(5; 6 or more)"), (6, "")])

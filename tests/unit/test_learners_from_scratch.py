@@ -24,17 +24,17 @@ def by_hand(mine, *others):
 
 
 def test_each_is_an_arm_with_the_same_total(calls):
-    given = {"fast": FAST, "sarsa": cr.SARSA()}
-    found = compare(corner(), seeds=[3, 5], controls=["placebo"], scratch=given)
+    learners = {"fast": FAST, "sarsa": cr.SARSA()}
+    comparison = compare(corner(), seeds=[3, 5], controls=["placebo"], scratch=learners)
     names = ["scratch", "scratch, fast", "scratch, sarsa", "transfer", "transfer, placebo"]
-    assert list(found.arms) == names
-    assert found.scratches == tuple(names[:3])
-    for name, learner in zip(names[1:], given.values(), strict=False):
+    assert list(comparison.arms) == names
+    assert comparison.scratches == tuple(names[:3])
+    for name, learner in zip(names[1:], learners.values(), strict=False):
         alone = cr.learn(MAZE, learner, 3500, seeds=[3, 5], eval_freq=100, stream="maze")
-        np.testing.assert_array_equal(found[name].curve.values, alone.greedy_return)
-        assert found[name].curve.source_steps.tolist() == [0, 0]
+        np.testing.assert_array_equal(comparison[name].curve.values, alone.greedy_return)
+        assert comparison[name].curve.source_steps.tolist() == [0, 0]
     assert [call["budget"] for call in calls[:3]] == [3500] * 3
-    assert all(name.startswith("transfer") for name in found.contrasts)
+    assert all(name.startswith("transfer") for name in comparison.contrasts)
 
 
 def test_arms_that_were_there_before_are_the_same_bit_for_bit():
@@ -53,24 +53,24 @@ def test_the_shaping_of_a_target_does_not_change_what_others_learn_from_scratch(
 
 
 def test_the_verdict_is_against_the_best():
-    found = by_hand(5.0, 3.0, 8.0, 1.0)
-    assert found.best_scratch == "scratch, 1"
-    verdict, contrast = found.verdicts["mine"], found.contrasts["mine"]
+    comparison = by_hand(5.0, 3.0, 8.0, 1.0)
+    assert comparison.best_scratch == "scratch, 1"
+    verdict, contrast = comparison.verdicts["mine"], comparison.contrasts["mine"]
     assert (verdict.rival, verdict.rivals) == ("scratch, 1", 4)
     assert contrast.verdict == "costs more than it brings"
     assert contrast.strong_gain.estimate == pytest.approx((column(5, 7) - column(8, 2)).mean())
     assert contrast.weak_gain.estimate == pytest.approx(contrast.strong_gain.estimate)
-    row = found.rows()[-1]
+    row = comparison.rows()[-1]
     assert (row["against"], row["verdict"]) == ("scratch, 1", "costs more than it brings")
-    assert found.against("scratch")["mine"].answer == "yes"
+    assert comparison.against("scratch")["mine"].answer == "yes"
     alone = by_hand(5.0).contrasts["mine"]
     assert alone.verdict == "pays"
 
 
 def test_learners_are_named_after_their_settings():
-    given = [QLearning(epsilon=0.5, initial_value=3.0), cr.SARSA()]
-    found = compare(corner(), seeds=1, scratch=given)
-    assert found.scratches[1:] == (
+    learners = [QLearning(epsilon=0.5, initial_value=3.0), cr.SARSA()]
+    comparison = compare(corner(), seeds=1, scratch=learners)
+    assert comparison.scratches[1:] == (
         "scratch, QLearning(epsilon=0.5, initial_value=3.0)",
         "scratch, SARSA",
     )
@@ -79,9 +79,9 @@ def test_learners_are_named_after_their_settings():
 def test_one_that_fails_is_left_out():
     """Double Q-learning has no sparse tables."""
     plan = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
-    found = compare(plan, seeds=1, scratch={"two": cr.DoubleQLearning(), "fast": FAST})
-    assert list(found.arms) == ["scratch", "scratch, fast", "transfer"]
-    assert "sparse tables are for QLearning" in str(found.failed["scratch, two"])
+    comparison = compare(plan, seeds=1, scratch={"two": cr.DoubleQLearning(), "fast": FAST})
+    assert list(comparison.arms) == ["scratch", "scratch, fast", "transfer"]
+    assert "sparse tables are for QLearning" in str(comparison.failed["scratch, two"])
 
 
 @pytest.mark.parametrize(
