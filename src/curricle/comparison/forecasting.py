@@ -754,18 +754,16 @@ class JudgedPotentials:
     """Targets, judgements of their potentials and what trials learn alone, computed once."""
 
     memory: Memory = field(default_factory=Memory)
-    _targets: list[tuple[Any, Any, AnyTarget]] = field(default_factory=list)
+    _targets: dict[Any, AnyTarget] = field(default_factory=dict)
     _judgements: dict[Any, Judgement] = field(default_factory=dict)
 
     def target(self, task: Any, evaluation: GreedyEvaluation, episodes: int | None) -> AnyTarget:
         """Return a task as a target, solved once."""
-        how = evaluation, episodes
-        for known, settings, target in self._targets:
-            if known is task and settings == how:
-                return target
-        target = target_of(task, evaluation, episodes=episodes)
-        self._targets.append((task, how, target))
-        return target
+        # The target keeps the task, and so its address; `episodes` is not checked yet.
+        key = id(task), evaluation, repr(episodes)
+        if key not in self._targets:
+            self._targets[key] = target_of(task, evaluation, episodes=episodes)
+        return self._targets[key]
 
     def judgement(
         self,

@@ -14,7 +14,7 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
 from heapq import heappop, heappush
-from itertools import product
+from itertools import groupby, product
 from math import inf
 from time import monotonic
 from typing import Any, NamedTuple, Self
@@ -69,14 +69,11 @@ def numbered_seeds(seeds: Collection[int]) -> str:
 
 
 def seed_ranges(seeds: Iterable[int]) -> str:
-    """Return seeds as ranges of numbers, such as ``0-2+7``."""
-    runs: list[list[int]] = []
-    for seed in seeds:
-        if runs and seed == runs[-1][1] + 1:
-            runs[-1][1] = seed
-        else:
-            runs.append([seed, seed])
-    return "+".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
+    """Return ascending seeds as ranges of numbers, such as ``0-2+7``."""
+    # Within a run of consecutive numbers a number and its place differ by as much.
+    runs = groupby(enumerate(seeds), lambda pair: pair[1] - pair[0])
+    ends = [(run[0], run[-1]) for run in ([seed for _, seed in pairs] for _, pairs in runs)]
+    return "+".join(f"{first}" if first == last else f"{first}-{last}" for first, last in ends)
 
 
 @dataclass(frozen=True, eq=False)
