@@ -5,27 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from curricle.comparison import Arm, Comparison
+from curricle.comparison import Comparison
 from curricle.comparison.comparison import MEASURES
 from curricle.show.findings import findings
-from curricle.statistics import Curve
 from curricle.statistics.intervals import interquartile_interval
-from tests.comparisons import flat
-
-STEPS = np.array([0, 10, 20, 30, 40])
-
-
-def arm(rows, source=0, control=False):
-    values = np.array(rows, dtype=float)
-    return Arm(Curve(STEPS, values, np.full(len(values), source)), values, values, control)
-
+from tests.comparisons import arm_of, flat
 
 BY_HAND = Comparison(
     target="maze",
     arms={
-        "scratch": arm([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
-        "helped": arm([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], source=20),
-        "misled": arm([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], source=10, control=True),
+        "scratch": arm_of([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
+        "helped": arm_of([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], 20),
+        "misled": arm_of([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], 10, control=True),
     },
     budget=20,
     total=40,
@@ -112,8 +103,7 @@ def test_seeds_that_are_apart_from_the_others_are_said_to_be():
 
 def comparison_of(threshold=0.5, **returns):
     """A comparison of curves over 100 steps, of arms without sources."""
-    steps = np.arange(11) * 10
-    arms = {name: Arm(Curve(steps, curve), curve, curve, False) for name, curve in returns.items()}
+    arms = {name: arm_of(curve) for name, curve in returns.items()}
     return Comparison("maze", arms, 100, 100, threshold, 1)
 
 
@@ -129,7 +119,7 @@ def test_a_gain_within_rounding_is_none(more, gain):
 )
 def test_verdicts(height, verdict):
     """Seven seeds of equal sign have p = 2^-6 = 0.016; among four equal arms 0.0625 at best."""
-    scratch, other = arm(np.zeros((7, 5))), arm(np.full((7, 5), height))
+    scratch, other = arm_of(np.zeros((7, 5))), arm_of(np.full((7, 5), height))
     few = "too few seeds for a verdict (7; 8 or more)"
     for arms, expected in ((1, verdict), (4, few)):
         names = [f"arm {i}" for i in range(arms)]

@@ -8,7 +8,7 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import trial as trials
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.forecasting import (
     ForecastRow,
     JudgedPotentials,
@@ -17,9 +17,16 @@ from curricle.comparison.forecasting import (
 )
 from curricle.comparison.trial import Trial, affordable, apart, candidates_of, hindrance, run_trial
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics.curves import Curve
 from curricle.transfer.rollouts import PotentialQuality
-from tests.comparisons import MAZE, assert_same, calls, copied, corner, pursuit  # noqa: F401
+from tests.comparisons import (  # noqa: F401
+    MAZE,
+    arm_of,
+    assert_same,
+    calls,
+    copied,
+    corner,
+    pursuit,
+)
 
 LINE = cr.GridWorld("S..T", time_limit=30)
 
@@ -137,17 +144,11 @@ def test_scores_order_rows_and_the_best_is_named_if_it_is_not_used():
     assert float(lines[0].split()[2]) == pytest.approx(foreseen["maximum"].gain.estimate, rel=0.01)
 
 
-def arm(*values, spent=0, control=False):
-    rows = np.array(values, dtype=float)
-    steps = np.arange(rows.shape[1]) * 100
-    spent = np.full(len(rows), spent)
-    return Arm(Curve(steps, rows, spent), 0 * rows, 0 * rows, control)
-
-
 def test_seeds_that_never_reach_the_threshold_are_counted():
     """Hand-made: from scratch at 200 steps, 400 and never in 500; with 100 source steps at 200."""
-    scratch = arm([0, 0, 9, 9, 9, 9], [0, 0, 0, 0, 9, 9], [0, 0, 0, 0, 0, 0])
-    taught = arm(*[[0, 9, 9, 9, 9, 9]] * 3, spent=100)
+    fast, slow, nobody = [0, 9, 9, 9, 9, 9], [0, 0, 9, 9, 9, 9], arm_of([[0] * 6] * 3, 0, 100)
+    scratch = arm_of([slow, [0, 0, 0, 0, 9, 9], [0] * 6], 0, 100)
+    taught, late = arm_of([fast] * 3, 100, 100), arm_of([slow] * 3, 100, 100)
     trial = Trial(Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, 9.0, 1), "")
     assert trial.numbers("a") == (
         "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
@@ -155,19 +156,12 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
         "mean return 3.3 [-4.55, 11.2]"
     )
     assert trial.verdict("a") == "whether it pays is open"
-    swapped = Trial(Comparison("t", {"scratch": taught_alone(), "a": slow()}, 400, 500, 9.0, 1), "")
+    swapped = Trial(
+        Comparison("t", {"scratch": arm_of([fast] * 3, 0, 100), "a": late}, 400, 500, 9.0, 1), ""
+    )
     assert "; takes 200 more; " in swapped.numbers("a")
-    nobody = arm(*[[0, 0, 0, 0, 0, 0]] * 3)
-    alone = Trial(Comparison("t", {"scratch": nobody, "a": slow()}, 400, 500, 9.0, 1), "")
+    alone = Trial(Comparison("t", {"scratch": nobody, "a": late}, 400, 500, 9.0, 1), "")
     assert ", never within 500 steps from scratch; saves at least 200; " in alone.numbers("a")
-
-
-def taught_alone():
-    return arm(*[[0, 9, 9, 9, 9, 9]] * 3)
-
-
-def slow():
-    return arm(*[[0, 0, 9, 9, 9, 9]] * 3, spent=100)
 
 
 def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():

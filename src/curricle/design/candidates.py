@@ -54,21 +54,13 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "coarser": coarser_tables,
 }
 KINDS = tuple(MAKERS)  # in the order of their turns
-MOST = 20  # candidates by default
 LARGEST = 20_000_000  # state-action pairs of a task that is judged: tasks are refined together
 ROUNDING = 1e-9  # difference of returns, in units of the larger, that counts as none
 FINGERPRINT = 1e-6  # difference, in units of the larger, that equal tasks never have
 PROPOSED = "proposed"
 MAPPINGS = (StateActionMapping, ObservationMapping)
 AGREES = 0.99  # share of the target's pairs that must read the same pair through the target
-# Why a task is no candidate.
-NOT_MADE = "cannot be made"
-TOO_LARGE = "too large to be judged"
-NO_SOLUTION = "no exact solution"
-NEVER_REACHED = "goal never reached from the start"
-AVOIDED = "goal avoided by every optimal policy"
-NOTHING_TO_LEARN = "nothing to learn: the random policy is optimal"
-AS_TARGET, AS_ANOTHER = "same as the target", "same as another candidate"
+AS_TARGET = "same as the target"
 
 Propose = Callable[[Any], Iterable["SourceCandidate"]]
 
@@ -291,7 +283,7 @@ class Judged:
 
 
 def source_candidates(
-    target: Any, *, kinds: Sequence[str] = KINDS, most: int = MOST, propose: Propose | None = None
+    target: Any, *, kinds: Sequence[str] = KINDS, most: int = 20, propose: Propose | None = None
 ) -> SourceCandidates:
     """Return candidates for the sources of a target, each with its mapping from it.
 
@@ -366,13 +358,13 @@ def source_candidates(
             candidate = SourceCandidate(name, task, mappings, *of_draft)
             judgement = judged(tables(task), _goal_of(target, candidate))
         except CurricleError as error:
-            dropped.append(DroppedCandidate(name, draft.kind, NOT_MADE, str(error)))
+            dropped.append(DroppedCandidate(name, draft.kind, "cannot be made", str(error)))
             continue
+        same = (key for key in known if same_up_to_homomorphism(judgement, known[key]))
         reason, detail = judgement.refusal, ""
-        if not reason:
-            same = (key for key in known if same_up_to_homomorphism(judgement, known[key]))
-            if (key := next(same, None)) is not None:
-                reason, detail = (key, "") if key == AS_TARGET else (AS_ANOTHER, key)
+        if not reason and (key := next(same, None)) is not None:
+            another = "same as another candidate", key
+            reason, detail = (key, "") if key == AS_TARGET else another
         if reason:
             dropped.append(DroppedCandidate(name, draft.kind, reason, detail))
             continue
@@ -441,26 +433,28 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
     """Return the returns of a task with a goal (S,), by default :func:`aims`, or its refusal."""
     n_states, n_actions = mdp.outcome_row.shape
     if mdp.outcome_row.size > LARGEST:
-        return Judged(mdp, TOO_LARGE)
+        return Judged(mdp, "too large to be judged")
     try:
         best = solve(mdp)
         chance = evaluate(mdp, np.full((n_states, n_actions), 1 / n_actions))
     except CurricleError:
-        return Judged(mdp, NO_SOLUTION)
+        return Judged(mdp, "no exact solution")
     goal = aims(mdp) if goal is None else goal
-    if mdp.terminal.any() and not mdp.terminal[goal].any():
-        return Judged(mdp, NEVER_REACHED)  # no end can be entered: the largest rewards are no goal
+    # Where no end can be entered, the largest rewards are no goal.
+    endless = mdp.terminal.any() and not mdp.terminal[goal].any()
     far = goal_distance(mdp, goal)[mdp.start_states]
     far = far[far >= 0]
-    if not far.size or (mdp.time_limit is not None and int(far.min()) > mdp.time_limit):
-        return Judged(mdp, NEVER_REACHED)
+    late = mdp.time_limit is not None and far.size and int(far.min()) > mdp.time_limit
+    if endless or not far.size or late:
+        return Judged(mdp, "goal never reached from the start")
     if not (reachable_states(mdp, best.optimal) & goal).any():
-        return Judged(mdp, AVOIDED)
+        return Judged(mdp, "goal avoided by every optimal policy")
     optimum, random_return = float(best.start_value), float(chance.start_value)
     error = best.error_bound + chance.error_bound
     error += ROUNDING * max(1.0, abs(optimum), abs(random_return))
     values = best.values[reachable_states(mdp)]
-    refusal = NOTHING_TO_LEARN if optimum - random_return <= error else ""
+    pointless = optimum - random_return <= error
+    refusal = "nothing to learn: the random policy is optimal" if pointless else ""
     fingerprint = np.array([optimum, values.min(), values.max()])
     return Judged(mdp, refusal, optimum, random_return, fingerprint)
 
