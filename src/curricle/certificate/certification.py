@@ -30,6 +30,7 @@ from curricle.certificate.shaped_task import (
 from curricle.checks import number, one_of, whole_number
 from curricle.display import block, printed, table
 from curricle.errors import SettingError
+from curricle.learning.potential import StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.planning.solution import EPSILON, Solution, solve
@@ -586,7 +587,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
             return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
     behind: Origin | None = None
     if shaping.any_reward:
-        f = met.reward(shaped.reward())
+        f = met.reward(shaping.reward(shaped))
         behind = origin(shaped.task, met, f)
         values = shaped.with_rewards(f, np.zeros(len(met.states)))
         largest = max(values.largest, float(abs(behind.plain.potential).max()))
@@ -601,7 +602,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
     applies = not endless and from_potential and shaping.meets_conditions(shaped)
     theorem = shaping.theorem if applies else None
     holds, undecided = compared.decided(theorem, behind)
-    if shaped.changing:
+    if isinstance(shaped.potential, StatePotential) and shaped.potential.changes:
         findings += ("the potential changes while learning; its last values were compared",)
     loss = 0.0 if holds and theorem is not None and behind is None else compared.loss
     return Certificate(
@@ -705,7 +706,8 @@ def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
 def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
     """Return F of each step, (E, L), 0 where none was taken."""
     taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
-    f[taken] = shaping_rewards(shaped.task, shaped.reward(), *_transitions(rollouts, taken))
+    function = shaped.shaping.reward(shaped)
+    f[taken] = shaping_rewards(shaped.task, function, *_transitions(rollouts, taken))
     return f
 
 

@@ -228,11 +228,6 @@ class ShapedTask:
         """Whether the potential is an array, which need not be 0 at the ends."""
         return isinstance(self.potential, np.ndarray)
 
-    @property
-    def changing(self) -> bool:
-        """Whether it is a state potential that changes while learning."""
-        return isinstance(self.potential, StatePotential) and self.potential.changes
-
     @cached_property
     def phi(self) -> FloatArray:
         """The weighted potential in the long run, (S,) or (S, A)."""
@@ -264,11 +259,6 @@ class ShapedTask:
         if self.is_array:
             return np.asarray(self.potential[state, action])
         return np.asarray(self.potential.q(state, action))
-
-    def reward(self) -> RewardFunction:
-        """Return F(s, a, s') of a shaping by any reward."""
-        function: RewardFunction = self.shaping.reward(self)
-        return function
 
     # What a policy acts on in a task that is compared, with proven bounds, as shapings ask for it.
 

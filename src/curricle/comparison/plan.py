@@ -163,11 +163,6 @@ class Plan:
         return {(name, task): x for name, arm in arms for task, x in getattr(arm, mapping).items()}
 
     @cached_property
-    def target_keys(self) -> frozenset[Any]:
-        """The keys of the target in all arms."""
-        return frozenset(arm.keys[self.target] for arm in self.arms.values())
-
-    @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
         """The keys, and the target of its curriculum for a control: it stands or falls with it."""
         controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
@@ -579,6 +574,6 @@ class Memory:
             return
         values = known.result.values
         small = isinstance(values, np.ndarray) and values.nbytes <= LARGEST_KEPT
-        if not small or key in plan.target_keys:
+        if not small or key in (arm.keys[plan.target] for arm in plan.arms.values()):
             bare = replace(known.result, values=None, snapshots=None)
             self.trained[key, seeds] = replace(known, result=bare, calibrations=(), potentials=())
