@@ -738,20 +738,14 @@ def _meeting(
     return worst, sentence
 
 
-def discounted_sums(f: FloatArray, counted: BoolArray, discount: float) -> FloatArray:
-    """Return sum_i gamma^i F_(t+i) over the counted steps from each step on, (E, L)."""
-    sums, total = np.zeros(f.shape), np.zeros(len(f))
-    for t in reversed(range(f.shape[1])):
-        total = np.where(counted[:, t], f[:, t] + discount * total, 0.0)
-        sums[:, t] = total
-    return sums
-
-
 def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> tuple[float, str]:
     """Return how far the Phi differ that loops through a state, or paths to an end, require."""
     # F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, to -Phi(s) over a path to an end.
-    gamma = shaped.task_discount
-    sums = np.pad(discounted_sums(f, rollouts.taken, gamma), ((0, 0), (0, 1)))
+    gamma, (n, length) = shaped.task_discount, f.shape
+    sums, total = np.zeros((n, length + 1)), np.zeros(n)  # sum_i gamma^i F_(t+i) from step t on
+    for t in reversed(range(length)):
+        total = np.where(rollouts.taken[:, t], f[:, t] + gamma * total, 0.0)
+        sums[:, t] = total
     last = np.arange(rollouts.states.shape[1]) == rollouts.length[:, None]
     truncated = last & ~rollouts.terminated[:, None]  # whose last states count too
     rollout, time = np.nonzero(np.pad(rollouts.taken, ((0, 0), (0, 1))) | truncated)

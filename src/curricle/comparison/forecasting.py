@@ -476,9 +476,12 @@ UNDERESTIMATE = 20.0  # typical rewards by which phi may be too low where the op
 RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
-def start_words(row: ForecastRow, target: AnyTarget) -> str:
+def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
     """Return what the start with a potential is, whether it lasts, and what to do, in words."""
     start, optimistic = row.mean("start"), row.mean("optimistic")
+    if not reads_values:
+        policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
+        return f"its network or policy enters{policy}; its values are not read"
     if np.isnan(start):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"
     excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
@@ -510,13 +513,6 @@ def start_words(row: ForecastRow, target: AnyTarget) -> str:
             f"{worst.largest_underestimate:.3g}: a guard bounds what that costs"
         )
     return f"{', '.join(parts)}: {'; '.join(advice)}"
-
-
-def network_words(row: ForecastRow) -> str:
-    """Return what enters where values are not read, and what its policy returns, in words."""
-    start = row.mean("start")
-    policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
-    return f"its network or policy enters{policy}; its values are not read"
 
 
 def anti_knowledge(row: ForecastRow, random_return: float) -> str:
@@ -645,7 +641,7 @@ def forecast(
             phi = tuple(candidate.potentials(sources, numbers))
             of_seeds = judged.judgement(any_target, phi, workers, reads_values=reads_values)
             row = ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds)
-            start = start_words(row, any_target) if reads_values else network_words(row)
+            start = start_words(row, any_target, reads_values)
             against = anti_knowledge(row, any_target.random_return)
             rows.append(replace(row, verdict=start, anti_knowledge=against))
             grow()
