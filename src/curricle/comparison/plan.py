@@ -540,10 +540,10 @@ class Memory:
         for unit in reversed(units):  # whoever reads a source's values comes after it
             known = self.trained.get((unit.key, seeds))
             if known is None or (known.result.values is None and readers[unit.key]):
-                missing.insert(0, unit)
+                missing.append(unit)
                 readers.update(plan.read_by(unit))
         try:
-            for unit in filter(failures.keeps, missing):
+            for unit in filter(failures.keeps, reversed(missing)):
                 try:
                     how: Any = {"workers": workers, "progress": bars.within(unit.arm)}
                     self.trained[unit.key, seeds] = self._learnt(plan, unit, **how)
