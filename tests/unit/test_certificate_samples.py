@@ -238,7 +238,7 @@ def test_the_widest_difference_is_of_equal_keys():
     assert widest(keys, values) == (2.0, 0, 2)
 
 
-OTHER = cr.GridWorld("S.T")
+FOREIGN = cr.StatePotential(cr.GridWorld("S.T"), [0, 0, 0])
 
 
 def safe():
@@ -254,12 +254,7 @@ def at_4(value):
 
 
 REFUSED = [
-    (
-        PotentialError,
-        lambda: cr.StateShaping(at_4(-1e285)),
-        {},
-        r"at most 1e\+15 in size, .*: entry \(4,\) is -1e\+285",
-    ),
+    (PotentialError, lambda: cr.StateShaping(at_4(-1e285)), {}, r"entry \(4,\) is -1e\+285"),
     (PotentialError, lambda: ShapingReward(lambda s, a, t: 2e285), {}, r"size: it is 2e\+285 from"),
     (PotentialError, lambda: cr.StateShaping(difference(ENDED)), {}, "phi must be an array of num"),
     (
@@ -278,24 +273,14 @@ REFUSED = [
     (SettingError, lambda: ENDED, {}, "must be a shaping, such as StateShaping"),
     (SettingError, lambda: WeightTransfer(ENDED), {}, "must be for tables"),
     (SettingError, lambda: ShapingReward(ENDED), {}, "ShapingReward takes a function"),
-    (
-        SettingError,
-        lambda: cr.StateShaping(cr.StatePotential(OTHER, [0, 0, 0])),
-        {},
-        "made for the task it shapes",
-    ),
+    (SettingError, lambda: cr.StateShaping(FOREIGN), {}, "made for the task it shapes"),
     (SettingError, safe, {"shaping_discount": 2}, r"discount must lie in \[0, 1\]: got 2"),
     (SettingError, safe, {"tolerance": -1}, "tolerance must be at least 0: got -1"),
     (SettingError, safe, {"ends": "open"}, "ends must be one of zero, given: got 'open'"),
     (SettingError, safe, {"method": "guess"}, "one of auto, exact, sampled: got 'guess'"),
     (SettingError, safe, {"steps": 0}, "sample must be a whole number, at least 1: got 0"),
     (SettingError, safe, {"seed": -1}, "seed must be a whole number"),
-    (
-        SettingError,
-        lambda: cr.DecayingAdvice(PAIRS),
-        {"shaping_discount": 0.9},
-        "goes with StateShaping: got DecayingAdvice",
-    ),
+    (SettingError, lambda: cr.DecayingAdvice(PAIRS), {"shaping_discount": 0.9}, "got DecayingAdv"),
 ]
 
 

@@ -253,14 +253,15 @@ def test_the_same_problem_as_tables_is_compared():
 # -- refusals ------------------------------------------------------------------------------------
 
 
-SPARSE = cr.Storage(kind="sparse")
 THREE = {"near": cr.Episodes(3), "far": 100}
-OTHER = copied(replace(MAZE, discount=0.5, time_limit=7))
+SPARSE = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
+PLAIN = cr.Curriculum({"maze": MAZE}, budget=9)
 
 
-def with_far(**settings):
-    """Return a copied curriculum with these settings of its target."""
-    return copied(MAZE, **{which: {"far": setting} for which, setting in settings.items()})
+def pair(*others, **settings):
+    """Return arms: a copied curriculum, others, and one with these settings of its target."""
+    changed = copied(MAZE, **{which: {"far": setting} for which, setting in settings.items()})
+    return dict(zip(["one", "two", "three"], [copied(MAZE), *(others or [changed])], strict=False))
 
 
 @pytest.mark.parametrize(
@@ -274,44 +275,20 @@ def with_far(**settings):
         (cr.Curriculum({"a": MAZE, "b": MAZE}), {}, "one task that no other builds on: got a, b"),
         (copied(replace(MAZE, time_limit=None), budget=THREE), {}, "with a time limit: none set"),
         (
-            {"one": copied(MAZE), "two": copied(MAZE), "three": OTHER},
+            pair(copied(MAZE), copied(replace(MAZE, discount=0.5, time_limit=7))),
             {},
             r"those of 'one' and 'three' differ in discount \(0.99 against 0.5\); "
             r"time_limit \(50 against 7\)$",
         ),
-        (
-            {"one": copied(MAZE), "two": copied(MAZE, target="away")},
-            {},
-            "arms must share their target: 'one' and 'two' have 'far' and 'away'$",
-        ),
-        (
-            {"one": with_far(), "two": with_far(evaluation=GreedyEvaluation(discounted=False))},
-            {},
-            "share their target's evaluation: 'one' and 'two' have GreedyEvaluation",
-        ),
-        (
-            {"one": with_far(), "two": with_far(learner=cr.QLearning(epsilon=0.2))},
-            {},
-            r"share their target's learner: 'one' and 'two' have QL.* and QLearning\(.*0\.2",
-        ),
-        (
-            {"one": with_far(), "two": with_far(learner=cr.SARSA())},
-            {},
-            "share their target's learner: 'one' and 'two' have QLearning.* and SARSA",
-        ),
+        (pair(copied(MAZE, target="away")), {}, "'one' and 'two' have 'far' and 'away'$"),
+        (pair(evaluation=GreedyEvaluation(discounted=False)), {}, "evaluation: 'one' and 'two' ha"),
+        (pair(learner=cr.QLearning(epsilon=0.2)), {}, r"learner: 'one' .* and QLearning\(.*0\.2"),
+        (pair(learner=cr.SARSA()), {}, "learner: 'one' and 'two' have QLearning.* and SARSA"),
         (corner(), {"controls": ["negated", "magic"]}, "random_start, .*, negated: got 'magic'"),
         (corner(), {"controls": "placebo"}, "controls must be a list of names: got 'placebo'"),
-        (
-            {"mine": cr.Curriculum({"maze": MAZE}, budget=9)},
-            {"controls": ["scaled"]},
-            "arm 'mine' has none into 'maze'",
-        ),
+        ({"mine": PLAIN}, {"controls": ["scaled"]}, "arm 'mine' has none into 'maze'"),
         (copied(ring()), {"controls": ["placebo"]}, "given by functions or played live has no tab"),
-        (
-            {"mine": pursuit(storage={"hunt": SPARSE})},
-            {"controls": ["pretraining"]},
-            "of 'hunt' is sparse in arm 'mine'",
-        ),
+        ({"mine": SPARSE}, {"controls": ["pretraining"]}, "of 'hunt' is sparse in arm 'mine'"),
         (corner(), {"window": 0}, "window must be a whole number, at least 1: got 0"),
         (corner(), {"window": 32}, "at most 31, the checkpoints within .* budget: got 32"),
         (corner(), {"threshold": float("nan")}, "threshold must be finite: got nan"),

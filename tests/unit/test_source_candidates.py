@@ -346,45 +346,43 @@ def test_another_start_discount_or_time_limit_is_another_task():
     assert len(candidates) == 3
 
 
-def own(*proposals):
-    return lambda: source_candidates(CORRIDOR, propose=lambda target: proposals)
+def proposing(*candidates):
+    return lambda: source_candidates(CORRIDOR, propose=lambda target: candidates)
+
+
+def made(mappings):
+    return lambda: SourceCandidate("a", NEAR, mappings)
 
 
 NEAR = CORRIDOR.crop(rows=(0, 1), columns=(3, 6))
+FAR = proposed(NEAR, target=GridWorld("S.T"))
+ALONE = pursuit_family(size=2, predators=1)
+LARGE = Pursuit(size=13, predators=1)
 REFUSALS = {
     CurriculumError: {
         "family with one member": (
-            lambda: only("member", pursuit_family(size=2, predators=1)),
-            "a family needs a member that is easier than the target: pursuit",
+            lambda: only("member", ALONE),
+            "than the target: pursuit",
         ),
         "no kinds": (lambda: source_candidates(CORRIDOR, kinds=[]), "at least one kind"),
-        "propose returns tasks": (own(NEAR), "propose must return SourceCandidates: got GridWorld"),
-        "propose one name twice": (own(proposed(NEAR), proposed(NEAR)), "'mine' is given twice"),
-        "mapping of another target": (
-            own(proposed(NEAR, target=GridWorld("S.T"))),
-            "must be from the target: one of 'mine'",
-        ),
+        "propose returns tasks": (proposing(NEAR), "return SourceCandidates: got GridWorld"),
+        "one name twice": (proposing(proposed(NEAR), proposed(NEAR)), "'mine' is given twice"),
+        "mapping of another target": (proposing(FAR), "must be from the target: one of 'mine'"),
         "mapping to another task": (
-            lambda: SourceCandidate("a", NEAR, same_position(CORRIDOR, CORRIDOR)),
-            "must lead to its task: one of 'a'",
+            made(same_position(CORRIDOR, CORRIDOR)),
+            "lead to its task",
         ),
-        "no mapping": (lambda: SourceCandidate("a", NEAR, []), "needs mappings from the target"),
+        "no mapping": (made([]), "needs mappings from the target"),
         "no tables between": (
             lambda: mappings_between(ring(), proposed(NEAR), proposed(NEAR)),
             "must be members of one",
         ),
-        "unknown candidate": (
-            lambda: source_candidates(CORRIDOR)["far"],
-            "a candidate must be one of rows",
-        ),
+        "unknown": (lambda: source_candidates(CORRIDOR)["far"], "a candidate must be one of rows"),
     },
     TaskError: {
         "family in place of a member": (lambda: source_candidates(pursuit_family), "FiniteMDP"),
         "no tables": (lambda: source_candidates(ring()), "has no tables"),
-        "too many states for bottlenecks": (
-            lambda: betweenness(Pursuit(size=13, predators=1)),
-            "up to 20,000 states: this one has 28,561",
-        ),
+        "too many states": (lambda: betweenness(LARGE), "20,000 states: this one has 28,561"),
     },
 }
 

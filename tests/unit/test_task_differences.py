@@ -1,4 +1,4 @@
-"""Differences of two tasks, and that the same problem in another form has none."""
+"""Differences of two tasks or of their summaries; the same problem in another form has none."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -9,7 +9,15 @@ from hypothesis import given, strategies as st
 
 from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
 from curricle.comparison import task_differences
-from curricle.comparison.task_differences import differences
+from curricle.comparison.task_differences import (
+    differences,
+    plain_text,
+    summary_differences,
+    task_summary,
+)
+from curricle.show.views import GridView
+from curricle.study.record import ViewRecord, plain, read_record
+from tests.tasks import random_mdp
 
 MAZE = GridWorld(["S.F", "..T"])
 HUNT = Pursuit(3, 2)
@@ -28,11 +36,11 @@ def changed(pair, outcomes, **settings):
     return coin(lists, **settings)
 
 
-def names(one, other):
+def names(task, other):
     """Return what differs, without the values; both ways round it is the same."""
-    found = [line.split(" (")[0] for line in differences(one, other)]
-    assert found == [line.split(" (")[0] for line in differences(other, one)]
-    return found
+    parts = [line.split(" (")[0] for line in differences(task, other)]
+    assert parts == [line.split(" (")[0] for line in differences(other, task)]
+    return parts
 
 
 # -- the same problem ------------------------------------------------------------------------------
@@ -263,3 +271,67 @@ def test_what_is_too_large_for_tables_is_compared_by_parameters(monkeypatch):
     monkeypatch.setattr(task_differences, "LARGEST", 1)
     assert differences(coin(), coin()) == ()
     assert names(coin(), changed((0, 0), [(0.5, 1, 2.0), (0.5, 2, -3.0)])) == ["reward"]
+
+
+# -- summaries, by which two stored studies are compared -------------------------------------------
+
+ROOMS = GridWorld(["S..P", ".#..", "..FT"], time_limit=40)
+OTHERS = {
+    "discount": replace(ROOMS, discount=0.9),
+    "time_limit": replace(ROOMS, time_limit=41),
+    "reward": replace(ROOMS, rewards=Rewards(step=-1.001)),
+    "states": GridWorld(["S..P", "....", "..FT"], time_limit=40),
+    "end": replace(ROOMS, ends=("treasure",)),
+    "start": replace(ROOMS, start="uniform"),
+}
+
+
+def apart(task, other):
+    return summary_differences(task_summary(task), task_summary(other))
+
+
+@pytest.mark.parametrize("part", OTHERS)
+def test_what_differs_between_summaries_is_named(part):
+    assert differences(ROOMS, OTHERS[part])
+    first, *_ = apart(ROOMS, OTHERS[part])
+    assert first.startswith(part)
+    assert apart(OTHERS[part], ROOMS)
+
+
+def test_the_same_problem_from_other_parameters_is_the_same():
+    assert apart(ROOMS, GridWorld(ROOMS.map, time_limit=40)) == ()
+    assert apart(ROOMS, ROOMS.mdp) == differences(ROOMS, ROOMS.mdp) == ()
+    hunt = Pursuit(3, 2, time_limit=30)
+    assert apart(hunt, hunt.mdp) == differences(hunt, hunt.mdp) == ()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_one_changed_outcome_of_many_is_found(seed):
+    mdp, draws = random_mdp(seed), np.random.default_rng(seed)
+    row = int(mdp.outcome_row[~mdp.terminal].flat[0])
+    column = int(mdp.probability[row].argmax())
+    assert apart(mdp, random_mdp(seed)) == ()
+    rewards = mdp.reward.copy()
+    rewards[row, column] += draws.choice([1e-3, -1.0, 50.0])
+    assert apart(mdp, replace(mdp, reward=rewards))[0] == "reward"
+
+
+def test_text_of_a_parameter_is_the_same_in_every_process():
+    def slip(state):
+        return state + 1
+
+    named = plain_text(slip)
+    assert named.startswith("slip (")
+    assert "0x" not in plain_text(slip) + plain_text((slip, object()))
+    assert plain_text(lambda state: state) != plain_text(lambda state: state + 2)
+
+
+@pytest.mark.parametrize("task", [ROOMS, Pursuit(3, 2), random_mdp(0)])
+def test_a_view_is_the_same_when_it_is_read_again(task):
+    view = GridView.for_replay(task)
+    again = read_record(ViewRecord, plain(ViewRecord.of(view))).view
+    for name in ("states", "cells", "ended"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(view, name))
+    for name in ("origin", "shape", "letters", "words", "directions", "actions", "objects"):
+        assert getattr(again, name) == getattr(view, name), name
+    assert [m.letter for m in again.markers] == [m.letter for m in view.markers]

@@ -169,16 +169,14 @@ def says(probabilities):
     return lambda: teach(BOTH, teacher, target="far", budget=100)
 
 
+def with_third(task):
+    return lambda: teach({**BOTH, "third": task}, target="far")
+
+
 REFUSALS = {
     SettingError: {
-        "states": (
-            lambda: teach({**BOTH, "s": cr.GridWorld("S.T")}, target="far"),
-            "share their states.*'s'",
-        ),
-        "limit": (
-            lambda: teach({**BOTH, "o": OTHER}, target="far"),
-            "share their time_limit: 'o' has 60 and 'far' has 50",
-        ),
+        "states": (with_third(cr.GridWorld("S.T")), "share their states.*'third'"),
+        "limit": (with_third(OTHER), "their time_limit: 'third' has 60 and 'far' has 50"),
         "no limit": (lambda: teach({"c": chain(None)}, target="c"), "a time limit: 'c' has none"),
         "learner": (
             lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
