@@ -32,8 +32,7 @@ from benchmarks.family_mappings import families
 from benchmarks.pairs import pairs
 from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
-from curricle.paper import mazes
-from curricle.paper.mazes import LEARNER, SUMMED, maze
+from curricle.paper.mazes import maze
 from curricle.tasks.mdp import same_task, tables
 from curricle.transfer import (
     StateActionMapping,
@@ -181,17 +180,17 @@ def edge(mapping: Any, **settings: Any) -> cr.Transfer:
 
 def maze_settings() -> dict[str, Any]:
     return {
-        "learner": LEARNER,
-        "budget": {"source": mazes.SOURCE_BUDGET, "target": 60_000},
+        "learner": cr.QLearning(learning_rate=0.1, epsilon=0.1),
+        "budget": {"source": cr.Episodes(250), "target": 60_000},
         "eval_freq": {"source": 1000, "target": 100},
-        "evaluation": SUMMED,
+        "evaluation": cr.GreedyEvaluation(discounted=False),
     }
 
 
 def auto_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
     """Yield pairs of tasks with mappings made by hand, and how they are learnt."""
     arena = maze(-5)
-    corner = mazes.corner(arena, SIDE)
+    corner = arena.crop(rows=(0, SIDE), columns=(10 - SIDE, 10), start="uniform")
     yield (
         "maze, corner of 5x5", arena, corner, [edge(cr.same_position(arena, corner))],
         of(arena, corner, **maze_settings()),
@@ -299,7 +298,7 @@ def nameless_case(
 def renumbered_crops() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
     """Yield the maze and its corner, each renumbered."""
     arena = maze(-5)
-    corner = mazes.corner(arena, SIDE)
+    corner = arena.crop(rows=(0, SIDE), columns=(10 - SIDE, 10), start="uniform")
     for seed in range(2):
         rng = np.random.default_rng(seed)
         target, new, actions = renumbered(arena.mdp, rng)

@@ -56,6 +56,13 @@ def pursuit(**settings):
     )
 
 
+def arm_of(rows, spent=0, eval_freq=10, **kind):
+    """Return an arm whose seeds have these curves, after so many source steps."""
+    values = np.array(rows, dtype=float)
+    steps, sources = np.arange(values.shape[1]) * eval_freq, np.full(len(values), spent)
+    return Arm(Curve(steps, values, sources), values, values, **kind)
+
+
 def flat(returns, control=False, **kind):
     """Return an arm whose seeds have constant curves of these heights."""
     values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)

@@ -642,8 +642,8 @@ MUTATIONS = [
     Mutation(
         "F that is off by its rounding is called safe",
         "certificate/certification.py",
-        "reach = 2 * off * _longest(met.mdp)",
-        "reach = 2 * EPSILON * shaped.largest",
+        "reach = 2 * off * longest_episode(self.met.mdp)",
+        "reach = 2 * EPSILON * largest",
         (
             "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",
         ),
@@ -651,7 +651,7 @@ MUTATIONS = [
     Mutation(
         "a tie that is not proven is called safe",
         "certificate/certification.py",
-        "and not tied_exactly(met, unshaped, compared.optimal):",
+        "and not tied_exactly(self.met, self.unshaped, self.task.optimal):",
         "and False:",
         (
             "tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",

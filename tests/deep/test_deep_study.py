@@ -14,7 +14,7 @@ import pytest
 
 import curricle as cr
 from curricle.cli.tables import print_results
-from curricle.comparison.comparing import compare
+from curricle.comparison.comparison import compare
 from curricle.deep import models
 from curricle.errors import ConfigError
 from curricle.show.report import write_report

@@ -28,17 +28,10 @@ from tests.enumeration import (
     states_of,
     whole,
 )
-from tests.tasks import DenseMDP, mdps
+from tests.tasks import mdps
 
 
-@given(mdps(), st.data())
-def test_bonuses_agree_with_enumeration(mdp, data):
-    phi = pairs_of(data, mdp)
-    found = certify(mdp.task(), cr.RewardBonus(phi))
-    agrees_exactly(mdp, found, phi[:, :, None])
-
-
-@given(mdps(), st.sampled_from([1e3, 1e7, 1e11]), st.data())
+@given(mdps(), st.sampled_from([0.0, 1e3, 1e7, 1e11]), st.data())
 def test_small_differences_among_large_rewards_agree_with_enumeration(mdp, scale, data):
     """A tolerance relative to the values would call such bonuses safe."""
     large = data.draw(arrays(np.int64, mdp.p.shape, elements=st.integers(-1, 1)))
@@ -50,30 +43,30 @@ def test_small_differences_among_large_rewards_agree_with_enumeration(mdp, scale
 @given(mdps(), st.data())
 def test_rewards_agree_with_enumeration(mdp, data):
     f = data.draw(arrays(np.int64, mdp.p.shape, elements=whole)).astype(float)
-    found = certify(mdp.task(), ShapingReward(lambda s, a, after: f[s, a, after]))
-    agrees_exactly(mdp, found, f)
+    certificate = certify(mdp.task(), ShapingReward(lambda s, a, after: f[s, a, after]))
+    agrees_exactly(mdp, certificate, f)
 
 
 @given(mdps(), st.sampled_from([0.1, 0.5, 0.9, 1.0, None]), st.data())
 def test_open_ends_and_second_discounts_agree_with_enumeration(mdp, second, data):
     task = mdp.task()
     phi = states_of(data, mdp)
-    found = certify(task, cr.StateShaping(phi), shaping_discount=second, ends="given")
+    certificate = certify(task, cr.StateShaping(phi), shaping_discount=second, ends="given")
     discount = mdp.discount if second is None else second
     exact = fractions(phi)
     added = fractions(discount) * exact[None, None, :] - exact[:, None, None]
-    agrees_exactly(mdp, found, added)
+    agrees_exactly(mdp, certificate, added)
     ends = np.flatnonzero(
         mdp.terminal & ((mdp.p[met_states(mdp)].sum(axis=(0, 1))) > 0) & (phi != 0)
     )
-    assert any("has Phi" in finding for finding in found.findings) is (ends.size > 0)
-    assert any("second discount" in finding for finding in found.findings) is (
+    assert any("has Phi" in finding for finding in certificate.findings) is (ends.size > 0)
+    assert any("second discount" in finding for finding in certificate.findings) is (
         discount != mdp.discount
     )
     # The same numbers as a reward of one's own are the same task.
     again = certify(task, ShapingReward(difference(phi, discount)))
-    assert again.holds is found.holds or None in (again.holds, found.holds)
-    assert again.total_loss == pytest.approx(found.total_loss, abs=CLOSE)
+    assert again.holds is certificate.holds or None in (again.holds, certificate.holds)
+    assert again.total_loss == pytest.approx(certificate.total_loss, abs=CLOSE)
 
 
 @given(mdps(), st.data())
@@ -87,39 +80,24 @@ def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
         bootstrapped = mdp.discount * np.where(mdp.terminal, 0.0, q[everywhere, best])
         q = mdp.zero_at_ends((mdp.p * (mdp.r + paid + bootstrapped)).sum(axis=2))
     task = mdp.task()
-    shaped = check_shaping(task, cr.LookAheadAdvice(phi), ends="given").with_states()
+    shaped = check_shaping(task, cr.LookAheadAdvice(phi), ends="given")
+    shaped = replace(shaped, compared=True)
     acted = shaped.looking_ahead(phi)
     np.testing.assert_array_equal(shaped.met.states, met_states(mdp))
     np.testing.assert_allclose(acted.values, (q + phi)[met_states(mdp)], atol=acted.bound + 1e-9)
-    found = certify(task, cr.LookAheadAdvice(phi), ends="given")
+    certificate = certify(task, cr.LookAheadAdvice(phi), ends="given")
     ending = fractions(mdp.discount) * fractions(np.where(mdp.terminal, phi.max(axis=1), 0.0))
-    agrees_with_values(mdp, found, action_values(mdp), action_values(mdp, ending[None, None, :]))
-
-
-def test_a_table_that_starts_with_values_at_its_ends_is_refused():
-    # Ending pays 1, going round pays 0; phi says that the end is worth -9.
-    mdp = DenseMDP(
-        np.array([[[0.0, 1.0], [1.0, 0.0]], [[0.0, 1.0]] * 2]),
-        np.array([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0]] * 2]),
-        np.array([False, True]),
-        0.9,
+    agrees_with_values(
+        mdp, certificate, action_values(mdp), action_values(mdp, ending[None, None, :])
     )
-    task = mdp.task()
-    phi = np.array([[0.0, 0.0], [-9.0, -9.0]])
-    found = certify(task, cr.LookAheadAdvice(phi), ends="given")
-    assert found.holds is False
-    assert found.counterexample.lost == pytest.approx(0.1)  # once round, then in: 0.9
-    assert found.total_loss == pytest.approx(1.0)  # round for ever
-    assert found.counterexample.shaped_values == pytest.approx((1 - 8.1, 0.0))
-    assert certify(task, cr.LookAheadAdvice(phi))  # learn() reads it as 0
 
 
 @given(mdps(), st.floats(0.1, 10.0), st.data())
 def test_constant_advice_agrees_with_its_greedy_policies(mdp, weight, data):
     phi = pairs_of(data, mdp)
-    found = certify(mdp.task(), cr.DecayingAdvice(phi, weight))
+    certificate = certify(mdp.task(), cr.DecayingAdvice(phi, weight))
     q = action_values(mdp)
-    agrees_with_values(mdp, found, q, q + Fraction(weight) * fractions(phi))
+    agrees_with_values(mdp, certificate, q, q + Fraction(weight) * fractions(phi))
 
 
 # -- F that is nearly that of a potential ----------------------------------------------------------
@@ -178,9 +156,9 @@ def test_no_reward_is_safe_that_changes_what_is_optimal(seeds):
     answers = {True: 0, None: 0, False: 0}
     for seed in seeds:
         task, f, exact = nearly_shaped(np.random.default_rng(seed))
-        found = certify(task, ShapingReward(lambda s, a, after, f=f: f[s, a, after]))
-        answers[found.holds] += 1
-        if found.holds:
+        certificate = certify(task, ShapingReward(lambda s, a, after, f=f: f[s, a, after]))
+        answers[certificate.holds] += 1
+        if certificate.holds:
             met = reachable_states(task) & ~task.terminal
             q, acted = exact_q(task)[met], exact_q(exact)[met]
             assert (best_actions(q) | ~best_actions(acted)).all(), seed

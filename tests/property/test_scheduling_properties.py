@@ -48,7 +48,7 @@ class Checked:
         return self.workers
 
     def needed(self, unit):
-        failed = {one.key for one in self.failed}
+        failed = {other.key for other in self.failed}
         lost = {arm for (arm, _), key in self.keys.items() if key in failed}
         arms = {arm for (arm, _), key in self.keys.items() if key == unit.key}
         return "scratch" not in lost and bool(arms - lost)
@@ -73,8 +73,8 @@ class Checked:
     def wait(self, futures, timeout, return_when):
         assert len(futures) <= AHEAD * self.workers
         assert len(futures) == AHEAD * self.workers or self.first() is None
-        assert not [one for one in futures if one.cancelled()]
-        waiting = [one for one in futures if not one.done()]
+        assert not [other for other in futures if other.cancelled()]
+        waiting = [other for other in futures if not other.done()]
         some = st.lists(st.sampled_from(waiting), min_size=1, unique=True)
         ended = self.data.draw(some) if waiting else []  # all were cancelled
         for future in ended:
@@ -107,7 +107,7 @@ def studies(draw):
     sources: dict[str, set[str]] = {}
     for n in range(draw(st.integers(1, 6))):
         direct = draw(st.sets(st.sampled_from(sorted(sources)))) if sources else set()
-        sources[f"k{n}"] = direct.union(*(sources[one] for one in direct))
+        sources[f"k{n}"] = direct.union(*(sources[other] for other in direct))
     targets = [next(iter(sources)), *draw(st.lists(st.sampled_from(sorted(sources)), max_size=4))]
     arms = {f"arm {n}" if n else "scratch": target for n, target in enumerate(targets)}
     keys = {(arm, key): key for arm, target in arms.items() for key in {target} | sources[target]}
@@ -118,8 +118,8 @@ def studies(draw):
         groups = {}
         for seed in set(SEEDS) - trained:
             groups.setdefault(draw(st.integers(0, 2)), []).append(seed)
-        arm = next(arm for arm, one in keys if one == key)
-        named = {one: one for one in sources[key]}
+        arm = next(arm for arm, other in keys if other == key)
+        named = {other: other for other in sources[key]}
         units += [
             Unit(key, arm, key, tuple(sorted(members)), named, {}, 0) for members in groups.values()
         ]

@@ -50,12 +50,12 @@ def all_of(target):
 @settings(max_examples=15)
 @given(MAZES | LAKES)
 def test_each_mapping_fits_and_each_candidate_can_be_learnt(target):
-    for one in all_of(target):
-        for mapping in one.mappings:
+    for candidate in all_of(target):
+        for mapping in candidate.mappings:
             assert same_task(mapping.target, target.task)
-            assert mapping.source is one.task
+            assert mapping.source is candidate.task
             assert mapping.index.shape == (target.task.states.size, target.task.actions.size)
-        mdp = one.task.mdp
+        mdp = candidate.task.mdp
         random = np.full(mdp.outcome_row.shape, 1 / mdp.outcome_row.shape[1])
         best = solve(mdp)
         assert best.start_value > evaluate(mdp, random).start_value
@@ -69,16 +69,19 @@ def test_each_mapping_fits_and_each_candidate_can_be_learnt(target):
 @settings(max_examples=15)
 @given(MAZES | LAKES)
 def test_no_two_candidates_are_one_task(target):
-    found = all_of(target)
-    tasks = [("the target", target.task.mdp), *((one.name, one.task.mdp) for one in found)]
-    for (name, one), (other_name, other) in combinations(tasks, 2):
-        if (one.discount, one.time_limit) != (other.discount, other.time_limit):
+    candidates = all_of(target)
+    tasks = [
+        ("the target", target.task.mdp),
+        *((candidate.name, candidate.task.mdp) for candidate in candidates),
+    ]
+    for (name, task), (other_name, other) in combinations(tasks, 2):
+        if (task.discount, task.time_limit) != (other.discount, other.time_limit):
             continue
         # By refinement alone, without the fingerprints by which most are told apart.
-        blocks, others = refined([model_for_refinement(one), model_for_refinement(other)])
+        blocks, others = refined([model_for_refinement(task), model_for_refinement(other)])
         n = 1 + max(blocks.states.max(), others.states.max())
         starts = (
-            np.bincount(blocks.states, one.start, n),
+            np.bincount(blocks.states, task.start, n),
             np.bincount(others.states, other.start, n),
         )
         assert not np.allclose(*starts), (name, other_name)
@@ -87,10 +90,12 @@ def test_no_two_candidates_are_one_task(target):
 @settings(max_examples=15)
 @given(MAZES)
 def test_most_cuts_the_same_list(target):
-    found = all_of(target)
+    candidates = all_of(target)
     for most in (1, 3):
         few = source_candidates(target, most=most)
-        assert [one.name for one in few] == [one.name for one in found][:most]
+        assert [candidate.name for candidate in few] == [
+            candidate.name for candidate in candidates
+        ][:most]
 
 
 @given(st.integers(0, 60))
@@ -106,12 +111,12 @@ def shortest_paths(after, first, n):
     distance, paths, waiting = {first: 0}, defaultdict(int, {first: 1}), deque([first])
     while waiting:
         state = waiting.popleft()
-        for one in after[state]:
-            if one not in distance:
-                distance[one] = distance[state] + 1
-                waiting.append(one)
-            if distance[one] == distance[state] + 1:
-                paths[one] += paths[state]
+        for neighbour in after[state]:
+            if neighbour not in distance:
+                distance[neighbour] = distance[state] + 1
+                waiting.append(neighbour)
+            if distance[neighbour] == distance[state] + 1:
+                paths[neighbour] += paths[state]
     return distance, paths
 
 
@@ -123,14 +128,14 @@ def naive_betweenness(mdp):
         for row in mdp.outcome_row[state]:
             reached = mdp.next_state[row][mdp.probability[row] > 0].tolist()
             after[state] |= set(reached) - {state}
-    found = {state: shortest_paths(after, state, n) for state in range(n)}
+    searches = {state: shortest_paths(after, state, n) for state in range(n)}
     total, firsts = np.zeros(n), np.flatnonzero(met & ~mdp.terminal).tolist()
     for first in firsts:
-        distance, paths = found[first]
+        distance, paths = searches[first]
         for last, between in ((a, b) for a in distance for b in distance):
             if first in (last, between) or last == between:
                 continue
-            way, onward = found[between]
+            way, onward = searches[between]
             if last in way and distance[between] + way[last] == distance[last]:
                 total[between] += paths[between] * onward[last] / paths[last]
     return total / max(1, len(firsts) * (met.sum() - 1))
@@ -175,7 +180,7 @@ def test_a_coarser_table_is_the_mean_of_what_it_merges(seed, size):
     clusters = defaultdict(list)
     for state in range(len(mdp.terminal)):
         values = mdp.states.decode(state)
-        low = [one.low for one in mdp.states.components]
+        low = [component.low for component in mdp.states.components]
         key = tuple((int(v) - b) // 2 for v, b in zip(values.values(), low, strict=True))
         clusters[key, bool(mdp.terminal[state])].append(state)
     assert source.states.size == len(clusters)

@@ -22,7 +22,8 @@ LEARNERS = [
     cr.QLearning(learning_rate=0.5, inverse_temperature=2.0),
     cr.SARSA(epsilon=cr.learning.linear(1.0, 0.1, steps=500)),
 ]
-CURVES = ("values", "greedy_return", "training_return", "episodes", "steps_used", "episodes_used")
+CURVES = ("values", "greedy_return", "training_return", "episodes", "steps_used")
+CURVES += ("episodes_used", "evaluation_steps")
 ENDS = random_mdp(0).terminal  # the goal of tasks whose best reward need not be at an end
 
 
@@ -39,23 +40,22 @@ def assert_same(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
-@pytest.mark.parametrize("learner", LEARNERS, ids=lambda learner: type(learner).__name__)
-def test_one_task_is_plain_learning_bit_for_bit(learner):
+ROLLOUTS = cr.GreedyEvaluation(method="rollouts", episodes=7)
+SETTINGS = [
+    *({"learner": learner, "seeds": [2, 7], "stream": "x"} for learner in LEARNERS),
+    {"evaluation": ROLLOUTS},
+    {"budget": cr.Episodes(40)},
+    {"budget": cr.StoppingRule(3000, plateau=1e-9, patience=3)},
+]
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_one_task_is_plain_learning_bit_for_bit(settings):
+    settings = {"budget": 1500, "eval_freq": 30} | settings
     for seed in range(3):
         (task,) = tasks_of(seed, 1, 15).values()
-        settings = {"seeds": [seed, 7], "eval_freq": 30, "stream": "x"}
-        alone = cr.learn(task, learner, 1500, **settings)
-        found = teach({"t": task}, None, learner, 1500, target="t", **settings)
-        assert_same(found.learning, alone)
-
-
-def test_one_task_is_plain_learning_judged_by_rollouts():
-    (task,) = tasks_of(2, 1, 15).values()
-    evaluation = cr.GreedyEvaluation(method="rollouts", episodes=7)
-    alone = cr.learn(task, budget=1500, evaluation=evaluation)
-    found = teach({"t": task}, budget=1500, target="t", evaluation=evaluation)
-    assert_same(found.learning, alone)
-    assert found.learning.evaluation_steps == alone.evaluation_steps > 0
+        alone = cr.learn(task, **settings)
+        assert_same(teach({"t": task}, target="t", **settings).learning, alone)
 
 
 def test_one_task_is_plain_learning_with_the_loops_as_shipped(as_shipped):
@@ -69,15 +69,6 @@ def test_one_task_is_plain_learning_with_the_loops_as_shipped(as_shipped):
             )
 
 
-def test_one_task_is_plain_learning_in_episodes_and_by_a_stopping_rule():
-    (task,) = tasks_of(1, 1, 15).values()
-    for budget in cr.Episodes(40), cr.StoppingRule(3000, plateau=1e-9, patience=3):
-        alone = cr.learn(task, None, budget, eval_freq=50)
-        assert_same(
-            teach({"t": task}, None, None, budget, target="t", eval_freq=50).learning, alone
-        )
-
-
 @given(
     teacher=st.sampled_from(TEACHERS),
     seed=st.integers(0, 20),
@@ -88,17 +79,17 @@ def test_one_task_is_plain_learning_in_episodes_and_by_a_stopping_rule():
 def test_steps_add_up_and_draws_follow_the_probabilities(teacher, seed, n_tasks, budget, eval_freq):
     tasks, eval_freq = tasks_of(seed, n_tasks, 12), min(eval_freq, budget)
     settings = {"seeds": [seed], "eval_freq": eval_freq, "goal": ENDS}
-    found = teach(tasks, teacher, None, budget, target="0", **settings)
-    assert found.learning.steps_used[0] == budget == found.steps_per_task.sum()
-    assert set(found.drawn[0]) <= set(range(n_tasks))
-    lengths = np.diff(found.begun_at[0], append=budget)
+    result = teach(tasks, teacher, None, budget, target="0", **settings)
+    assert result.learning.steps_used[0] == budget == result.steps_per_task.sum()
+    assert set(result.drawn[0]) <= set(range(n_tasks))
+    lengths = np.diff(result.begun_at[0], append=budget)
     assert (lengths >= 1).all()
     assert (lengths <= 12).all()
-    np.testing.assert_allclose(found.probabilities.sum(axis=2), 1.0)
-    assert (found.probabilities >= 0).all()
-    for checkpoint, step in enumerate(found.learning.steps[:-1]):
-        episode = np.searchsorted(found.begun_at[0], step, side="right") - 1
-        assert found.probabilities[0, checkpoint, found.drawn[0][episode]] > 0
+    np.testing.assert_allclose(result.probabilities.sum(axis=2), 1.0)
+    assert (result.probabilities >= 0).all()
+    for checkpoint, step in enumerate(result.learning.steps[:-1]):
+        episode = np.searchsorted(result.begun_at[0], step, side="right") - 1
+        assert result.probabilities[0, checkpoint, result.drawn[0][episode]] > 0
 
 
 @given(teacher=st.sampled_from(TEACHERS), seed=st.integers(0, 5))
@@ -111,7 +102,7 @@ def test_results_depend_on_the_seed_alone(teacher, seed):
 
     together, alone = taught(3, 3), taught([2], 1)
     for name in CURVES:
-        mine, own = (getattr(found.learning, name) for found in (together, alone))
+        mine, own = (getattr(result.learning, name) for result in (together, alone))
         np.testing.assert_array_equal(mine[2:], own)
     np.testing.assert_array_equal(together.drawn[2], alone.drawn[0])
     np.testing.assert_array_equal(together.probabilities[2:], alone.probabilities)
@@ -121,9 +112,9 @@ def test_results_depend_on_the_seed_alone(teacher, seed):
 
 def test_the_draws_of_seeds_differ_and_are_those_of_the_probabilities():
     tasks = tasks_of(0, 4, 12)
-    found = teach(tasks, Uniform(), None, 20_000, target="0", seeds=5)
-    counts = np.array([np.bincount(drawn, minlength=4) for drawn in found.drawn])
+    result = teach(tasks, Uniform(), None, 20_000, target="0", seeds=5)
+    counts = np.array([np.bincount(drawn, minlength=4) for drawn in result.drawn])
     share = counts / counts.sum(axis=1, keepdims=True)
     error = np.sqrt(0.25 * 0.75 / counts.sum(axis=1)).max()
     assert abs(share - 0.25).max() < 5 * error
-    assert len({tuple(drawn[:30]) for drawn in found.drawn}) == 5
+    assert len({tuple(drawn[:30]) for drawn in result.drawn}) == 5

@@ -72,14 +72,14 @@ def of_river():
 @pytest.mark.parametrize("plan", ["of_chain", "of_river"])
 def test_optimism_is_called_by_its_name(plan, request):
     plan = request.getfixturevalue(plan)
-    found = cr.compare(plan, seeds=20, controls=["constant", "placebo"])
-    contrast, reason = found.contrasts["transfer"], found.reasons["transfer"]
+    comparison = cr.compare(plan, seeds=20, controls=["constant", "placebo"])
+    contrast, reason = comparison.contrasts["transfer"], comparison.reasons["transfer"]
     assert contrast.verdict == "pays"
     assert contrast.reason in ("by optimism alone", "nearly all by optimism")
     assert reason.share < 0.1
     # The cheaper way is one: it needs no source, and gains as much within a tenth.
-    words = found.cheaper_way("transfer")
-    value = float(words.partition("initial_value=")[2].split()[0])
+    sentence = comparison.cheaper_way("transfer")
+    value = float(sentence.partition("initial_value=")[2].split()[0])
     assert value > 0.1
     free = cr.compare(plan, seeds=20, scratch={"optimistic": QLearning(initial_value=value)})
     gain = free.returns["scratch, optimistic"] - free.returns["scratch"]
@@ -91,5 +91,5 @@ def test_optimism_is_called_by_its_name(plan, request):
 def test_what_is_optimism_in_the_long_run_may_be_knowledge_in_the_short(of_chain):
     """In a fifth of the steps its order of the places counts, and it is called that."""
     short = of_chain.replace("long", budget=20_000)
-    found = cr.compare(short, seeds=20, controls=["constant", "placebo"])
-    assert found.contrasts["transfer"].answer == "pays, by what it knows"
+    comparison = cr.compare(short, seeds=20, controls=["constant", "placebo"])
+    assert comparison.contrasts["transfer"].answer == "pays, by what it knows"

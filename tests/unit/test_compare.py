@@ -30,15 +30,15 @@ def assert_held(arm, last):
 
 
 def test_every_arm_has_the_same_total(calls):
-    found = compare({"small": corner(), "large": corner(source=1500)}, seeds=2, controls=ALL)
-    assert (found.budget, found.total) == (3000, 4500)
+    comparison = compare({"small": corner(), "large": corner(source=1500)}, seeds=2, controls=ALL)
+    assert (comparison.budget, comparison.total) == (3000, 4500)
     trained = [(call["stream"], call["budget"]) for call in calls]
     again = [("control source", 500), ("maze", 4000)]
     assert trained[:9] == [("maze", 4500), ("corner", 500), *[("maze", 4000)] * 5, *again]
     assert trained[9:11] == again
     again = [("control source", 1500), ("maze", 3000)]
     assert trained[11:] == [("corner", 1500), *[("maze", 3000)] * 5, *again, *again]
-    for name, arm in found.arms.items():
+    for name, arm in comparison.arms.items():
         spent = 0 if name == "scratch" else 500 if name.startswith("small") else 1500
         assert arm.curve.source_steps.tolist() == [spent, spent]
         assert arm.curve.steps.tolist() == list(range(0, 4501, 100))
@@ -58,26 +58,26 @@ def test_arms_share_their_sources(calls):
 
 
 def test_the_total_is_a_whole_number_of_checkpoints():
-    found = compare(corner(source=300, target=1000, eval_freq=70), seeds=1, window=1)
-    assert found.total == 1330
-    assert found.arms["transfer"].curve.steps[-1] == 1330
+    comparison = compare(corner(source=300, target=1000, eval_freq=70), seeds=1, window=1)
+    assert comparison.total == 1330
+    assert comparison.arms["transfer"].curve.steps[-1] == 1330
 
 
 def test_each_seed_has_what_its_own_sources_leave(calls):
     """In a budget of 40 episodes no two seeds take the same steps; 40 x 50 are the most."""
     settings = {"eval_freq": {"far": 20}, "learner": {"near": cr.QLearning(epsilon=0.5)}}
     settings["budget"] = {"near": Episodes(40), "far": 3000}
-    found = compare(copied(MAZE, **settings), seeds=3, controls=ALL)
-    assert found.total == 5000
-    spent = found["transfer"].curve.source_steps
+    comparison = compare(copied(MAZE, **settings), seeds=3, controls=ALL)
+    assert comparison.total == 5000
+    spent = comparison["transfer"].curve.source_steps
     assert len(set((spent // 20).tolist())) == 3
-    for name in list(found.arms)[1:]:
-        assert found[name].curve.source_steps.tolist() == spent.tolist()
-        assert_held(found[name], (5000 - spent) // 20)
+    for name in list(comparison.arms)[1:]:
+        assert comparison[name].curve.source_steps.tolist() == spent.tolist()
+        assert_held(comparison[name], (5000 - spent) // 20)
     for k in range(3):
         settings["budget"] = {"near": Episodes(40), "far": int(5000 - spent[k])}
         alone = copied(MAZE, **settings).train([k])["far"]
-        n, arm = len(alone.steps), found["transfer"]
+        n, arm = len(alone.steps), comparison["transfer"]
         np.testing.assert_array_equal(arm.curve.values[k, :n], alone.greedy_return[0])
         np.testing.assert_array_equal(arm.training_return[k, :n], alone.training_return[0])
     controls = [call for call in calls if call["stream"] == "control source"]
@@ -87,8 +87,8 @@ def test_each_seed_has_what_its_own_sources_leave(calls):
 
 
 def test_an_arm_with_an_empty_mapping_is_scratch_after_its_source_steps():
-    found = compare(corner(NOWHERE), seeds=4)
-    scratch, arm = found.scratch, found["transfer"]
+    comparison = compare(corner(NOWHERE), seeds=4)
+    scratch, arm = comparison.scratch, comparison["transfer"]
     assert np.ptp(scratch.curve.values) > 0
     own = 3000 // 100 + 1
     np.testing.assert_array_equal(arm.curve.values[:, :own], scratch.curve.values[:, :own])
@@ -100,41 +100,39 @@ def test_an_arm_with_an_empty_mapping_is_scratch_after_its_source_steps():
 
 def test_scratch_has_the_settings_of_the_target():
     learner, evaluation = cr.QLearning(epsilon=0.3), GreedyEvaluation(discounted=False)
-    found = compare(corner(learner={"maze": learner}, evaluation={"maze": evaluation}), seeds=2)
+    comparison = compare(
+        corner(learner={"maze": learner}, evaluation={"maze": evaluation}), seeds=2
+    )
     alone = cr.learn(
         MAZE, learner, 3500, seeds=2, eval_freq=100, evaluation=evaluation, stream="maze"
     )
-    np.testing.assert_array_equal(found.scratch.curve.values, alone.greedy_return)
-    np.testing.assert_array_equal(found.scratch.training_return, alone.training_return)
+    np.testing.assert_array_equal(comparison.scratch.curve.values, alone.greedy_return)
+    np.testing.assert_array_equal(comparison.scratch.training_return, alone.training_return)
 
 
 def test_the_steps_of_a_calibration_are_charged(calls):
-    arms = {
-        "raw": pursuit(),
-        "calibrated": pursuit(calibrate=cr.transfer.Calibrate()),
-    }
-    found = compare(arms, seeds=2, controls=["scaled"])
-    assert found.total == 13_000
+    arms = {"raw": pursuit(), "calibrated": pursuit(calibrate=cr.transfer.Calibrate())}
+    comparison = compare(arms, seeds=2, controls=["scaled"])
+    assert comparison.total == 13_000
     hunts = [call for call in calls if call["stream"] == "hunt"]
     assert [call["budget"] for call in hunts] == [13_000] + [8000] * 6
     warm_ups = hunts[-3]["warm_up"]
     assert not any(call.get("warm_up") for call in hunts[:-3])
     assert [call["warm_up"] for call in hunts[-2:]] == [warm_ups] * 2  # of its controls too
-    curve = found["calibrated"].curve.values
+    curve = comparison["calibrated"].curve.values
     for k, warm_up in enumerate(warm_ups):
         assert warm_up.steps == 400  # a twentieth of 8000, in fewer than 200 episodes
         assert np.ptp(curve[k, : warm_up.steps // 100]) == 0
         assert curve[k, warm_up.steps // 100 + 5] != curve[k, 0]
-    assert curve[0, 0] == pytest.approx(found["raw"].curve.values[0, 0])  # it is the same policy
+    assert curve[0, 0] == pytest.approx(
+        comparison["raw"].curve.values[0, 0]
+    )  # it is the same policy
 
 
 def test_an_arm_and_its_controls_have_a_guard():
-    arms = {
-        "bare": corner(),
-        "guarded": corner(shaping=cr.QInitialisation(guard=cr.Guard())),
-    }
-    found = compare(arms, seeds=2, controls=ALL)
-    for name, arm in found.arms.items():
+    arms = {"bare": corner(), "guarded": corner(shaping=cr.QInitialisation(guard=cr.Guard()))}
+    comparison = compare(arms, seeds=2, controls=ALL)
+    for name, arm in comparison.arms.items():
         if name.startswith("guarded"):
             assert (arm.guard_share[:, 0] == 0.5).all()
             assert np.ptp(arm.guard_share) > 0
@@ -142,30 +140,26 @@ def test_an_arm_and_its_controls_have_a_guard():
             assert np.isnan(arm.guard_share).all()
 
 
-def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum():
-    found = compare(corner(), seeds=1)
-    target = cr.planning.Target.of(MAZE)
-    assert found.threshold == pytest.approx(0.9 * target.optimum + 0.1 * target.random_return)
-    title = f"threshold {found.threshold:.4g} (nine tenths of the way to the optimum)\n"
-    assert title in str(found)
-    stated = compare(corner(), seeds=1, threshold=50)
+CLIFF = cr.from_gymnasium("CliffWalking-v1", discount=1.0, time_limit=100)
+
+
+@pytest.mark.parametrize(("task", "optimum"), [(MAZE, 184.346), (CLIFF, -13.0)])
+def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum(task, optimum):
+    comparison, target = compare(copied(task), seeds=1), cr.planning.Target.of(task)
+    assert target.optimum == pytest.approx(optimum, abs=1e-3)
+    assert comparison.threshold == pytest.approx(0.9 * target.optimum + 0.1 * target.random_return)
+    title = f"threshold {comparison.threshold:.4g} (nine tenths of the way to the optimum)\n"
+    assert title in str(comparison)
+    stated = compare(copied(task), seeds=1, threshold=50)
     assert stated.threshold == 50.0
     assert "threshold 50 (stated)\n" in str(stated)
 
 
 def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch(monkeypatch):
     monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
-    found = compare(corner(), seeds=3)
-    assert found.threshold == midpoint(found.scratch.curve)
-    assert "(midpoint of scratch's curve, without an optimum above random)\n" in str(found)
-
-
-def test_a_cliff_at_discount_1_has_a_threshold_of_its_optimum():
-    cliff = cr.from_gymnasium("CliffWalking-v1", discount=1.0, time_limit=100)
-    found = compare(copied(cliff), seeds=1)
-    target = cr.planning.Target.of(cliff)
-    assert target.optimum == pytest.approx(-13)
-    assert found.threshold == pytest.approx(0.9 * -13 + 0.1 * target.random_return)
+    comparison = compare(corner(), seeds=3)
+    assert comparison.threshold == midpoint(comparison.scratch.curve)
+    assert "(midpoint of scratch's curve, without an optimum above random)\n" in str(comparison)
 
 
 @pytest.mark.parametrize(
@@ -188,8 +182,8 @@ def test_a_cliff_at_discount_1_has_a_threshold_of_its_optimum():
 )
 def test_without_a_usable_optimum_the_threshold_is_the_midpoint_of_scratch(task):
     summed = GreedyEvaluation(discounted=False)
-    found = compare(copied(replace(task, time_limit=20), evaluation=summed), seeds=2)
-    assert found.threshold == midpoint(found.scratch.curve)
+    comparison = compare(copied(replace(task, time_limit=20), evaluation=summed), seeds=2)
+    assert comparison.threshold == midpoint(comparison.scratch.curve)
 
 
 @pytest.mark.parametrize("source", [500, Episodes(40)], ids=["steps", "episodes"])
@@ -207,13 +201,13 @@ def test_seeds_are_added_as_if_they_had_been_there(source):
 def test_no_more_seeds_than_the_goal_takes():
     plan = copied(MAZE, budget={"near": 20_000, "far": 2000}, eval_freq={"far": 100})
     assert compare(plan, seeds=3, precision=1000.0).seeds == 3
-    found = compare(plan, seeds=3, difference=True, most_seeds=50)
-    assert 3 <= found.seeds < 50
-    gains = found["transfer"].strong_gain(found.scratch)
+    comparison = compare(plan, seeds=3, difference=True, most_seeds=50)
+    assert 3 <= comparison.seeds < 50
+    gains = comparison["transfer"].strong_gain(comparison.scratch)
     alone = add_seeds(lambda seeds: gains[list(seeds)], first=3, most=50, difference=True)
     assert alone.stopped_by == "difference"
-    assert alone.values.size == found.seeds
-    assert f"{found.seeds} seeds ({alone.stopped}); threshold" in str(found)
+    assert alone.values.size == comparison.seeds
+    assert f"{comparison.seeds} seeds ({alone.stopped}); threshold" in str(comparison)
 
 
 def test_every_interval_over_added_seeds_allows_for_the_looks():
@@ -240,10 +234,10 @@ def test_every_interval_over_added_seeds_allows_for_the_looks():
 
 def test_a_curriculum_without_transfers_equals_scratch():
     plan = Curriculum({"maze": MAZE}, budget={"maze": 1000}, eval_freq=100)
-    found = compare({"plain": plan}, seeds=3)
-    assert found.total == 1000
-    np.testing.assert_array_equal(found["plain"].curve.values, found.scratch.curve.values)
-    assert found.contrasts["plain"].p == 1.0
+    comparison = compare({"plain": plan}, seeds=3)
+    assert comparison.total == 1000
+    np.testing.assert_array_equal(comparison["plain"].curve.values, comparison.scratch.curve.values)
+    assert comparison.contrasts["plain"].p == 1.0
 
 
 def test_sources_may_be_learnt_otherwise():
@@ -252,99 +246,57 @@ def test_sources_may_be_learnt_otherwise():
 
 
 def test_the_same_problem_as_tables_is_compared():
-    found = compare({"maze": copied(MAZE), "tables": copied(MAZE.mdp)}, seeds=2)
-    assert_same(found["maze"], found["tables"])
+    comparison = compare({"maze": copied(MAZE), "tables": copied(MAZE.mdp)}, seeds=2)
+    assert_same(comparison["maze"], comparison["tables"])
 
 
 # -- refusals ------------------------------------------------------------------------------------
 
 
-def test_targets_that_differ_are_refused_with_all_their_differences(calls):
-    other = replace(MAZE, discount=0.5, time_limit=7)
-    with pytest.raises(CurriculumError) as caught:
-        cr.compare({"one": copied(MAZE), "two": copied(MAZE), "three": copied(other)}, seeds=1)
-    assert str(caught.value) == (
-        "arms must share their target: those of 'one' and 'three' differ in discount "
-        f"({MAZE.discount} against 0.5); time_limit ({MAZE.time_limit} against 7)"
-    )
-    assert calls == []
-
-
-@pytest.mark.parametrize(
-    ("which", "mine", "yours"),
-    [
-        ("evaluation", cr.GreedyEvaluation(), cr.GreedyEvaluation(discounted=False)),
-        ("learner", cr.QLearning(), cr.QLearning(epsilon=0.2)),
-        ("learner", cr.QLearning(), cr.SARSA()),
-    ],
-)
-def test_targets_with_different_settings_are_refused(which, mine, yours, calls):
-    one, two = (copied(MAZE, **{which: {"far": setting}}) for setting in (mine, yours))
-    with pytest.raises(CurriculumError) as caught:
-        cr.compare({"one": one, "two": two}, seeds=1)
-    assert str(caught.value) == (
-        f"arms must share their target's {which}: 'one' and 'two' have {mine} and {yours}"
-    )
-    assert calls == []
-
-
-def test_targets_of_other_names_are_refused():
-    with pytest.raises(CurriculumError) as caught:
-        cr.compare({"one": copied(MAZE), "two": copied(MAZE, target="away")}, seeds=1)
-    assert str(caught.value) == (
-        "arms must share their target: 'one' and 'two' have 'far' and 'away'"
-    )
-
-
-SPARSE = cr.Storage(kind="sparse")
 THREE = {"near": cr.Episodes(3), "far": 100}
+SPARSE = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
+PLAIN = cr.Curriculum({"maze": MAZE}, budget=9)
+
+
+def pair(*others, **settings):
+    """Return arms: a copied curriculum, others, and one with these settings of its target."""
+    changed = copied(MAZE, **{which: {"far": setting} for which, setting in settings.items()})
+    return dict(zip(["one", "two", "three"], [copied(MAZE), *(others or [changed])], strict=False))
 
 
 @pytest.mark.parametrize(
-    ("arms", "message"),
+    ("arms", "settings", "message"),
     [
-        ({}, "a comparison needs at least one curriculum: got none"),
-        ([corner()], r"arms, unless they are one curriculum, must be a Mapping: got \["),
-        ({"mine": 3}, "arm 'mine' must be a Curriculum: got 3"),
-        ({"scratch": corner()}, "the name 'scratch' is taken by the baseline: rename this arm"),
-        (corner(target=cr.Episodes(9)), "needs the target's in steps: 'maze' has 9 episodes"),
-        (cr.Curriculum({"a": MAZE, "b": MAZE}), "one task that no other builds on: got a, b"),
-        (copied(replace(MAZE, time_limit=None), budget=THREE), "with a time limit: none set"),
+        ({}, {}, "a comparison needs at least one curriculum: got none"),
+        ([corner()], {}, r"arms, unless they are one curriculum, must be a Mapping: got \["),
+        ({"mine": 3}, {}, "arm 'mine' must be a Curriculum: got 3"),
+        ({"scratch": corner()}, {}, "the name 'scratch' is taken by the baseline: rename this arm"),
+        (corner(target=cr.Episodes(9)), {}, "needs the target's in steps: 'maze' has 9 episodes"),
+        (cr.Curriculum({"a": MAZE, "b": MAZE}), {}, "one task that no other builds on: got a, b"),
+        (copied(replace(MAZE, time_limit=None), budget=THREE), {}, "with a time limit: none set"),
+        (
+            pair(copied(MAZE), copied(replace(MAZE, discount=0.5, time_limit=7))),
+            {},
+            r"those of 'one' and 'three' differ in discount \(0.99 against 0.5\); "
+            r"time_limit \(50 against 7\)$",
+        ),
+        (pair(copied(MAZE, target="away")), {}, "'one' and 'two' have 'far' and 'away'$"),
+        (pair(evaluation=GreedyEvaluation(discounted=False)), {}, "evaluation: 'one' and 'two' ha"),
+        (pair(learner=cr.QLearning(epsilon=0.2)), {}, r"learner: 'one' .* and QLearning\(.*0\.2"),
+        (pair(learner=cr.SARSA()), {}, "learner: 'one' and 'two' have QLearning.* and SARSA"),
+        (corner(), {"controls": ["negated", "magic"]}, "random_start, .*, negated: got 'magic'"),
+        (corner(), {"controls": "placebo"}, "controls must be a list of names: got 'placebo'"),
+        ({"mine": PLAIN}, {"controls": ["scaled"]}, "arm 'mine' has none into 'maze'"),
+        (copied(ring()), {"controls": ["placebo"]}, "given by functions or played live has no tab"),
+        ({"mine": SPARSE}, {"controls": ["pretraining"]}, "of 'hunt' is sparse in arm 'mine'"),
+        (corner(), {"window": 0}, "window must be a whole number, at least 1: got 0"),
+        (corner(), {"window": 32}, "at most 31, the checkpoints within .* budget: got 32"),
+        (corner(), {"threshold": float("nan")}, "threshold must be finite: got nan"),
+        (corner(), {"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
+        (corner(), {"precision": 1.0}, "to begin adding with must be a whole number, at least 2"),
     ],
 )
-def test_bad_arms_are_refused_before_anything_is_trained(arms, message, calls):
+def test_what_makes_no_sense_is_refused_before_anything_is_trained(arms, settings, message, calls):
     with pytest.raises((CurriculumError, SettingError, cr.errors.TaskError), match=message):
-        cr.compare(arms, seeds=1)
-    assert calls == []
-
-
-@pytest.mark.parametrize(
-    ("arm", "controls", "message"),
-    [
-        (corner(), ["negated", "magic"], "must be one of random_start, .*, negated: got 'magic'"),
-        (corner(), "placebo", "controls must be a list of names: got 'placebo'"),
-        (cr.Curriculum({"maze": MAZE}, budget=9), ["scaled"], "arm 'mine' has none into 'maze'"),
-        (copied(ring()), ["placebo"], "a task given by functions or played live has no tables"),
-        (pursuit(storage={"hunt": SPARSE}), ["pretraining"], "of 'hunt' is sparse in arm 'mine'"),
-    ],
-)
-def test_bad_controls_are_refused_before_anything_is_trained(arm, controls, message, calls):
-    with pytest.raises((CurriculumError, SettingError, cr.errors.TaskError), match=message):
-        cr.compare({"mine": arm}, seeds=1, controls=controls)
-    assert calls == []
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"window": 0}, "window must be a whole number, at least 1: got 0"),
-        ({"window": 32}, "at most 31, the checkpoints within the target's budget: got 32"),
-        ({"threshold": float("nan")}, "threshold must be finite: got nan"),
-        ({"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
-        ({"precision": 1.0}, "to begin adding with must be a whole number, at least 2"),
-    ],
-)
-def test_bad_settings_are_refused_before_anything_is_trained(settings, message, calls):
-    with pytest.raises(SettingError, match=message):
-        cr.compare(corner(), **({"seeds": 1} | settings))
+        cr.compare(arms, **({"seeds": 1} | settings))
     assert calls == []

@@ -5,31 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import curricle as cr
-from curricle import compare
-from curricle.comparison import Arm, Comparison
+from curricle.comparison import Comparison
 from curricle.comparison.comparison import MEASURES
 from curricle.show.findings import findings
-from curricle.statistics import Curve
-from curricle.statistics.curves import charge_source
-from curricle.statistics.hypothesis_tests import holm, sign_flip_test
 from curricle.statistics.intervals import interquartile_interval
-from tests.comparisons import HERE, corner, flat
-
-STEPS = np.array([0, 10, 20, 30, 40])
-
-
-def arm(rows, source=0, control=False):
-    values = np.array(rows, dtype=float)
-    return Arm(Curve(STEPS, values, np.full(len(values), source)), values, values, control)
-
+from tests.comparisons import arm_of, flat
 
 BY_HAND = Comparison(
     target="maze",
     arms={
-        "scratch": arm([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
-        "helped": arm([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], source=20),
-        "misled": arm([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], source=10, control=True),
+        "scratch": arm_of([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
+        "helped": arm_of([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], 20),
+        "misled": arm_of([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], 10, control=True),
     },
     budget=20,
     total=40,
@@ -62,43 +49,6 @@ def test_measures_by_hand():
     assert BY_HAND.mean_return("helped").estimate == 2.0
 
 
-def test_measures_are_those_of_the_metrics():
-    arms = {"one": corner(HERE, 100, 200, 10), "two": corner(HERE, 160, 200, 10)}
-    found = compare(arms, seeds=8, window=3, threshold=150)
-    free = slice(0, 21)
-    scratch = found.scratch.curve
-    base = Curve(scratch.steps[free], scratch.values[:, free])
-    for name in ("one", "two"):
-        curve, contrast = found[name].curve, found.contrasts[name]
-        weak, charged = Curve(base.steps, curve.values[:, free]), charge_source(scratch, curve)
-        settings = {"threshold": 150.0, "window": 3}
-        expected = {
-            "jumpstart": cr.statistics.jumpstart(base, weak),
-            "weak_steps_saved": cr.statistics.steps_saved(base, weak, **settings),
-            "strong_steps_saved": cr.statistics.steps_saved(scratch, charged, **settings),
-            "weak_gain": cr.statistics.mean_return(weak) - cr.statistics.mean_return(base),
-            "strong_gain": cr.statistics.mean_return(charged) - cr.statistics.mean_return(scratch),
-            "asymptotic_gain": cr.statistics.asymptotic_performance(charged)
-            - cr.statistics.asymptotic_performance(scratch),
-        }
-        for measure, values in expected.items():
-            assert values.any(), measure
-            interval, wanted = getattr(contrast, measure), cr.statistics.mean_interval(values)
-            assert (interval.estimate, interval.low, interval.high) == pytest.approx(
-                (wanted.estimate, wanted.low, wanted.high), nan_ok=True
-            ), measure
-        np.testing.assert_array_equal(
-            found[name].strong_gain(found.scratch), expected["strong_gain"]
-        )
-        wins = cr.statistics.probability_of_improvement(
-            cr.statistics.mean_return(charged), cr.statistics.mean_return(scratch)
-        )
-        assert contrast.probability_of_improvement.estimate == wins.estimate
-        mean = cr.statistics.mean_return(charged).mean()
-        assert found.mean_return(name).estimate == pytest.approx(mean)
-        assert contrast.p == sign_flip_test(expected["strong_gain"])
-
-
 def test_a_gain_is_the_difference_of_two_entries_of_its_column():
     """Also where few seeds of an arm learn, whose middle half does not."""
     learnt = np.where(np.arange(20)[:, None] < 3, np.linspace(0, 1, 11), 0.0)
@@ -114,13 +64,13 @@ def test_a_threshold_at_which_nothing_was_learnt_is_not_reached_by_it(start):
     """That of a curve that stays as it is lies on it; who learns more passes it."""
     flat = np.full((6, 11), start)
     later = flat + np.where(np.arange(11) < 5, 0.0, 0.5)
-    found = comparison_of(scratch=flat, same=flat.copy(), later=later, threshold=start)
-    assert [row["reached"] for row in found.rows()] == [0, 0, 6]
-    assert found.times("scratch").steps.tolist() == [100.0] * 6
-    assert found.times("later").steps.tolist() == [50.0] * 6
-    assert found.contrasts["later"].strong_steps_saved.estimate == 50
-    assert found.contrasts["same"].strong_steps_saved.estimate == 0
-    assert "> 100 (6 never)" in str(found)
+    comparison = comparison_of(scratch=flat, same=flat.copy(), later=later, threshold=start)
+    assert [row["reached"] for row in comparison.rows()] == [0, 0, 6]
+    assert comparison.times("scratch").steps.tolist() == [100.0] * 6
+    assert comparison.times("later").steps.tolist() == [50.0] * 6
+    assert comparison.contrasts["later"].strong_steps_saved.estimate == 50
+    assert comparison.contrasts["same"].strong_steps_saved.estimate == 0
+    assert "> 100 (6 never)" in str(comparison)
     above = comparison_of(scratch=flat + 1.0, same=flat + 1.0, threshold=start)
     assert [row["steps_to_threshold"] for row in above.rows()] == [0, 0]  # it was reached before
 
@@ -130,29 +80,30 @@ def test_seeds_that_are_apart_from_the_others_are_said_to_be():
     heights = np.where(np.arange(12) < 2, 1.0, 150.0) + rng.normal(scale=0.5, size=12)
     few = np.repeat(heights[:, None], 11, axis=1)
     half = np.repeat(heights[(np.arange(12) % 4), None], 11, axis=1) + rng.normal(size=(12, 1))
-    found = comparison_of(scratch=few + 300, few=few, half=half, none=few[2:].repeat(2, 0)[:12])
-    assert [name for name in found.arms if found.cluster_sentence(name)] == [
+    comparison = comparison_of(
+        scratch=few + 300, few=few, half=half, none=few[2:].repeat(2, 0)[:12]
+    )
+    assert [name for name in comparison.arms if comparison.cluster_sentence(name)] == [
         "scratch",
         "few",
         "half",
     ]
-    one = found.cluster_sentence("few")
-    middle = interquartile_interval(found.returns["few"])
-    assert one.startswith("the seeds of few are in two clusters, mean return of 10 near 150.")
-    assert f"and of 2 near {heights[:2].mean():.4g}; interquartile mean" in one
-    assert one.endswith(f"without the few: {str(middle).rpartition(',')[0]}")
-    assert "of 6 near" in found.cluster_sentence("half")
-    assert "interquartile" not in found.cluster_sentence("half")
-    assert one in str(found)
-    (sentences,) = [each.sentences for each in findings(found) if each.arm == "few"]
-    assert any("The seeds of few are in two" in each for each in sentences)
-    assert any("The seeds of scratch are in two" in each for each in sentences)
+    few_apart = comparison.cluster_sentence("few")
+    middle = interquartile_interval(comparison.returns["few"])
+    assert few_apart.startswith("the seeds of few are in two clusters, mean return of 10 near 150.")
+    assert f"and of 2 near {heights[:2].mean():.4g}; interquartile mean" in few_apart
+    assert few_apart.endswith(f"without the few: {str(middle).rpartition(',')[0]}")
+    assert "of 6 near" in comparison.cluster_sentence("half")
+    assert "interquartile" not in comparison.cluster_sentence("half")
+    assert few_apart in str(comparison)
+    (sentences,) = [arm.sentences for arm in findings(comparison) if arm.arm == "few"]
+    assert any("The seeds of few are in two" in sentence for sentence in sentences)
+    assert any("The seeds of scratch are in two" in sentence for sentence in sentences)
 
 
 def comparison_of(threshold=0.5, **returns):
     """A comparison of curves over 100 steps, of arms without sources."""
-    steps = np.arange(11) * 10
-    arms = {name: Arm(Curve(steps, each), each, each, False) for name, each in returns.items()}
+    arms = {name: arm_of(curve) for name, curve in returns.items()}
     return Comparison("maze", arms, 100, 100, threshold, 1)
 
 
@@ -162,31 +113,19 @@ def test_a_gain_within_rounding_is_none(more, gain):
     np.testing.assert_allclose(helped.strong_gain(scratch), [gain], rtol=1e-3)
 
 
-def test_tests_are_corrected_for_the_number_of_curricula():
-    found = compare({"one": corner(), "two": corner(source=900)}, seeds=6, controls=["scaled"])
-    assert len(found.contrasts) == 6
-    assert "scratch" not in found.contrasts
-    own = [found.contrasts[name] for name in ("one", "two")]
-    adjusted = holm([one.p for one in own])
-    assert [one.adjusted_p for one in own] == adjusted.tolist()
-    assert any(one.adjusted_p > one.p for one in own)
-    controls = [one for name, one in found.contrasts.items() if ", " in name]
-    assert [(np.isnan(one.adjusted_p), one.verdict) for one in controls] == [(True, "")] * 4
-
-
 @pytest.mark.parametrize(
     ("height", "verdict"),
     [(1, "pays"), (-1, "costs more than it brings"), (0, "no difference shown")],
 )
 def test_verdicts(height, verdict):
     """Seven seeds of equal sign have p = 2^-6 = 0.016; among four equal arms 0.0625 at best."""
-    scratch, other = arm(np.zeros((7, 5))), arm(np.full((7, 5), height))
+    scratch, other = arm_of(np.zeros((7, 5))), arm_of(np.full((7, 5), height))
     few = "too few seeds for a verdict (7; 8 or more)"
     for arms, expected in ((1, verdict), (4, few)):
         names = [f"arm {i}" for i in range(arms)]
-        found = replace(BY_HAND, arms={"scratch": scratch, **dict.fromkeys(names, other)})
-        assert found.contrasts["arm 0"].verdict == expected
-        assert found.contrasts["arm 0"].p == (2**-6 if height else 1.0)
+        comparison = replace(BY_HAND, arms={"scratch": scratch, **dict.fromkeys(names, other)})
+        assert comparison.contrasts["arm 0"].verdict == expected
+        assert comparison.contrasts["arm 0"].p == (2**-6 if height else 1.0)
 
 
 def test_rows_are_a_table():
@@ -202,8 +141,8 @@ def test_rows_are_a_table():
         contrast = BY_HAND.contrasts[row["arm"]]
         for measure in MEASURES:
             interval = getattr(contrast, measure)
-            found = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
-            np.testing.assert_equal(found, (interval.estimate, interval.low, interval.high))
+            numbers = row[measure], row[f"{measure}_low"], row[f"{measure}_high"]
+            np.testing.assert_equal(numbers, (interval.estimate, interval.low, interval.high))
             assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
         assert (row["p"], row["adjusted_p"]) == (contrast.p, contrast.adjusted_p)
         assert row["verdict"] == contrast.verdict

@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import Pursuit, QInitialisation, compare
-from curricle.comparison.controls import Level, VisitedPairs
+from curricle.comparison.controls import VisitedPairs
 from curricle.transfer import FunctionValues, ObservationMapping
 from curricle.transfer.potential import ObservationPotential
 from tests.comparisons import ALL, HERE, MAZE, copied, corner, pursuit
@@ -15,25 +15,25 @@ LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "p
 
 
 def test_controls_follow_their_arm_in_order():
-    found = compare({"one": corner(), "two": corner()}, seeds=1, controls=ALL)
+    comparison = compare({"one": corner(), "two": corner()}, seeds=1, controls=ALL)
     expected = [
         f"{arm}{label}" for arm in ("one", "two") for label in ("", *map(", ".__add__, LABELS))
     ]
-    assert list(found.arms) == ["scratch", *expected]
-    assert [name for name, arm in found.arms.items() if arm.control] == [
+    assert list(comparison.arms) == ["scratch", *expected]
+    assert [name for name, arm in comparison.arms.items() if arm.control] == [
         name for name in expected if ", " in name
     ]
 
 
 def test_pretraining_and_a_random_start_cost_what_the_sources_did(calls):
-    found = compare(corner(), seeds=2, controls=["pretraining", "random_start"])
+    comparison = compare(corner(), seeds=2, controls=["pretraining", "random_start"])
     anywhere, itself = (call for call in calls if call["stream"] == "control source")
     alive = ~MAZE.mdp.terminal
     np.testing.assert_allclose(anywhere["task"].mdp.start, alive / alive.sum())
     assert itself["task"] is MAZE
     for call, name in ((anywhere, "transfer, random start"), (itself, "transfer, pretraining")):
         assert call["budget"] == 500
-        assert found[name].curve.source_steps.tolist() == [500, 500]
+        assert comparison[name].curve.source_steps.tolist() == [500, 500]
         # What the target starts with is what its source ended with.
         target = calls[calls.index(call) + 1]
         for k, phi in enumerate(target["potentials"]):
@@ -41,7 +41,7 @@ def test_pretraining_and_a_random_start_cost_what_the_sources_did(calls):
     plain = cr.learn(MAZE, budget=500, seeds=2, stream="control source")
     np.testing.assert_array_equal(itself["result"].values, plain.values)
     np.testing.assert_array_equal(
-        found["transfer, pretraining"].curve.values[:, 0], plain.greedy_return[:, -1]
+        comparison["transfer, pretraining"].curve.values[:, 0], plain.greedy_return[:, -1]
     )
 
 
@@ -56,8 +56,8 @@ def test_any_task_with_tables_can_be_started_anywhere(task, calls):
 
 @pytest.mark.parametrize("plan", [corner, pursuit])
 def test_controls_change_the_values_of_phi_alone(plan, calls):
-    found = compare(plan(), seeds=[4, 9], controls=["placebo", "scaled", "negated"])
-    assert len(found.arms) == 6
+    comparison = compare(plan(), seeds=[4, 9], controls=["placebo", "scaled", "negated"])
+    assert len(comparison.arms) == 6
     target = plan().target
     arm, placebo, half, twice, negated = (call for call in calls[1:] if call["stream"] == target)
     alive = ~plan().tasks[target].mdp.terminal
@@ -97,21 +97,21 @@ def test_a_potential_of_states_is_changed_before_it_is_one(calls):
 
 def test_controls_of_a_target_whose_values_are_not_kept(calls):
     plan = corner(storage={"maze": cr.Storage(save_values=False)})
-    found = compare(plan, seeds=1, controls=ALL)
-    assert len(found.arms) == 8
+    comparison = compare(plan, seeds=1, controls=ALL)
+    assert len(comparison.arms) == 8
     assert all(call["result"].values is None for call in calls if call["stream"] == "maze")
 
 
 def test_knowing_the_optimum_pays_and_its_negation_does_not():
     """What the controls are for. 8 seeds: the least p of them is 2^-7."""
     plan = copied(MAZE, budget={"near": 20_000, "far": 20_000}, eval_freq={"far": 200})
-    found = compare(plan, seeds=8, controls=["placebo", "negated"], window=1)
-    free = {name: arm.curve.values[:, :101].mean() for name, arm in found.arms.items()}
+    comparison = compare(plan, seeds=8, controls=["placebo", "negated"], window=1)
+    free = {name: arm.curve.values[:, :101].mean() for name, arm in comparison.arms.items()}
     assert free["transfer"] > free["scratch"] > free["transfer, negated"]
     assert free["transfer"] > free["transfer, placebo"]
-    assert found.against("transfer, negated")["transfer"].answer == "yes"
-    assert found.control_verdicts["transfer"].direction == 1
-    assert found.contrasts["transfer"].jumpstart.estimate > 0
+    assert comparison.against("transfer, negated")["transfer"].answer == "yes"
+    assert comparison.control_verdicts["transfer"].direction == 1
+    assert comparison.contrasts["transfer"].jumpstart.estimate > 0
 
 
 # -- constants -----------------------------------------------------------------------------------
@@ -145,10 +145,10 @@ def test_what_no_policy_can_reach_does_not_count():
 
 def test_what_no_source_knows_counts_as_what_stands_there():
     plan = corner(unknown_value=-30.0)
-    found = compare(plan, seeds=1, controls=["constant"])
+    comparison = compare(plan, seeds=1, controls=["constant"])
     (q,) = plan.train(1, only="corner")["corner"].values
     phi = np.nan_to_num(HERE.read(q), nan=-30.0)[~MAZE.mdp.terminal]
-    levels = [found[f"transfer, {one}"].level.values for one in CONSTANTS]
+    levels = [comparison[f"transfer, {one}"].level.values for one in CONSTANTS]
     np.testing.assert_allclose(levels, [[phi.mean()], [phi.max()]])
 
 
@@ -158,9 +158,9 @@ def test_what_no_source_knows_counts_as_what_stands_there():
 def test_a_constant_is_another_initial_value_bit_for_bit(shaping):
     """Which needs no source: the control's potential is no more than that."""
     plan = corner(shaping=shaping, learner={"maze": cr.QLearning(initial_value=2.0)})
-    found = compare(plan, seeds=[7], controls=["constant"])
+    comparison = compare(plan, seeds=[7], controls=["constant"])
     for label in CONSTANTS:
-        arm = found[f"transfer, {label}"]
+        arm = comparison[f"transfer, {label}"]
         learner = cr.QLearning(initial_value=arm.initial_value)
         alone = cr.learn(MAZE, learner, 3000, seeds=[7], eval_freq=100, stream="maze")
         np.testing.assert_allclose(arm.curve.values[:, :31], alone.greedy_return, rtol=1e-12)
@@ -168,35 +168,32 @@ def test_a_constant_is_another_initial_value_bit_for_bit(shaping):
 
 @pytest.mark.parametrize(
     "shaping",
-    [
-        cr.DecayingAdvice(weight=cr.learning.linear(1.0, 0.0, steps=100)),
-        cr.RewardBonus(),
-    ],
+    [cr.DecayingAdvice(weight=cr.learning.linear(1.0, 0.0, steps=100)), cr.RewardBonus()],
     ids=["decaying advice", "bonus"],
 )
 def test_no_initial_value_is_named_where_a_constant_is_not_one(shaping):
-    found = compare(corner(shaping=shaping), seeds=1, controls=["constant"])
-    arm = found["transfer, constant mean"]
+    comparison = compare(corner(shaping=shaping), seeds=1, controls=["constant"])
+    arm = comparison["transfer, constant mean"]
     assert (arm.initial_value, arm.level.constant) == (None, True)
-    assert found.cheaper_way("transfer") == ""
+    assert comparison.cheaper_way("transfer") == ""
 
 
 def test_the_initial_value_under_a_guard_is_that_without():
-    found = compare(
+    comparison = compare(
         corner(shaping=QInitialisation(guard=cr.Guard())), seeds=1, controls=["constant"]
     )
-    arm = found["transfer, constant mean"]
+    arm = comparison["transfer, constant mean"]
     assert arm.initial_value == pytest.approx(arm.level.values.mean())
     assert np.isfinite(arm.guard_share).all()
 
 
 def test_sparse_tables_are_sampled_and_a_constant_is_looked_up(calls):
     plan = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
-    found = compare(plan, seeds=1, controls=["constant"])
+    comparison = compare(plan, seeds=1, controls=["constant"])
     used = [call["potentials"][0] for call in calls if call["potentials"]]
     assert {type(one).__name__ for one in used} == {"MappedPotential"}
     for label, phi in zip(CONSTANTS, used[1:], strict=True):
-        level = found[f"transfer, {label}"].level.mean
+        level = comparison[f"transfer, {label}"].level.mean
         np.testing.assert_allclose(phi.pairs(np.arange(1, 9)), level, rtol=1e-12)
     sampled, all_of_them = VisitedPairs.of(plan), VisitedPairs.of(pursuit())
     assert (sampled.dense, all_of_them.dense) == (False, True)
@@ -205,11 +202,11 @@ def test_sparse_tables_are_sampled_and_a_constant_is_looked_up(calls):
 
 
 def test_a_task_without_tables_has_constants_too():
-    found = compare(
+    comparison = compare(
         copied(ring(time_limit=30), eval_freq={"far": 20}), seeds=2, controls=["constant"]
     )
     for label in CONSTANTS:
-        assert np.isfinite(found[f"transfer, {label}"].level.values).all()
+        assert np.isfinite(comparison[f"transfer, {label}"].level.values).all()
 
 
 def test_a_potential_over_observations_has_a_level():
@@ -231,5 +228,3 @@ def test_levels_of_batches_are_joined_in_order():
     for label in CONSTANTS:
         name = f"transfer, {label}"
         np.testing.assert_array_equal(grown[name].level.values, once[name].level.values)
-    level = Level(np.array([1.0, 2.0, 3.0]), 1.0, True)
-    assert level.take(np.array([2, 0])).values.tolist() == [3.0, 1.0]

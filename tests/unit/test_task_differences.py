@@ -1,4 +1,4 @@
-"""Differences of two tasks, and that the same problem in another form has none."""
+"""Differences of two tasks or of their summaries; the same problem in another form has none."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -9,7 +9,15 @@ from hypothesis import given, strategies as st
 
 from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
 from curricle.comparison import task_differences
-from curricle.comparison.task_differences import differences
+from curricle.comparison.task_differences import (
+    differences,
+    plain_text,
+    summary_differences,
+    task_summary,
+)
+from curricle.show.views import GridView
+from curricle.study.record import ViewRecord, plain, read_record
+from tests.tasks import random_mdp
 
 MAZE = GridWorld(["S.F", "..T"])
 HUNT = Pursuit(3, 2)
@@ -28,11 +36,11 @@ def changed(pair, outcomes, **settings):
     return coin(lists, **settings)
 
 
-def names(one, other):
+def names(task, other):
     """Return what differs, without the values; both ways round it is the same."""
-    found = [line.split(" (")[0] for line in differences(one, other)]
-    assert found == [line.split(" (")[0] for line in differences(other, one)]
-    return found
+    parts = [line.split(" (")[0] for line in differences(task, other)]
+    assert parts == [line.split(" (")[0] for line in differences(other, task)]
+    return parts
 
 
 # -- the same problem ------------------------------------------------------------------------------
@@ -108,21 +116,6 @@ def test_equal_values_are_one_problem():
 # -- each difference, with values or a place -----------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("settings", "expected"),
-    [
-        ({"discount": 0.5, "time_limit": 9}, ["discount", "time_limit"]),
-        ({"ends": ["treasure", "fire"]}, ["end rule", "ends"]),
-        ({"start": "uniform"}, ["start"]),
-        ({"rewards": Rewards(fire=-5)}, ["reward", "rewards"]),
-        ({"origin": (1, 0)}, ["states", "origin"]),
-        ({"map": ["S.", ".T"]}, ["states", "map"]),
-    ],
-)
-def test_mazes(settings, expected):
-    assert names(MAZE, GridWorld(**({"map": ["S.F", "..T"]} | settings))) == expected
-
-
 def test_values_are_told():
     """Of the first state that differs, of numbers and of what a user stated."""
     other = GridWorld(["S.F", "..T"], rewards=Rewards(fire=-5), time_limit=9, start="uniform")
@@ -134,21 +127,27 @@ def test_values_are_told():
 
 
 @pytest.mark.parametrize(
-    ("other", "expected"),
+    ("task", "other", "expected"),
     [
-        (Pursuit(3, 2, step_reward=-2.0), ["reward", "step_reward"]),
-        (Pursuit(3, 2, prey=np.tile([1.0, 0, 0, 0, 0], (9, 1))), ["reward", "prey"]),
-        (Pursuit(3, 2, capture="any"), ["end rule", "reward", "start", "capture"]),
-        (Pursuit(3, 2, capture="as_published"), ["end rule", "start", "capture"]),
-        (Pursuit(3, 2, discount=0.9, time_limit=None), ["discount", "time_limit"]),
-        (Pursuit(3, 2, moves=4), ["actions", "moves"]),
-        (Pursuit(3, 1), ["states", "actions", "predators"]),
-        (MAZE, ["states", "actions"]),
+        (MAZE, replace(MAZE, discount=0.5, time_limit=9), ["discount", "time_limit"]),
+        (MAZE, replace(MAZE, ends=["treasure", "fire"]), ["end rule", "ends"]),
+        (MAZE, replace(MAZE, start="uniform"), ["start"]),
+        (MAZE, replace(MAZE, rewards=Rewards(fire=-5)), ["reward", "rewards"]),
+        (MAZE, replace(MAZE, origin=(1, 0)), ["states", "origin"]),
+        (MAZE, GridWorld(["S.", ".T"]), ["states", "map"]),
+        (HUNT, Pursuit(3, 2, step_reward=-2.0), ["reward", "step_reward"]),
+        (HUNT, Pursuit(3, 2, prey=np.tile([1.0, 0, 0, 0, 0], (9, 1))), ["reward", "prey"]),
+        # Where more is caught in a step, the mean reward of it differs too.
+        (HUNT, Pursuit(3, 2, capture="any"), ["end rule", "reward", "start", "capture"]),
+        (HUNT, Pursuit(3, 2, capture="as_published"), ["end rule", "start", "capture"]),
+        (HUNT, Pursuit(3, 2, discount=0.9, time_limit=None), ["discount", "time_limit"]),
+        (HUNT, Pursuit(3, 2, moves=4), ["actions", "moves"]),
+        (HUNT, Pursuit(3, 1), ["states", "actions", "predators"]),
+        (HUNT, MAZE, ["states", "actions"]),
     ],
 )
-def test_pursuits(other, expected):
-    """Where more is caught in a step, the mean reward of it differs too."""
-    assert names(HUNT, other) == expected
+def test_what_differs_is_named(task, other, expected):
+    assert names(task, other) == expected
 
 
 @pytest.mark.parametrize(
@@ -272,3 +271,67 @@ def test_what_is_too_large_for_tables_is_compared_by_parameters(monkeypatch):
     monkeypatch.setattr(task_differences, "LARGEST", 1)
     assert differences(coin(), coin()) == ()
     assert names(coin(), changed((0, 0), [(0.5, 1, 2.0), (0.5, 2, -3.0)])) == ["reward"]
+
+
+# -- summaries, by which two stored studies are compared -------------------------------------------
+
+ROOMS = GridWorld(["S..P", ".#..", "..FT"], time_limit=40)
+OTHERS = {
+    "discount": replace(ROOMS, discount=0.9),
+    "time_limit": replace(ROOMS, time_limit=41),
+    "reward": replace(ROOMS, rewards=Rewards(step=-1.001)),
+    "states": GridWorld(["S..P", "....", "..FT"], time_limit=40),
+    "end": replace(ROOMS, ends=("treasure",)),
+    "start": replace(ROOMS, start="uniform"),
+}
+
+
+def apart(task, other):
+    return summary_differences(task_summary(task), task_summary(other))
+
+
+@pytest.mark.parametrize("part", OTHERS)
+def test_what_differs_between_summaries_is_named(part):
+    assert differences(ROOMS, OTHERS[part])
+    first, *_ = apart(ROOMS, OTHERS[part])
+    assert first.startswith(part)
+    assert apart(OTHERS[part], ROOMS)
+
+
+def test_the_same_problem_from_other_parameters_is_the_same():
+    assert apart(ROOMS, GridWorld(ROOMS.map, time_limit=40)) == ()
+    assert apart(ROOMS, ROOMS.mdp) == differences(ROOMS, ROOMS.mdp) == ()
+    hunt = Pursuit(3, 2, time_limit=30)
+    assert apart(hunt, hunt.mdp) == differences(hunt, hunt.mdp) == ()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_one_changed_outcome_of_many_is_found(seed):
+    mdp, draws = random_mdp(seed), np.random.default_rng(seed)
+    row = int(mdp.outcome_row[~mdp.terminal].flat[0])
+    column = int(mdp.probability[row].argmax())
+    assert apart(mdp, random_mdp(seed)) == ()
+    rewards = mdp.reward.copy()
+    rewards[row, column] += draws.choice([1e-3, -1.0, 50.0])
+    assert apart(mdp, replace(mdp, reward=rewards))[0] == "reward"
+
+
+def test_text_of_a_parameter_is_the_same_in_every_process():
+    def slip(state):
+        return state + 1
+
+    named = plain_text(slip)
+    assert named.startswith("slip (")
+    assert "0x" not in plain_text(slip) + plain_text((slip, object()))
+    assert plain_text(lambda state: state) != plain_text(lambda state: state + 2)
+
+
+@pytest.mark.parametrize("task", [ROOMS, Pursuit(3, 2), random_mdp(0)])
+def test_a_view_is_the_same_when_it_is_read_again(task):
+    view = GridView.for_replay(task)
+    again = read_record(ViewRecord, plain(ViewRecord.of(view))).view
+    for name in ("states", "cells", "ended"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(view, name))
+    for name in ("origin", "shape", "letters", "words", "directions", "actions", "objects"):
+        assert getattr(again, name) == getattr(view, name), name
+    assert [m.letter for m in again.markers] == [m.letter for m in view.markers]

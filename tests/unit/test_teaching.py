@@ -27,37 +27,31 @@ NEAR = with_start(MAZE, GoalDistance(1, 3))
 BOTH = {"near": NEAR, "far": MAZE}
 
 
-class Recorder:
-    """Draws tasks in turn, and remembers the episodes."""
-
-    def __init__(self):
-        self.seen = []
-
-    def start(self, n_tasks):
-        return np.eye(n_tasks)[0]
-
-    def update(self, memory, episode):
-        self.seen.append(episode)
-        return np.roll(memory, 1)
-
-    def probabilities(self, memory):
-        return memory
-
-
 class Always:
-    """Draws one task."""
+    """Draws one task, and remembers the episodes."""
 
     def __init__(self, task):
-        self.task = task
+        self.task, self.seen = task, []
 
     def start(self, n_tasks):
         return np.eye(n_tasks)[self.task]
 
     def update(self, memory, episode):
+        self.seen.append(episode)
         return memory
 
     def probabilities(self, memory):
         return memory
+
+
+class Recorder(Always):
+    """Draws tasks in turn, and remembers the episodes."""
+
+    def __init__(self):
+        super().__init__(0)
+
+    def update(self, memory, episode):
+        return np.roll(super().update(memory, episode), 1)
 
 
 class Failing(Always):
@@ -75,13 +69,13 @@ def test_tasks_are_played_by_their_own_rules():
     dear = cr.GridWorld(MAZE.map, time_limit=50, rewards=cr.Rewards(step=-7.0))
     cheap = cr.GridWorld(MAZE.map, time_limit=50, rewards=cr.Rewards(step=-2.0))
     teacher = Recorder()
-    found = teach({"cheap": cheap, "dear": dear}, teacher, target="dear", budget=3000)
-    np.testing.assert_array_equal(found.drawn[0], np.arange(len(found.drawn[0])) % 2)
+    result = teach({"cheap": cheap, "dear": dear}, teacher, target="dear", budget=3000)
+    np.testing.assert_array_equal(result.drawn[0], np.arange(len(result.drawn[0])) % 2)
     for number, episode in enumerate(teacher.seen):
         assert episode.task == number % 2
         assert set(episode.rewards[:-1]) == {-7.0 if episode.task else -2.0} or episode.length == 1
     lengths = [episode.length for episode in teacher.seen]
-    np.testing.assert_array_equal(np.cumsum(lengths), found.begun_at[0][1:])
+    np.testing.assert_array_equal(np.cumsum(lengths), result.begun_at[0][1:])
 
 
 def test_a_success_is_an_end_in_the_goal():
@@ -116,17 +110,17 @@ def test_td_errors_are_those_of_the_values_at_the_time(kind):
 
 def test_values_are_zero_where_the_target_ends():
     open_maze = cr.GridWorld(MAZE.map, time_limit=50, ends={"treasure"})
-    found = teach({"open": open_maze, "far": MAZE}, target="far", budget=5000)
-    assert not found.learning.values[0][MAZE.mdp.terminal].any()
-    assert found.learning.values[0].any()
+    result = teach({"open": open_maze, "far": MAZE}, target="far", budget=5000)
+    assert not result.learning.values[0][MAZE.mdp.terminal].any()
+    assert result.learning.values[0].any()
 
 
 def test_probabilities_are_those_of_the_episode_in_progress():
-    found = teach(BOTH, Recorder(), target="far", budget=400, eval_freq=1)
+    result = teach(BOTH, Recorder(), target="far", budget=400, eval_freq=1)
     for step in range(400):
-        episode = np.searchsorted(found.begun_at[0], step, side="right") - 1
+        episode = np.searchsorted(result.begun_at[0], step, side="right") - 1
         expected = np.eye(2)[episode % 2]
-        np.testing.assert_array_equal(found.probabilities[0, step], expected)
+        np.testing.assert_array_equal(result.probabilities[0, step], expected)
 
 
 def test_no_task_of_probability_0_is_drawn():
@@ -137,10 +131,10 @@ def test_no_task_of_probability_0_is_drawn():
 
 def test_a_stopping_rule_is_judged_in_the_target():
     rule = cr.StoppingRule(30_000, threshold=100.0, patience=2)
-    found = teach(BOTH, target="far", budget=rule, eval_freq=100, seeds=2).learning
-    assert (found.steps_used < 30_000).all()
-    for k, used in enumerate(found.steps_used // 100):
-        assert (found.greedy_return[k, used - 1 : used + 1] >= 100.0).all()
+    result = teach(BOTH, target="far", budget=rule, eval_freq=100, seeds=2).learning
+    assert (result.steps_used < 30_000).all()
+    for k, used in enumerate(result.steps_used // 100):
+        assert (result.greedy_return[k, used - 1 : used + 1] >= 100.0).all()
 
 
 @pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA])
@@ -155,8 +149,8 @@ def test_padded_outcomes_are_never_taken():
     wide = random_mdp(3, width=3, time_limit=20)
     narrow = random_mdp(3, width=1, time_limit=20)
     alone = cr.learn(narrow, budget=2000)
-    found = teach({"w": wide, "n": narrow}, Always(1), target="n", budget=2000)
-    np.testing.assert_array_equal(found.learning.values, alone.values)
+    result = teach({"w": wide, "n": narrow}, Always(1), target="n", budget=2000)
+    np.testing.assert_array_equal(result.learning.values, alone.values)
 
 
 OTHER = cr.GridWorld(["S....T", ".PP...", "......"], time_limit=60)
@@ -175,40 +169,33 @@ def says(probabilities):
     return lambda: teach(BOTH, teacher, target="far", budget=100)
 
 
-@pytest.mark.parametrize(
-    ("error", "call", "says"),
-    cases(
-        {
-            SettingError: {
-                "states": (
-                    lambda: teach({**BOTH, "s": cr.GridWorld("S.T")}, target="far"),
-                    "share their states.*'s'",
-                ),
-                "limit": (
-                    lambda: teach({**BOTH, "o": OTHER}, target="far"),
-                    "share their time_limit: 'o' has 60 and 'far' has 50",
-                ),
-                "no limit": (
-                    lambda: teach({"c": chain(None)}, target="c"),
-                    "need a time limit: 'c' has none",
-                ),
-                "learner": (
-                    lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
-                    "not by a start",
-                ),
-                "sum": (says([0.5, 0.6]), "sum to 1: after 0 episodes"),
-                "shape": (says([1.0]), "2 numbers from 0 up"),
-                "bounds": (lambda: ReverseCurriculum(0.8, 0.2), "r_min .* got 0.8 and 0.2"),
-            },
-            TaskError: {
-                "no goal": (
-                    lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
-                    "goal needs at least one state.*task 'n'",
-                ),
-            },
-        }
-    ),
-)
+def with_third(task):
+    return lambda: teach({**BOTH, "third": task}, target="far")
+
+
+REFUSALS = {
+    SettingError: {
+        "states": (with_third(cr.GridWorld("S.T")), "share their states.*'third'"),
+        "limit": (with_third(OTHER), "their time_limit: 'third' has 60 and 'far' has 50"),
+        "no limit": (lambda: teach({"c": chain(None)}, target="c"), "a time limit: 'c' has none"),
+        "learner": (
+            lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
+            "not by a start",
+        ),
+        "sum": (says([0.5, 0.6]), "sum to 1: after 0 episodes"),
+        "shape": (says([1.0]), "2 numbers from 0 up"),
+        "bounds": (lambda: ReverseCurriculum(0.8, 0.2), "r_min .* got 0.8 and 0.2"),
+    },
+    TaskError: {
+        "no goal": (
+            lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
+            "goal needs at least one state.*task 'n'",
+        ),
+    },
+}
+
+
+@pytest.mark.parametrize(("error", "call", "says"), cases(REFUSALS))
 def test_refusals(error, call, says):
     check_refusal(error, call, says)
 
@@ -223,8 +210,8 @@ def test_wrong_values_are_named():
 
 
 def test_tasks_without_a_goal_are_for_teachers_that_need_none():
-    found = teach({"n": NO_GOAL}, TSCL(), target="n", budget=100)
-    assert found.learning.steps_used == 100
+    result = teach({"n": NO_GOAL}, TSCL(), target="n", budget=100)
+    assert result.learning.steps_used == 100
 
 
 N_TASKS = 4
@@ -234,19 +221,12 @@ CASES = [(seed, n) for seed in range(4) for n in (0, 1, 2, 3, 8, 60)]
 def episodes(seed, n):
     """Return n random episodes; some tasks may never be among them."""
     rng = np.random.default_rng(seed)
-    found = []
+    drawn = []
     for _ in range(n):
         task, length = int(rng.integers(N_TASKS)), int(rng.integers(1, 6))
-        found.append(
-            Episode(
-                task,
-                rng.normal(size=length),
-                rng.normal(size=length),
-                bool(rng.random() < (task + 1) / 5),
-                0.9,
-            )
-        )
-    return found
+        rewards, errors = rng.normal(size=length), rng.normal(size=length)
+        drawn.append(Episode(task, rewards, errors, bool(rng.random() < (task + 1) / 5), 0.9))
+    return drawn
 
 
 def probabilities(teacher, seen):
@@ -287,8 +267,8 @@ def test_learnability_prefers_successes_by_halves(seed, n, top):
     last = sorted(learnability, reverse=True)[:top][-1]
     best = [i for i in range(N_TASKS) if learnability[i] >= last]
     expected = 0.7 * uniform_over(best) + 0.3 / N_TASKS
-    found = probabilities(Learnability(rho=0.7, top=top, window=6), seen)
-    np.testing.assert_allclose(found, expected)
+    result = probabilities(Learnability(rho=0.7, top=top, window=6), seen)
+    np.testing.assert_allclose(result, expected)
 
 
 @pytest.mark.parametrize(("seed", "n"), CASES)

@@ -8,19 +8,25 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import trial as trials
-from curricle.comparison.comparison import Arm, Comparison
-from curricle.comparison.forecasting import JudgedPotentials, forecast
-from curricle.comparison.trial import (
-    Trial,
-    affordable,
-    apart,
-    candidates_of,
-    hindrance,
-    run_trial,
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.forecasting import (
+    ForecastRow,
+    JudgedPotentials,
+    anti_knowledge,
+    forecast,
 )
+from curricle.comparison.trial import Trial, affordable, apart, candidates_of, hindrance, run_trial
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics.curves import Curve
-from tests.comparisons import MAZE, assert_same, calls, copied, corner, pursuit  # noqa: F401
+from curricle.transfer.rollouts import PotentialQuality
+from tests.comparisons import (  # noqa: F401
+    MAZE,
+    arm_of,
+    assert_same,
+    calls,
+    copied,
+    corner,
+    pursuit,
+)
 
 LINE = cr.GridWorld("S..T", time_limit=30)
 
@@ -35,31 +41,24 @@ def words_of(text):
 def test_a_trial_is_the_comparison_with_its_tasks_renamed():
     plan = corner()
     (used,) = candidates_of(plan, "maze")
-    found = run_trial([used], seeds=6).comparison
+    comparison = run_trial([used], seeds=6).comparison
     renamed = cr.compare(apart(plan), seeds=6)
     for name, other in (("scratch", "scratch"), ("mean", "transfer")):
-        assert_same(found[name], renamed[other])
-    assert (found.total, found.threshold) == (renamed.total, renamed.threshold)
-    assert (found.budget, found.window) == (renamed.budget, renamed.window)
+        assert_same(comparison[name], renamed[other])
+    assert (comparison.total, comparison.threshold) == (renamed.total, renamed.threshold)
+    assert (comparison.budget, comparison.window) == (renamed.budget, renamed.window)
 
 
 def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):  # noqa: F811
     plan = corner()
     cr.forecast(plan, seeds=3)
-    streams = [one["stream"] for one in calls]
+    streams = [call["stream"] for call in calls]
     assert streams == ["corner", "maze/trial", "corner/trial", "maze/trial"]
     own = cr.compare(plan, seeds=20)["scratch"].training_return[:, 1:]
     trial = cr.forecast(plan, seeds=3).trial.comparison["scratch"].training_return[:, 1:]
     alike = (own[:, None] == trial[None]).all(axis=2)
     assert not alike.any()
     assert (own[:, None] == own[None]).all(axis=2).sum() == 20  # each equals itself
-
-
-def test_a_trial_does_not_depend_on_the_seeds_that_are_looked_at():
-    plan = corner()
-    one, other = (cr.forecast(plan, seeds=seeds).trial.comparison for seeds in (2, [7, 8, 9]))
-    for name in ("scratch", "mean"):
-        assert_same(one[name], other[name])
 
 
 def test_each_candidate_pays_for_its_own_sources_only():
@@ -74,28 +73,30 @@ def test_each_candidate_pays_for_its_own_sources_only():
         tasks, edges, budget=exact | {"far": 2000},
         eval_freq={"far": 100},
     )  # fmt: skip
-    found = cr.forecast(plan, seeds=1).trial.comparison
-    spent = {name: arm.curve.source_steps[0] for name, arm in found.arms.items()}
+    comparison = cr.forecast(plan, seeds=1).trial.comparison
+    spent = {name: arm.curve.source_steps[0] for name, arm in comparison.arms.items()}
     assert spent == {
         "scratch": 0, "minimum": 700, "mean": 700, "maximum": 700, "total": 700,
         "left -> far": 300, "right -> far": 400,
     }  # fmt: skip
-    assert found.total == 2700
+    assert comparison.total == 2700
 
 
 def test_the_candidates_are_what_they_are_called():
     plan = pursuit(calibrate=True)
-    found = {one.name: one for one in candidates_of(plan, "hunt", [cr.mean])}
-    assert list(found) == [
+    candidates = {candidate.name: candidate for candidate in candidates_of(plan, "hunt", [cr.mean])}
+    assert list(candidates) == [
         "minimum", "minimum, calibrated", "mean", "maximum", "total",
         "chase -> hunt [1]", "chase -> hunt [2]",
     ]  # fmt: skip
-    assert [name for name, one in found.items() if one.used] == ["minimum, calibrated"]
-    for name, one in found.items():
-        calibrates = one.curriculum.calibration("hunt") is not None
+    assert [name for name, candidate in candidates.items() if candidate.used] == [
+        "minimum, calibrated"
+    ]
+    for name, candidate in candidates.items():
+        calibrates = candidate.curriculum.calibration("hunt") is not None
         assert calibrates == (name == "minimum, calibrated")
-        assert len(one.curriculum.in_edges("hunt")) == (2 if one.aggregate else 1)
-    assert found["mean"].curriculum.setting("aggregate", "hunt") is cr.mean
+        assert len(candidate.curriculum.in_edges("hunt")) == (2 if candidate.aggregate else 1)
+    assert candidates["mean"].curriculum.setting("aggregate", "hunt") is cr.mean
 
 
 # -- what it says ----------------------------------------------------------------------------------
@@ -115,65 +116,52 @@ def rooms():
 
 
 def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
-    found = cr.forecast(rooms(), seeds=2)
-    assert (found.answer, found.used.gain.low > 0) == ("likely pays", True)
-    gain = found.trial.comparison.contrasts["mean"].strong_gain
-    assert found.used.gain is gain
-    assert found.used.score == gain.estimate
-    numbers = found.trial.numbers("mean")
+    foreseen = cr.forecast(rooms(), seeds=2)
+    assert (foreseen.answer, foreseen.used.gain.low > 0) == ("likely pays", True)
+    gain = foreseen.trial.comparison.contrasts["mean"].strong_gain
+    assert foreseen.used.gain is gain
+    assert foreseen.used.score == gain.estimate
+    numbers = foreseen.trial.numbers("mean")
     pattern = (
         r"expected steps to the threshold 146: .+ with sources \(their 1,000 steps included\), "
         r".+ from scratch; saves .+; gain in mean return .+"
     )
     assert re.fullmatch(pattern, numbers)
-    assert "assumes" in found.basis
-    assert words_of(found).startswith(f"Forecast for 'far': likely pays {numbers}; a trial in")
+    assert "assumes" in foreseen.basis
+    assert words_of(foreseen).startswith(f"Forecast for 'far': likely pays {numbers}; a trial in")
 
 
 def test_scores_order_rows_and_the_best_is_named_if_it_is_not_used():
     plan = replace(pursuit(), aggregate=cr.maximum)
-    found = cr.forecast(plan, seeds=1, trial=True)
+    foreseen = cr.forecast(plan, seeds=1, trial=True)
     for kind in (True, False):
-        scores = [one.score for one in found.rows if one.aggregate == kind]
+        scores = [row.score for row in foreseen.rows if row.aggregate == kind]
         assert scores == sorted(scores, reverse=True)
-    assert found.best.score == max(one.score for one in found.rows)
-    assert found.best.name != "maximum"
-    assert [one.name for one in found.rows if one.used] == ["maximum"]
-    lines = [line for line in str(found).split("\n") if line.startswith("maximum *")]
-    assert float(lines[0].split()[2]) == pytest.approx(found["maximum"].gain.estimate, rel=0.01)
-
-
-def arm(*values, spent=0, control=False):
-    rows = np.array(values, dtype=float)
-    steps = np.arange(rows.shape[1]) * 100
-    spent = np.full(len(rows), spent)
-    return Arm(Curve(steps, rows, spent), 0 * rows, 0 * rows, control)
+    assert foreseen.best.score == max(row.score for row in foreseen.rows)
+    assert foreseen.best.name != "maximum"
+    assert [row.name for row in foreseen.rows if row.used] == ["maximum"]
+    lines = [line for line in str(foreseen).split("\n") if line.startswith("maximum *")]
+    assert float(lines[0].split()[2]) == pytest.approx(foreseen["maximum"].gain.estimate, rel=0.01)
 
 
 def test_seeds_that_never_reach_the_threshold_are_counted():
     """Hand-made: from scratch at 200 steps, 400 and never in 500; with 100 source steps at 200."""
-    scratch = arm([0, 0, 9, 9, 9, 9], [0, 0, 0, 0, 9, 9], [0, 0, 0, 0, 0, 0])
-    taught = arm(*[[0, 9, 9, 9, 9, 9]] * 3, spent=100)
-    found = Trial(Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, 9.0, 1), "")
-    assert found.numbers("a") == (
+    fast, slow, nobody = [0, 9, 9, 9, 9, 9], [0, 0, 9, 9, 9, 9], arm_of([[0] * 6] * 3, 0, 100)
+    scratch = arm_of([slow, [0, 0, 0, 0, 9, 9], [0] * 6], 0, 100)
+    taught, late = arm_of([fast] * 3, 100, 100), arm_of([slow] * 3, 100, 100)
+    trial = Trial(Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, 9.0, 1), "")
+    assert trial.numbers("a") == (
         "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
         "367 [0, 500] (1 of 3 seeds never) from scratch; saves at least 167 [-213, 546]; gain in "
         "mean return 3.3 [-4.55, 11.2]"
     )
-    assert found.verdict("a") == "whether it pays is open"
-    swapped = Trial(Comparison("t", {"scratch": taught_alone(), "a": slow()}, 400, 500, 9.0, 1), "")
+    assert trial.verdict("a") == "whether it pays is open"
+    swapped = Trial(
+        Comparison("t", {"scratch": arm_of([fast] * 3, 0, 100), "a": late}, 400, 500, 9.0, 1), ""
+    )
     assert "; takes 200 more; " in swapped.numbers("a")
-    nobody = arm(*[[0, 0, 0, 0, 0, 0]] * 3)
-    alone = Trial(Comparison("t", {"scratch": nobody, "a": slow()}, 400, 500, 9.0, 1), "")
+    alone = Trial(Comparison("t", {"scratch": nobody, "a": late}, 400, 500, 9.0, 1), "")
     assert ", never within 500 steps from scratch; saves at least 200; " in alone.numbers("a")
-
-
-def taught_alone():
-    return arm(*[[0, 9, 9, 9, 9, 9]] * 3)
-
-
-def slow():
-    return arm(*[[0, 0, 9, 9, 9, 9]] * 3, spent=100)
 
 
 def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
@@ -181,12 +169,12 @@ def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
         raise RuntimeError("no idea")
 
     plan = copied(MAZE, budget={"near": 50, "far": 200})
-    each = candidates_of(plan, "far", [broken])
-    found = run_trial(each, seeds=8)
-    assert found.gain("broken") is None
-    assert found.verdict("broken") == "it failed in the trial"
-    assert found.numbers("broken") == "RuntimeError: no idea"
-    assert found.gain("mean") is not None
+    tried = candidates_of(plan, "far", [broken])
+    trial = run_trial(tried, seeds=8)
+    assert trial.gain("broken") is None
+    assert trial.verdict("broken") == "it failed in the trial"
+    assert trial.numbers("broken") == "RuntimeError: no idea"
+    assert trial.gain("mean") is not None
 
 
 # -- where there is none ---------------------------------------------------------------------------
@@ -200,63 +188,68 @@ def live_plan():
 def test_a_live_task_has_no_trial_and_its_words_are_weak():
     plan = live_plan()
     assert hindrance(plan) == "'near' is live and has no model"
-    found = cr.forecast(plan, seeds=1)
-    assert found.trial is None
-    assert found.answer == "whether it pays is open"
-    assert "pays," not in str(found)
-    assert found.basis == (
+    foreseen = cr.forecast(plan, seeds=1)
+    assert foreseen.trial is None
+    assert foreseen.answer == "whether it pays is open"
+    assert "pays," not in str(foreseen)
+    assert foreseen.basis == (
         "no trial: 'near' is live and has no model; trial=smaller_curriculum rehearses on a "
         "smaller relative"
     )
-    assert found.used.gain is None
-    with pytest.raises(CurriculumError, match="needs models and a budget in steps: 'near' is live"):
-        cr.forecast(plan, seeds=1, trial=True)
+    assert foreseen.used.gain is None
 
 
 def test_a_smaller_relative_carries_its_verdict_and_its_assumption():
     small = copied(LINE, target="small", budget={"near": 40, "small": 2000})
-    found = cr.forecast(live_plan(), seeds=1, trial=small)
-    assert found.trial.relative == "small"
+    foreseen = cr.forecast(live_plan(), seeds=1, trial=small)
+    assert foreseen.trial.relative == "small"
     alone = run_trial(candidates_of(live_plan(), "far")[:1], small)
-    assert found.answer == f"{trials.verdict_words(alone.gain('mean'))}, as on a smaller relative"
-    assert "assumes that what pays there pays in 'far'" in found.basis
-    assert found.used.gain is None  # returns of another task order nothing here
-    with pytest.raises(CurriculumError, match="a smaller relative needs models"):
-        cr.forecast(live_plan(), seeds=1, trial=live_plan())
+    assert (
+        foreseen.answer == f"{trials.verdict_words(alone.gain('mean'))}, as on a smaller relative"
+    )
+    assert "assumes that what pays there pays in 'far'" in foreseen.basis
+    assert foreseen.used.gain is None  # returns of another task order nothing here
+
+
+OFF = cr.GreedyEvaluation(method="off")
+EPISODES = copied(LINE, budget={"near": 50, "far": cr.Episodes(9)})
 
 
 @pytest.mark.parametrize(
-    ("settings", "why"),
+    ("plan", "settings", "message"),
     [
-        ({"budget": {"near": 50, "far": cr.Episodes(9)}}, "the budget of 'far' is 9 episodes"),
-        ({"evaluation": cr.GreedyEvaluation(method="off")}, "greedy evaluation of 'far' is off"),
+        (EPISODES, {"trial": True}, "models and a budget in steps: the budget of 'far' is 9 epis"),
+        (copied(LINE, evaluation=OFF), {"trial": True}, "greedy evaluation of 'far' is off"),
+        (live_plan(), {"trial": True}, "a trial needs models and a budget in steps: 'near' is l"),
+        (corner(), {"trial": live_plan()}, "a smaller relative needs models"),
+        (corner(), {"trial": 3}, "trial must be True, False, None or a Curriculum"),
+        (corner(), {"trial": True, "perfect": True}, "trains the sources: with perfect=True"),
     ],
 )
-def test_what_cannot_be_compared_has_no_trial(settings, why):
-    plan = copied(LINE, **settings)
-    assert why in hindrance(plan)
-    with pytest.raises(CurriculumError, match=re.escape(why)):
-        cr.forecast(plan, trial=True)
+def test_a_trial_that_makes_no_sense_is_refused(plan, settings, message, calls):  # noqa: F811
+    with pytest.raises(CurriculumError, match=message):
+        cr.forecast(plan, **settings)
+    assert calls == []
 
 
 def test_a_long_trial_is_made_only_if_it_is_asked_for(monkeypatch):
     plan = corner(target=1000)
-    each = candidates_of(plan, "maze")
-    assert affordable(each) == (each, trials.SEEDS)
+    tried = candidates_of(plan, "maze")
+    assert affordable(tried) == (tried, trials.SEEDS)
     monkeypatch.setattr(trials, "QUICK", 0.0)
-    assert affordable(each) == ([], 0)
-    found = cr.forecast(plan, seeds=1)
-    assert found.basis == "no trial: it would take long; trial=True makes it"
+    assert affordable(tried) == ([], 0)
+    foreseen = cr.forecast(plan, seeds=1)
+    assert foreseen.basis == "no trial: it would take long; trial=True makes it"
     assert cr.forecast(plan, seeds=1, trial=True).trial.comparison.seeds == trials.SEEDS
 
 
 def test_the_used_candidate_alone_is_tried_where_all_would_take_long(monkeypatch):
     plan = pursuit()
-    each = candidates_of(plan, "hunt")
-    alone = trials.trial_seconds([one for one in each if one.used])
+    tried = candidates_of(plan, "hunt")
+    alone = trials.trial_seconds([candidate for candidate in tried if candidate.used])
     monkeypatch.setattr(trials, "QUICK", 1.5 * trials.FEWEST * alone)
-    some, seeds = affordable(each)
-    assert [one.name for one in some] == ["minimum"]
+    some, seeds = affordable(tried)
+    assert [candidate.name for candidate in some] == ["minimum"]
     assert seeds == int(1.5 * trials.FEWEST)
 
 
@@ -265,8 +258,8 @@ def test_trials_share_what_is_learnt_without_sources(calls):  # noqa: F811
         JudgedPotentials(),
         [corner(target=300), corner(target=300, aggregate=cr.maximum)],
     )
-    first, second = (forecast(one, seeds=1, judged=judged).trial.comparison for one in arms)
-    streams = [one["stream"] for one in calls]
+    first, second = (forecast(arm, seeds=1, judged=judged).trial.comparison for arm in arms)
+    streams = [call["stream"] for call in calls]
     assert [streams.count(name) for name in ("maze/trial", "corner/trial")] == [3, 1]
     assert_same(first.arms["scratch"], second.arms["scratch"])
     assert_same(second.arms["maximum"], cr.forecast(arms[1], seeds=1).trial.comparison["maximum"])
@@ -277,18 +270,10 @@ def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):
         raise SettingError("a rule: a value")
 
     monkeypatch.setattr("curricle.comparison.trial.comparison_plan", fails)
-    found = cr.forecast(corner(target=300), seeds=1)
-    assert found.basis == "no trial: it failed: a rule: a value"
+    foreseen = cr.forecast(corner(target=300), seeds=1)
+    assert foreseen.basis == "no trial: it failed: a rule: a value"
     with pytest.raises(SettingError, match="a rule: a value"):
         cr.forecast(corner(target=300), seeds=1, trial=True)
-
-
-def test_nonsense_is_refused_before_training(calls):  # noqa: F811
-    with pytest.raises(CurriculumError, match="trial must be True, False, None or a Curriculum"):
-        cr.forecast(corner(), trial=3)
-    with pytest.raises(CurriculumError, match="a trial trains the sources: with perfect=True"):
-        cr.forecast(corner(), trial=True, perfect=True)
-    assert calls == []
 
 
 # -- anti-knowledge --------------------------------------------------------------------------------
@@ -303,18 +288,15 @@ def test_anti_knowledge_is_named_per_transfer():
         {"near": MAZE, "wrong": MAZE, "far": MAZE}, [good, bad],
         budget={"near": 4000, "wrong": 4000, "far": 500},
     )  # fmt: skip
-    found = cr.forecast(plan, seeds=2, trial=False)
-    assert found["near -> far"].anti_knowledge == ""
+    foreseen = cr.forecast(plan, seeds=2, trial=False)
+    assert foreseen["near -> far"].anti_knowledge == ""
     against = "its order of the pairs is against that of Q* (rank -"
-    assert against in found["wrong -> far"].anti_knowledge
-    assert "wrong -> far may be anti-knowledge: its policy starts at " in words_of(found)
-    assert "near -> far may" not in words_of(found)
+    assert against in foreseen["wrong -> far"].anti_knowledge
+    assert "wrong -> far may be anti-knowledge: its policy starts at " in words_of(foreseen)
+    assert "near -> far may" not in words_of(foreseen)
 
 
 def test_one_seed_against_the_others_is_noise():
-    from curricle.comparison.forecasting import ForecastRow, anti_knowledge
-    from curricle.transfer.rollouts import PotentialQuality
-
     def row(*pairs):
         seeds = tuple(PotentialQuality(s, 0.0, 0.0, 1.0, r, exact=True) for s, r in pairs)
         return ForecastRow("a -> b", False, False, seeds, ())

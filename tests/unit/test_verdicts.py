@@ -22,7 +22,7 @@ from tests.comparisons import corner, flat
 
 def compared(**returns):
     """A comparison of flat arms; those whose name ends with "_control" are controls."""
-    arms = {name: flat(each, name.endswith("_control")) for name, each in returns.items()}
+    arms = {name: flat(heights, name.endswith("_control")) for name, heights in returns.items()}
     return Comparison("maze", arms, 10, 10, 0.5, 1)
 
 
@@ -34,32 +34,22 @@ def column(height, seeds=8):
 # -- a verdict and what else is asked ----------------------------------------------------------
 
 
-def test_a_verdict_stays_when_controls_come():
-    """p = 2^-7 = 0.0078: with five controls in the family it would be 0.047, with seven 0.0625."""
-    alone = compared(scratch=column(0), mine=column(-1))
-    many = {f"c{n}_control": column(2) for n in range(7)}
-    beside = compared(scratch=column(0), mine=column(-1), **many)
-    for found in (alone, beside):
-        assert found.contrasts["mine"].verdict == "costs more than it brings"
-        assert found.contrasts["mine"].adjusted_p == found.contrasts["mine"].p == 2**-7
-
-
 def test_seeds_to_come_withhold_every_verdict():
     arms = {"scratch": column(0), "mine": column(2), "c_control": column(1)}
     whole = compared(**arms)
-    found = replace(whole, interim="interim, 8 of 20 seeds: no verdict")
+    comparison = replace(whole, interim="interim, 8 of 20 seeds: no verdict")
     assert whole.verdicts["mine"].direction == whole.control_verdicts["mine"].direction == 1
-    every = (found.verdicts, found.control_verdicts, found.against("c_control"))
-    for verdict in (one["mine"] for one in every):
+    every = (comparison.verdicts, comparison.control_verdicts, comparison.against("c_control"))
+    for verdict in (verdict["mine"] for verdict in every):
         assert verdict.direction == 0
-        assert verdict.answer == verdict.against_scratch == found.interim
+        assert verdict.answer == verdict.against_scratch == comparison.interim
         assert np.isnan([verdict.p, verdict.adjusted_p]).all()
-    rows = found.rows()
+    rows = comparison.rows()
     assert np.isnan([row[p] for row in rows for p in ("p", "adjusted_p", "beats_controls_p")]).all()
-    assert rows[1]["verdict"] == rows[1]["beats_controls"] == found.interim
-    assert found.reasons["mine"].why == ""
+    assert rows[1]["verdict"] == rows[1]["beats_controls"] == comparison.interim
+    assert comparison.reasons["mine"].why == ""
     assert "p =" in whole.text() + repr(whole)
-    assert "p =" not in found.text() + repr(found) + found._repr_html_()
+    assert "p =" not in comparison.text() + repr(comparison) + comparison._repr_html_()
     assert rows[1]["strong_gain"] == whole.rows()[1]["strong_gain"]
 
 
@@ -72,20 +62,20 @@ def test_no_difference_is_shown_beside_an_interval_that_holds_0(data):
     rows = st.lists(skewed, min_size=seeds, max_size=seeds)
     returns = {"mine": np.zeros(seeds)} | {f"r{i}": data.draw(rows) for i in range(n)}
     looks = data.draw(st.sampled_from([Looks((1,)), Looks.doubling(3, seeds)]))
-    one = verdicts_of(returns, {"mine": list(returns)[1:]}, looks=looks)["mine"]
-    if one.direction:
-        assert not one.gain.low <= 0 <= one.gain.high
-        assert one.adjusted_p < SIGNIFICANT
+    verdict = verdicts_of(returns, {"mine": list(returns)[1:]}, looks=looks)["mine"]
+    if verdict.direction:
+        assert not verdict.gain.low <= 0 <= verdict.gain.high
+        assert verdict.adjusted_p < SIGNIFICANT
 
 
 def test_a_difference_that_sign_flips_alone_would_show_is_not_shown():
     """Seven small gains and a large one: p = 2^-7 by flips, and Student's interval holds 0."""
     gains = [0.1, 0.2, 0.1, 0.3, 0.2, 0.1, 0.2, 9.0]
     assert sign_flip_test(gains) == 2**-7
-    one = verdicts_of({"mine": gains, "scratch": np.zeros(8)}, {"mine": ["scratch"]})["mine"]
-    assert one.gain.low < 0 < one.gain.high
-    assert (one.answer, one.against_scratch) == ("not shown", "no difference shown")
-    assert one.p == pytest.approx(stats.ttest_1samp(gains, 0).pvalue)
+    verdict = verdicts_of({"mine": gains, "scratch": np.zeros(8)}, {"mine": ["scratch"]})["mine"]
+    assert verdict.gain.low < 0 < verdict.gain.high
+    assert (verdict.answer, verdict.against_scratch) == ("not shown", "no difference shown")
+    assert verdict.p == pytest.approx(stats.ttest_1samp(gains, 0).pvalue)
 
 
 @settings(max_examples=40)
@@ -97,9 +87,9 @@ def test_no_verdict_changes_with_the_controls(data):
     controls = [data.draw(st.lists(row, max_size=3)) for _ in curricula]
     alone, beside = {"scratch": data.draw(row)}, {}
     beside |= alone
-    for n, (own, those) in enumerate(zip(curricula, controls, strict=True)):
-        alone[f"arm {n}"] = beside[f"arm {n}"] = own
-        beside |= {f"arm {n}, {k}_control": one for k, one in enumerate(those)}
+    for n, (mine, rivals) in enumerate(zip(curricula, controls, strict=True)):
+        alone[f"arm {n}"] = beside[f"arm {n}"] = mine
+        beside |= {f"arm {n}, {k}_control": row for k, row in enumerate(rivals)}
     first, second = compared(**alone), compared(**beside)
     for name, contrast in first.contrasts.items():
         other = second.contrasts[name]
@@ -107,7 +97,9 @@ def test_no_verdict_changes_with_the_controls(data):
             other.verdict, other.p, other.adjusted_p,
         )  # fmt: skip
         assert str(first.verdicts[name]) == str(second.verdicts[name])
-    assert set(second.control_verdicts) == {f"arm {n}" for n, those in enumerate(controls) if those}
+    assert set(second.control_verdicts) == {
+        f"arm {n}" for n, rivals in enumerate(controls) if rivals
+    }
 
 
 # -- a curriculum and its controls -------------------------------------------------------------
@@ -117,14 +109,16 @@ def test_the_answer_is_about_the_strongest_control():
     rng = np.random.default_rng(3)
     mine = 10 + rng.normal(size=12)
     placebo, pretraining = 5 + rng.normal(size=12), 8 + rng.normal(size=12)
-    found = compared(scratch=column(0, 12), mine=mine, a_control=placebo, b_control=pretraining)
-    (verdict,) = found.control_verdicts.values()
+    comparison = compared(
+        scratch=column(0, 12), mine=mine, a_control=placebo, b_control=pretraining
+    )
+    (verdict,) = comparison.control_verdicts.values()
     assert (verdict.rival, verdict.rivals, verdict.answer) == ("b_control", 2, "yes")
     assert verdict.gain.estimate == pytest.approx((mine - pretraining).mean())
     p = [sign_flip_test(mine - other) for other in (placebo, pretraining)]
     assert verdict.p == max(p)
-    sentence = found.control_sentence("mine")
-    assert sentence in str(found).split("\n")
+    sentence = comparison.control_sentence("mine")
+    assert sentence in str(comparison).split("\n")
 
 
 def test_a_stronger_control_has_to_be_found_among_all():
@@ -141,24 +135,27 @@ def test_the_gain_over_several_rivals_has_the_smallest_of_their_bounds():
     returns = {name: mean + rng.normal(size=9) for name, mean in (("mine", 9), ("a", 2), ("b", 7))}
     gain = verdicts_of(returns, {"mine": "ab"})["mine"].gain
     over = [returns["mine"] - returns[rival] for rival in "ab"]
-    assert gain.low == min(mean_interval(one).low for one in over)
-    assert gain.high == min(mean_interval(one, confidence=0.975).high for one in over)
+    assert gain.low == min(mean_interval(row).low for row in over)
+    assert gain.high == min(mean_interval(row, confidence=0.975).high for row in over)
 
 
 # -- arm against arm ---------------------------------------------------------------------------
 
 
 def test_any_arm_can_be_asked_about():
-    found = compared(scratch=column(0), one=column(3), two=column(5), a_control=column(1))
-    against = found.against("one")
+    comparison = compared(scratch=column(0), one=column(3), two=column(5), a_control=column(1))
+    against = comparison.against("one")
     assert list(against) == ["two"]
     assert (against["two"].answer, against["two"].p) == ("yes", 2**-7)
-    assert found.against("two")["one"].answer == "no, less"
-    assert str(found.against("scratch")) == str(found.verdicts)
+    assert comparison.against("two")["one"].answer == "no, less"
+    assert str(comparison.against("scratch")) == str(comparison.verdicts)
     with pytest.raises(CurriculumError, match="an arm must be one of scratch, one, two"):
-        found.against("three")
-    found = compare(corner(), seeds=6)
-    gain, contrast = found.verdicts["transfer"].gain, found.contrasts["transfer"].strong_gain
+        comparison.against("three")
+    comparison = compare(corner(), seeds=6)
+    gain, contrast = (
+        comparison.verdicts["transfer"].gain,
+        comparison.contrasts["transfer"].strong_gain,
+    )
     assert (gain.estimate, gain.low, gain.high) == (contrast.estimate, contrast.low, contrast.high)
 
 
@@ -167,33 +164,42 @@ def test_the_command_asks_about_any_arm(finished, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", command)
     with pytest.raises(SystemExit) as ended:
         main()
-    found = StudyResults(finished).comparison
-    answers = found.against("chain")
+    comparison = StudyResults(finished).comparison
+    answers = comparison.against("chain")
     assert (list(answers), ended.value.code or 0) == (["state", "calibrated"], 0)
-    lines = [f"{name} gains more than chain: {one}" for name, one in answers.items()]
-    assert capsys.readouterr().out == "\n".join([str(found), *lines, ""])
+    lines = [f"{name} gains more than chain: {verdict}" for name, verdict in answers.items()]
+    assert capsys.readouterr().out == "\n".join([str(comparison), *lines, ""])
 
 
 def test_a_family_is_corrected_for_its_questions_and_looks():
     returns = {"scratch": column(0, 10), **{name: column(k + 1, 10) for k, name in enumerate("ab")}}
     questions = {name: ["scratch"] for name in "ab"}
-    found = verdicts_of(returns, questions)
-    p = [one.p for one in found.values()]
+    verdicts = verdicts_of(returns, questions)
+    p = [verdict.p for verdict in verdicts.values()]
     assert p == [2**-9, 2**-9]
-    assert [one.adjusted_p for one in found.values()] == holm(p).tolist()
+    assert [verdict.adjusted_p for verdict in verdicts.values()] == holm(p).tolist()
     looks = Looks.doubling(10, 100)
     looked = verdicts_of(returns, questions, looks=looks)
-    assert [one.p for one in looked.values()] == [looks.adjusted_p(2**-9)] * 2
+    assert [verdict.p for verdict in looked.values()] == [looks.adjusted_p(2**-9)] * 2
     assert looks.adjusted_p(2**-9) == 5 * 2**-9
-    assert {one.needed for one in looked.values()} == {seeds_needed(2, looks=looks)} == {9}
+    assert {verdict.needed for verdict in looked.values()} == {seeds_needed(2, looks=looks)} == {9}
     for name in "ab":
-        assert looked[name].gain.low <= found[name].gain.low
+        assert looked[name].gain.low <= verdicts[name].gain.low
 
 
-def test_questions_that_make_no_sense():
-    for rivals in ({"a": []}, {"a": ["z"]}, {"a": ["b"]}):
-        with pytest.raises(SettingError, match=r"needs a rival|needs returns: 'z'|the same seeds"):
-            verdicts_of({"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0]}, rivals)
+@pytest.mark.parametrize(
+    ("mine", "rivals", "message"),
+    [
+        ([1.0, 2.0, 3.0], [], "an arm to be compared needs a rival: 'mine' has none"),
+        ([1.0, 2.0, 3.0], ["z"], "an arm to be compared needs returns: 'z' has none"),
+        ([1.0, 2.0], ["b"], "must be of the same seeds: 'mine' has 2, 'b' 3"),
+        ([1.0, np.nan, 2.0], ["b"], "differences must be finite: seed 1"),
+        ([1.0, np.inf, 2.0], ["b"], "differences must be finite: seed 1"),
+    ],
+)
+def test_questions_that_make_no_sense(mine, rivals, message):
+    with pytest.raises(SettingError, match=message):
+        verdicts_of({"mine": mine, "b": [0.0, 0.5, 1.0]}, {"mine": rivals})
 
 
 # -- how many seeds ----------------------------------------------------------------------------
@@ -206,13 +212,13 @@ def test_with_as_many_seeds_as_needed_and_no_fewer_there_is_a_verdict(arms):
     for seeds in range(1, needed + 2):
         rows = {f"arm {n}": column(9 + n, seeds) for n in range(arms)}
         rivals = dict.fromkeys(rows, ("scratch",))
-        found = verdicts_of({"scratch": column(0, seeds), **rows}, rivals)
-        words = {one.against_scratch for one in found.values()}
+        verdicts = verdicts_of({"scratch": column(0, seeds), **rows}, rivals)
+        answers = {verdict.against_scratch for verdict in verdicts.values()}
         if seeds >= needed:
-            assert words == {"pays"}
+            assert answers == {"pays"}
         else:
-            assert words == {f"too few seeds for a verdict ({seeds}; {needed} or more)"}
-            assert min(one.adjusted_p for one in found.values()) >= SIGNIFICANT
+            assert answers == {f"too few seeds for a verdict ({seeds}; {needed} or more)"}
+            assert min(verdict.adjusted_p for verdict in verdicts.values()) >= SIGNIFICANT
 
 
 def test_any_number_of_arms_has_a_number_of_seeds():
@@ -244,11 +250,11 @@ BROKEN = CurriculumError("a rule: a value, a place")
 def test_an_arm_that_fails_is_reported_and_the_others_stand(error):
     arms = {"good": corner(), "bad": corner(aggregate=failing(error)), "too": corner()}
     named = []
-    found = compare(arms, seeds=2, controls=["placebo"], progress=named.append)
+    comparison = compare(arms, seeds=2, controls=["placebo"], progress=named.append)
     wanted = compare({"good": corner(), "too": corner()}, seeds=2, controls=["placebo"])
-    assert list(found.arms) == list(wanted.arms) == named
-    assert found.failed == {"bad": error}
-    *same, last = str(found).split("\n")
+    assert list(comparison.arms) == list(wanted.arms) == named
+    assert comparison.failed == {"bad": error}
+    *same, last = str(comparison).split("\n")
     assert same == str(wanted).split("\n")
     kind = "" if isinstance(error, CurriculumError) else "ZeroDivisionError: "
     assert last == f"bad failed: {kind}{error}"
@@ -259,10 +265,10 @@ def test_a_control_that_fails_is_left_out(monkeypatch):
         raise BROKEN
 
     monkeypatch.setitem(CHANGES, "placebo", broken)
-    found = compare(corner(), seeds=2, controls=["placebo", "pretraining"])
-    assert list(found.arms) == ["scratch", "transfer", "transfer, pretraining"]
-    assert found.failed == {"transfer, placebo": BROKEN}
-    assert found.control_verdicts["transfer"].rivals == 1
+    comparison = compare(corner(), seeds=2, controls=["placebo", "pretraining"])
+    assert list(comparison.arms) == ["scratch", "transfer", "transfer, pretraining"]
+    assert comparison.failed == {"transfer, placebo": BROKEN}
+    assert comparison.control_verdicts["transfer"].rivals == 1
 
 
 def test_an_error_of_all_arms_is_raised():
@@ -277,20 +283,13 @@ def test_where_seeds_are_added_a_failure_is_noted_once(after, seeds):
     bad = corner(target=1000, aggregate=failing(BROKEN, after=after))
     good = corner(target=1000)
     asked = {"seeds": 2, "precision": 1e-9, "most_seeds": 7, "controls": ["placebo"]}
-    found = compare({"good": good, "bad": bad}, **asked)
+    comparison = compare({"good": good, "bad": bad}, **asked)
     names = ["scratch", "good", "good, placebo"]  # the other's placebo is left out with it
-    assert (list(found.arms), found.failed) == (names, {"bad": BROKEN})
-    assert found.seeds == 7
+    assert (list(comparison.arms), comparison.failed) == (names, {"bad": BROKEN})
+    assert comparison.seeds == 7
     again = replace(bad, aggregate=failing(BROKEN, after=after))
     first = compare({"bad": again, "good": good}, **asked)
     assert (list(first.arms), first.seeds) == (names, seeds)
-
-
-def test_returns_that_are_not_finite_are_refused():
-    for bad in (np.nan, np.inf):
-        returns = {"mine": [1.0, bad, 2.0], "scratch": [0.0, 0.5, 1.0]}
-        with pytest.raises(SettingError, match="differences must be finite: seed 1"):
-            verdicts_of(returns, {"mine": ["scratch"]})
 
 
 NOISE = 0.1 * np.random.default_rng(5).permutation(12)
@@ -328,26 +327,26 @@ def controlled(pays, constant, *, placebo=None, level=4.0, base=0.0):
     ],
 )
 def test_a_reason_goes_no_further_than_what_was_shown(pays, constant, level, reason):
-    found = controlled(pays, constant, level=level)
-    contrast = found.contrasts["mean"]
+    comparison = controlled(pays, constant, level=level)
+    contrast = comparison.contrasts["mean"]
     assert contrast.reason == reason
     assert contrast.verdict == ("pays" if pays > 0 else "costs more than it brings")
-    line = str(found).split("\n")[3]
+    line = str(comparison).split("\n")[3]
     assert line.endswith(f"), {reason}" if reason else ")")
-    assert found.rows()[1]["reason"] == reason
+    assert comparison.rows()[1]["reason"] == reason
 
 
 def test_the_cheaper_way_is_named_with_its_number():
-    found = controlled(10.0, 10.0, level=4.25, base=2.0)
-    gain = found.contrasts["mean, constant mean"].strong_gain
-    assert str(found).split("\n")[-1] == (
+    comparison = controlled(10.0, 10.0, level=4.25, base=2.0)
+    gain = comparison.contrasts["mean, constant mean"].strong_gain
+    assert str(comparison).split("\n")[-1] == (
         "cheaper than mean: initial_value=6.25 without any source, which is its constant mean and "
         f"gains +{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]"
     )
 
 
 @pytest.mark.parametrize(
-    "found",
+    "comparison",
     [
         controlled(10.0, 4.0),  # it knows more than that
         controlled(10.0, 10.0, base=None),  # a constant is no initial value there
@@ -356,16 +355,16 @@ def test_the_cheaper_way_is_named_with_its_number():
     ],
     ids=["knowledge", "no initial value", "does not pay", "no constant"],
 )
-def test_otherwise_no_cheaper_way_is_named(found):
-    assert "cheaper" not in str(found)
+def test_otherwise_no_cheaper_way_is_named(comparison):
+    assert "cheaper" not in str(comparison)
 
 
 @pytest.mark.parametrize("placebo", [None, 3.0])
 def test_a_placebo_alone_does_not_tell_knowledge_from_optimism(placebo):
-    found = controlled(10.0, None, placebo=placebo)
-    assert found.contrasts["mean"].answer == "pays"
-    assert found.reasons["mean"].why == "not asked"
-    assert str(found).split("\n")[-1] == (
+    comparison = controlled(10.0, None, placebo=placebo)
+    assert comparison.contrasts["mean"].answer == "pays"
+    assert comparison.reasons["mean"].why == "not asked"
+    assert str(comparison).split("\n")[-1] == (
         f"by what it knows, or by optimism alone? Not asked: {ASKING}"
     )
     assert "Not asked" not in str(controlled(-10.0, None, placebo=placebo))
@@ -373,10 +372,10 @@ def test_a_placebo_alone_does_not_tell_knowledge_from_optimism(placebo):
 
 
 def test_the_strongest_of_those_that_know_nothing_decides():
-    found = controlled(10.0, 4.0, placebo=11.0)
-    assert found.contrasts["mean"].reason == "by optimism alone"
-    assert found.knowledge_verdicts["mean"].rival == "mean, placebo"
-    assert found.contrasts["mean"].answer == "pays, by optimism alone"
+    comparison = controlled(10.0, 4.0, placebo=11.0)
+    assert comparison.contrasts["mean"].reason == "by optimism alone"
+    assert comparison.knowledge_verdicts["mean"].rival == "mean, placebo"
+    assert comparison.contrasts["mean"].answer == "pays, by optimism alone"
     # The other controls do not: a source that is the target itself knows the task.
     arms = {**controlled(10.0, 4.0).arms, "mean, pretraining": flat(20.0 + NOISE, True)}
     other = Comparison("maze", arms, 10, 10, 0.5, 1)
@@ -387,13 +386,13 @@ def test_the_strongest_of_those_that_know_nothing_decides():
 def test_too_few_seeds_show_nothing():
     few = controlled(10.0, 10.0)
     five = {name: arm.take(np.arange(5)) for name, arm in few.arms.items()}
-    found = Comparison("maze", five, 10, 10, 0.5, 1)
-    assert found.contrasts["mean"].answer == "too few seeds for a verdict (5; 6 or more)"
-    assert "cheaper" not in str(found)
+    comparison = Comparison("maze", five, 10, 10, 0.5, 1)
+    assert comparison.contrasts["mean"].answer == "too few seeds for a verdict (5; 6 or more)"
+    assert "cheaper" not in str(comparison)
 
 
 def test_the_verdict_is_the_same_whether_or_not_the_reason_is_asked():
     """p values of both halves are of families of their own."""
     plain, asked = controlled(0.3, None), controlled(0.3, 0.3, placebo=9.0)
-    one, other = (found.contrasts["mean"] for found in (plain, asked))
-    assert (one.verdict, one.adjusted_p) == (other.verdict, other.adjusted_p)
+    verdict, other = (comparison.contrasts["mean"] for comparison in (plain, asked))
+    assert (verdict.verdict, verdict.adjusted_p) == (other.verdict, other.adjusted_p)

@@ -1,11 +1,13 @@
 """Whether a shaping is safe: proven in every state, refuted in one, or checked on a sample."""
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.certificate.diagnosis import (
     RELATIVE_RESIDUAL,
     Origin,
@@ -16,7 +18,7 @@ from curricle.certificate.diagnosis import (
     widest,
 )
 from curricle.certificate.shaped_task import (
-    ComparedTask,
+    ActionValues,
     Ends,
     Reachable,
     ShapedTask,
@@ -25,9 +27,10 @@ from curricle.certificate.shaped_task import (
     check_shaping,
     shaping_rewards,
 )
-from curricle.certificate.verdict import Certificate, Counterexample, SampledCertificate
 from curricle.checks import number, one_of, whole_number
+from curricle.display import block, printed, table
 from curricle.errors import SettingError
+from curricle.learning.potential import StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
 from curricle.planning.solution import EPSILON, Solution, solve
@@ -42,12 +45,224 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.tasks.spaces import action_name, state_name, values_of
+from curricle.text import brief_repr, counted
 from curricle.transfer.bisimulation import numbered_rows
 
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
 
 MOST_REFINEMENTS = 100  # rounds after which equally good actions are not proven equal
+UNKNOWN = float("nan")
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """A state in which an action is optimal in the task or in the shaped task, and not in both.
+
+    Attributes
+    ----------
+    state : int
+    components : dict of str to int
+        Its components by name.
+    place : str
+        Its name.
+    action, shaped_action : int
+        The best action of the task, and of the shaped task.
+    actions : (str, str)
+        Their names.
+    lost : float
+        Value in the task that the shaped task's action loses; 0 if both are optimal there.
+    values, shaped_values : (float, float)
+        Values of both in the task, and those that a policy acts on in the shaped task.
+    """
+
+    state: int
+    components: dict[str, int]
+    place: str
+    action: int
+    shaped_action: int
+    actions: tuple[str, str]
+    lost: float
+    values: tuple[float, float]
+    shaped_values: tuple[float, float]
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
+    def __str__(self) -> str:
+        best, other = self.actions
+        in_task, shaped = _told_apart(self.values), _told_apart(self.shaped_values)
+        worth = f"{best} is worth {in_task[0]} and {other} {in_task[1]}"
+        values = f"{worth}, under shaping {shaped[0]} and {shaped[1]}"
+        if self.lost > 0:
+            return f"in {self.place} shaping prefers {other}, which loses {self.lost:.4g}: {values}"
+        return f"in {self.place} shaping gives up {best}, which is as good as any: {values}"
+
+
+def _told_apart(values: tuple[float, float]) -> tuple[str, str]:
+    """Return two numbers in as many digits as tell them apart, from 4 to all 17."""
+    for digits in range(4, 18):
+        first, second = (f"{value:.{digits}g}" for value in values)
+        if first != second:
+            return first, second
+    return f"{values[0]:.4g}", f"{values[1]:.4g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate(Frozen):
+    """A proof, a refutation, or neither; true as a condition only if the shaping is proven safe.
+
+    Attributes
+    ----------
+    holds : bool or None
+        True: the optimal actions are proven to be the same in every reachable state. False: a
+        counterexample is proven. None: neither.
+    shaping : str
+        Name of its class.
+    states : int
+        Reachable states that were compared, without ends.
+    theorem : str or None
+        The source of the theorem that proves the shaping safe whatever the values are.
+    tolerance : float
+        The loss that is allowed for, in return units.
+    loss, total_loss : float
+        The largest possible loss of an action, and of a policy, that may be optimal in the shaped
+        task, errors of values included; NaN if states were not compared, like the next two.
+    error_bound : float
+        Largest possible error of the values compared.
+    residual : float
+        Largest distance from theory: of the values acted on, or for a bonus or reward of F from
+        gamma Phi(s') - Phi(s).
+    findings : tuple of str
+        Other findings, a sentence each.
+    counterexample : Counterexample or None
+        The worst state, where `holds` is False.
+    potential : (S,) float64 or None
+        The Phi behind a bonus or reward.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, StateShaping, certify
+    >>> maze = GridWorld("S.T")
+    >>> certificate = certify(maze, StateShaping([0.0, 1.0, 0.0]))
+    >>> bool(certificate), certificate.states, certificate.tolerance, certificate.loss
+    (True, 2, 0.0, 0.0)
+    """
+
+    holds: bool | None
+    shaping: str
+    states: int = 0
+    theorem: str | None = None
+    tolerance: float = 0.0
+    loss: float = UNKNOWN
+    total_loss: float = UNKNOWN
+    error_bound: float = UNKNOWN
+    residual: float = UNKNOWN
+    findings: tuple[str, ...] = ()
+    counterexample: Counterexample | None = None
+    potential: FloatArray | None = field(default=None, repr=False)
+
+    __repr__ = brief_repr
+
+    def __bool__(self) -> bool:
+        return self.holds is True
+
+    def __str__(self) -> str:
+        return _as_text([f"{self._verdict()} ({self._limits()})", *self.findings])
+
+    def _repr_html_(self) -> str:
+        answer = {True: "Safe", False: "Not the same", None: "Not decided"}[self.holds]
+        worst = self.counterexample
+        return block(
+            f"Certificate of {self.shaping}: {answer}",
+            self._verdict(),
+            worst is not None
+            and table(
+                [worst.place, "value in the task", "value under shaping"],
+                zip(worst.actions, worst.values, worst.shaped_values, strict=True),
+            ),
+            *self.findings,
+            self._limits(),
+        )
+
+    def _verdict(self) -> str:
+        if self.holds:
+            where = f"in all {self.states:,} reachable states " if self.states else ""
+            if self.tolerance > 0 and self.theorem is None:
+                return (
+                    f"Safe within {self.tolerance:g}: {where}no action that is optimal in the task "
+                    "or in the shaped task falls short in the other by more"
+                )
+            safe = f"Safe: {where}the optimal actions of the shaped task are those of the task"
+            return safe if self.theorem is None else f"{safe}, by theory ({self.theorem})"
+        if self.holds is False:
+            loss = f"a policy optimal in the shaped task can lose {self.total_loss:.4g} in all"
+            if self.counterexample is not None and self.counterexample.lost > 0:
+                return f"NOT safe: {self.counterexample}; {loss}"
+            return f"NOT the same, though no return is lost: {self.counterexample}"
+        if self.states:
+            return f"Undecided within {2 * self.error_bound:.0e}"
+        return "Not proven"
+
+    def _limits(self) -> str:
+        loss = "unknown" if self.loss != self.loss else f"{self.loss:.2g}"
+        limits = f"tolerance {self.tolerance:g}, largest possible loss {loss}"
+        return f"values proven to {self.error_bound:.0e}, {limits}" if self.states else limits
+
+
+@dataclass(frozen=True, eq=False)
+class SampledCertificate:
+    """What sampled steps showed of a shaping; it proves nothing, so that it is never true.
+
+    Attributes
+    ----------
+    shaping : str
+        Name of its class.
+    steps : int
+        Steps sampled.
+    reason : str
+        Why states were not compared.
+    contradictions : tuple of str
+        Where F is not that of a potential, a sentence each.
+    residual : float
+        Largest distance of sampled sums of F from those of a potential.
+    findings : tuple of str
+        Other findings, a sentence each.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, certify
+    >>> from curricle.certificate import ShapingReward
+    >>> nothing = ShapingReward(lambda state, action, after: 0.0 * state)
+    >>> sample = certify(GridWorld("S.T"), nothing, method="sampled")
+    >>> bool(sample), sample.contradictions
+    (False, ())
+    """
+
+    shaping: str
+    steps: int
+    reason: str
+    contradictions: tuple[str, ...]
+    residual: float
+    findings: tuple[str, ...] = ()
+
+    holds: ClassVar[None] = None
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __str__(self) -> str:
+        steps = f"{counted(self.steps, 'sampled step')} ({self.reason})"
+        first, *others = self.contradictions or (f"no contradiction in {steps}",)
+        others += [f"found in {steps}"] * bool(self.contradictions)
+        return _as_text([f"Not proven: {first}", *others, *self.findings])
+
+
+def _as_text(sentences: Sequence[str]) -> str:
+    return ". ".join(sentence[0].upper() + sentence[1:] for sentence in sentences) + "."
 
 
 def certify(
@@ -119,7 +334,7 @@ def certify(
     actions that can be optimal in one problem fall short by more in the other. Between the two it
     is undecided, unless a theorem proves the shaping safe: F comes from a potential that is 0 at
     the ends, with the task's discount; or advice has a last weight of 0 or one value for all
-    actions. It is undecided also where a difference of two actions vanishes, in double precision,
+    actions. It is undecided also where a difference of two actions vanishes in double precision
     beside what the potential adds to it; and under a bonus or reward, which rounding keeps from
     being F of a potential exactly, where actions too close to be told apart do not lead alike.
 
@@ -150,10 +365,9 @@ def certify(
         reason = _reason_to_sample(checked)
     with shown(progress) as bars:
         bars.bar("certifying")
+        answer: Certificate | SampledCertificate
         if reason is None:
-            answer: Certificate | SampledCertificate = _exact_certificate(
-                checked.with_states(), tolerance
-            )
+            answer = _exact_certificate(replace(checked, compared=True), tolerance)
         else:
             answer = _without_comparison(checked, tolerance, steps, seed, reason)
         bars.tell(answer)
@@ -204,47 +418,136 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ActionComparison:
-    """The optimal actions of a task and of its shaped version, N states."""
+    """The optimal actions of a task and of its shaped version, in N reachable states."""
 
-    # A difference of two values is known to twice their bound. An action that falls short of the
-    # best by no more may be optimal; where it is the only such action, it is.
-
-    optimal: BoolArray  # (N, A), may be optimal in the task
-    chosen: BoolArray  # (N, A), may be optimal in the shaped task
-    short: FloatArray  # (N, A), difference from the best in the task
-    shaped_short: FloatArray  # (N, A), difference from the best in the shaped task
-    error: float  # of a difference in the task
-    shaped_error: float  # of a difference in the shaped task
+    met: Reachable
+    unshaped: Solution
+    shaped: ShapedValues
     tolerance: float  # a loss that is allowed for
+
+    @cached_property
+    def task(self) -> ActionValues:
+        """The values of the task itself."""
+        return ActionValues(self.unshaped.action_values[self.met.states], self.unshaped.error_bound)
 
     @property
     def loss(self) -> float:
         """The largest possible loss of one action that may be optimal in the shaped task."""
-        certain = self.optimal & (self.optimal.sum(axis=1, keepdims=True) == 1)
-        lost = np.where(certain, 0.0, self.short + self.error)
-        return float(lost[self.chosen].max(initial=0.0))
+        optimal = self.task.optimal
+        certain = optimal & (optimal.sum(axis=1, keepdims=True) == 1)
+        lost = np.where(certain, 0.0, self.task.short + self.task.error)
+        return float(lost[self.shaped.optimal].max(initial=0.0))
 
-    @property
+    @cached_property
     def lost(self) -> FloatArray:
         """What an action optimal in the shaped task is proven to lose, (N,); 0 if allowed for."""
-        least = np.where(self.chosen, self.short, np.inf).min(axis=1) - self.error
-        return np.where(least > self.tolerance, least, 0.0)
+        return self.task.lost(self.shaped.optimal, self.tolerance)
 
-    @property
+    @cached_property
     def given_up(self) -> FloatArray:
         """How far the task's optimal actions are proven to fall short when shaped, (N,)."""
-        least = np.where(self.optimal, self.shaped_short, np.inf).min(axis=1) - self.shaped_error
-        return np.where(least > self.tolerance, least, 0.0)
+        return self.shaped.lost(self.task.optimal, self.tolerance)
 
-    @property
+    @cached_property
     def undecided(self) -> BoolArray:
         """States in which the optimal actions are proven neither equal nor different, (N,)."""
-        same = (self.optimal == self.chosen).all(axis=1) & (self.optimal.sum(axis=1) == 1)
+        optimal, chosen = self.task.optimal, self.shaped.optimal
+        same = (optimal == chosen).all(axis=1) & (optimal.sum(axis=1) == 1)
         if self.tolerance > 0:
-            fine = self.short + self.error <= self.tolerance
-            shaped_fine = self.shaped_short + self.shaped_error <= self.tolerance
-            same |= ((fine | ~self.chosen) & (shaped_fine | ~self.optimal)).all(axis=1)
+            sides = self.task, self.shaped
+            fine, shaped_fine = (side.short + side.error <= self.tolerance for side in sides)
+            same |= ((fine | ~chosen) & (shaped_fine | ~optimal)).all(axis=1)
         return np.asarray(~same & (self.lost == 0) & (self.given_up == 0))
+
+    def total_loss(self) -> float:
+        """Return max_s V*(s) - V_worst(s) of policies that may be optimal when shaped, in all."""
+        mdp, states, chosen = self.met.mdp, self.met.states, self.shaped.optimal
+        row = mdp.outcome_row.copy()
+        first = np.take_along_axis(row[states], chosen.argmax(axis=1)[:, None], axis=1)
+        row[states] = np.where(chosen, row[states], first)
+        worst = solve(replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward)))
+        lost = (self.unshaped.values + worst.values)[states].max(initial=0.0)
+        return float(lost) + self.unshaped.error_bound + worst.error_bound
+
+    def counterexample(self) -> Counterexample:
+        """Return the state in which most is lost, or else one whose optimal action is given up."""
+        q, acted, mdp = self.task.values, self.shaped.values, self.met.mdp
+        if self.lost.any():
+            row = int(self.lost.argmax())
+            best = int(q[row].argmax())
+            other = int(np.where(self.shaped.optimal[row], self.task.short[row], np.inf).argmin())
+            lost = float(self.task.short[row, other])
+        else:
+            row = int(self.given_up.argmax())
+            other, lost = int(acted[row].argmax()), 0.0
+            best = int(np.where(self.task.optimal[row], self.shaped.short[row], np.inf).argmin())
+        state = int(self.met.states[row])
+        return Counterexample(
+            state=state,
+            components=values_of(mdp.states, state),
+            place=state_name(mdp.states, state),
+            action=best,
+            shaped_action=other,
+            actions=(action_name(mdp.actions, best), action_name(mdp.actions, other)),
+            lost=lost,
+            values=(float(q[row, best]), float(q[row, other])),
+            shaped_values=(float(acted[row, best]), float(acted[row, other])),
+        )
+
+    def too_close(self) -> str:
+        """Return the sentence about the states that are undecided."""
+        rows, mdp = np.flatnonzero(self.undecided), self.met.mdp
+        row = rows[0]
+        q, acted = self.task.values[row], self.shaped.values[row]
+        close = np.flatnonzero(self.task.optimal[row] | self.shaped.optimal[row])
+        values = " and ".join(
+            f"{action_name(mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
+            for a in close[np.argsort(-q[close], kind="stable")[:2]]
+        )
+        return (
+            f"in {len(rows):,} of {len(self.met.states):,} reachable states the values are too "
+            f"close to tell, first in {state_name(mdp.states, int(self.met.states[row]))}: {values}"
+        )
+
+    def decided(
+        self, theorem: str | None, behind: Origin | None
+    ) -> tuple[bool | None, tuple[str, ...]]:
+        """Return whether the optimal actions are the same, and where that is undecided."""
+        # A theorem proves that of any values, and `behind` is the potential behind given rewards.
+        if self.lost.any() or self.given_up.any():
+            return False, ()
+        by_values = theorem is None or behind is not None  # the very rewards, with their rounding
+        if by_values and not self.undecided.any():
+            return True, ()
+        if theorem is None:
+            return None, (self.too_close(),)
+        # A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that
+        # was given is off by its residual, twice in a difference of two actions, in every step.
+        largest = self.shaped.largest
+        off = 3 * EPSILON * largest + (0.0 if behind is None else behind.plain.worst)
+        reach = 2 * off * longest_episode(self.met.mdp)
+        short, error = self.task.short, self.task.error
+        vanishing = (short > error) & (short <= reach + error)
+        if by_values:
+            vanishing &= self.undecided[:, None]
+        hidden = float(short[vanishing].max(initial=0.0))
+        from_potential = behind is not None and behind.plain.potential.any()
+        if from_potential and not tied_exactly(self.met, self.unshaped, self.task.optimal):
+            hidden = max(hidden, error)
+        if hidden <= self.tolerance:
+            return True, ()
+        return None, (
+            f"by theory ({theorem}) the shaping is safe, but beside numbers of {largest:.2g} "
+            f"differences of {hidden:.2g} between actions vanish in double precision",
+        )
+
+
+def longest_episode(mdp: FiniteMDP) -> float:
+    """Return a bound of the expected (discounted) steps of an episode."""
+    if mdp.discount < 1:
+        return 1 / (1 - mdp.discount)
+    steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
+    return float(steps.values.max()) + steps.error_bound
 
 
 def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
@@ -272,70 +575,7 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
     return False
 
 
-def total_loss(unshaped: Solution, met: Reachable, chosen: BoolArray) -> float:
-    """Return max_s V*(s) - V_worst(s) of policies of `chosen` actions, (N, A), and both errors."""
-    mdp = met.mdp
-    row = mdp.outcome_row.copy()
-    rows = row[met.states]
-    first = np.take_along_axis(rows, chosen.argmax(axis=1)[:, None], axis=1)
-    row[met.states] = np.where(chosen, rows, first)
-    against = replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward))
-    worst = solve(against)
-    lost = (unshaped.values + worst.values)[met.states].max(initial=0.0)
-    return float(lost) + unshaped.error_bound + worst.error_bound
-
-
-def counterexample(
-    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
-) -> Counterexample:
-    """Return the state in which most is lost, or else one whose optimal action is given up."""
-    mdp, q = met.mdp, unshaped.action_values[met.states]
-    if compared.lost.any():
-        row = int(compared.lost.argmax())
-        best = int(q[row].argmax())
-        other = int(np.where(compared.chosen[row], compared.short[row], np.inf).argmin())
-        lost = float(compared.short[row, other])
-    else:
-        row = int(compared.given_up.argmax())
-        other, lost = int(shaped.values[row].argmax()), 0.0
-        best = int(np.where(compared.optimal[row], compared.shaped_short[row], np.inf).argmin())
-    state = int(met.states[row])
-    return Counterexample(
-        state=state,
-        components=values_of(mdp.states, state),
-        place=state_name(mdp.states, state),
-        action=best,
-        shaped_action=other,
-        actions=(action_name(mdp.actions, best), action_name(mdp.actions, other)),
-        lost=lost,
-        values=(float(q[row, best]), float(q[row, other])),
-        shaped_values=(float(shaped.values[row, best]), float(shaped.values[row, other])),
-    )
-
-
-def too_close(
-    met: Reachable, unshaped: Solution, shaped: ShapedValues, compared: ActionComparison
-) -> str:
-    """Return the sentence about the states whose actions are proven neither equal nor different."""
-    rows = np.flatnonzero(compared.undecided)
-    row = rows[0]
-    q, acted = unshaped.action_values[met.states[row]], shaped.values[row]
-    close = np.flatnonzero(compared.optimal[row] | compared.chosen[row])
-    two = close[np.argsort(-q[close], kind="stable")[:2]]
-    values = " and ".join(
-        f"{action_name(met.mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
-        for a in two
-    )
-    return (
-        f"in {len(rows):,} of {len(met.states):,} reachable states the values are too close to "
-        f"tell, first in {state_name(met.mdp.states, int(met.states[row]))}: {values}"
-    )
-
-
-# -- every state -----------------------------------------------------------------------------------
-
-
-def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
+def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
     met, shaping = shaped.met, shaped.shaping
     findings, name = _findings(shaped), shaping.name
     if shaping.one_way_in:
@@ -345,9 +585,9 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         _, several = several_entries(shaped.task, ways, shaped.phi[ways[:2]], starts)
         if several is not None:
             return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
-    unshaped, behind = shaped.unshaped, None
+    behind: Origin | None = None
     if shaping.any_reward:
-        f = met.reward(shaped.reward())
+        f = met.reward(shaping.reward(shaped))
         behind = origin(shaped.task, met, f)
         values = shaped.with_rewards(f, np.zeros(len(met.states)))
         largest = max(values.largest, float(abs(behind.plain.potential).max()))
@@ -355,19 +595,14 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
-    q = unshaped.action_values[met.states]
-    short = q.max(axis=1, keepdims=True) - q
-    shaped_short = values.values.max(axis=1, keepdims=True) - values.values
-    error, shaped_error = 2 * unshaped.error_bound, 2 * values.bound
-    close = short <= error, shaped_short <= shaped_error
-    compared = ActionComparison(*close, short, shaped_short, error, shaped_error, tolerance)
+    compared = ActionComparison(met, shaped.unshaped, values, tolerance)
     # At discount 1 the sum of F need not vanish in an episode without an end.
     endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
     from_potential = behind is None or behind.fitting is behind.plain
     applies = not endless and from_potential and shaping.meets_conditions(shaped)
     theorem = shaping.theorem if applies else None
-    holds, undecided = _decided(met, unshaped, values, compared, theorem, behind)
-    if shaped.changing:
+    holds, undecided = compared.decided(theorem, behind)
+    if isinstance(shaped.potential, StatePotential) and shaped.potential.changes:
         findings += ("the potential changes while learning; its last values were compared",)
     loss = 0.0 if holds and theorem is not None and behind is None else compared.loss
     return Certificate(
@@ -377,56 +612,13 @@ def _exact_certificate(shaped: ComparedTask, tolerance: float) -> Certificate:
         theorem=theorem if holds else None,
         tolerance=tolerance,
         loss=loss,
-        total_loss=total_loss(unshaped, met, compared.chosen) if loss > 0 else 0.0,
-        error_bound=max(unshaped.error_bound, values.bound),
+        total_loss=compared.total_loss() if loss > 0 else 0.0,
+        error_bound=max(shaped.unshaped.error_bound, values.bound),
         residual=values.residual,
         findings=undecided + findings,
-        counterexample=counterexample(met, unshaped, values, compared) if holds is False else None,
+        counterexample=compared.counterexample() if holds is False else None,
         potential=None if behind is None or behind.fitting is None else behind.fitting.potential,
     )
-
-
-def _decided(
-    met: Reachable,
-    unshaped: Solution,
-    shaped: ShapedValues,
-    compared: ActionComparison,
-    theorem: str | None,
-    behind: Origin | None,
-) -> tuple[bool | None, tuple[str, ...]]:
-    """Return whether the optimal actions are the same, and where that is undecided."""
-    if compared.lost.any() or compared.given_up.any():
-        return False, ()
-    by_values = theorem is None or behind is not None  # the very rewards, with their rounding
-    if by_values and not compared.undecided.any():
-        return True, ()
-    if theorem is None:
-        return None, (too_close(met, unshaped, shaped, compared),)
-    # A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that was
-    # given is off by its residual, twice in a difference of two actions, in every step.
-    off = 3 * EPSILON * shaped.largest + (0.0 if behind is None else behind.plain.worst)
-    reach = 2 * off * _longest(met.mdp)
-    vanishing = (compared.short > compared.error) & (compared.short <= reach + compared.error)
-    if by_values:
-        vanishing &= compared.undecided[:, None]
-    hidden = float(compared.short[vanishing].max(initial=0.0))
-    from_potential = behind is not None and behind.plain.potential.any()
-    if from_potential and not tied_exactly(met, unshaped, compared.optimal):
-        hidden = max(hidden, compared.error)
-    if hidden <= compared.tolerance:
-        return True, ()
-    return None, (
-        f"by theory ({theorem}) the shaping is safe, but beside numbers of {shaped.largest:.2g} "
-        f"differences of {hidden:.2g} between actions vanish in double precision",
-    )
-
-
-def _longest(mdp: FiniteMDP) -> float:
-    """Return a bound of the expected (discounted) steps of an episode."""
-    if mdp.discount < 1:
-        return 1 / (1 - mdp.discount)
-    steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
-    return float(steps.values.max()) + steps.error_bound
 
 
 # -- without a comparison of states ----------------------------------------------------------------
@@ -456,15 +648,8 @@ def _without_comparison(
             "differences between actions that are less than the rounding of F, in every step of "
             "an episode, vanish in double precision",
         )
-    return Certificate(
-        True,
-        shaping.name,
-        theorem=shaping.theorem,
-        tolerance=tolerance,
-        loss=0.0,
-        total_loss=0.0,
-        findings=findings,
-    )
+    proven: dict[str, Any] = {"theorem": shaping.theorem, "loss": 0.0, "total_loss": 0.0}
+    return Certificate(True, shaping.name, tolerance=tolerance, findings=findings, **proven)
 
 
 # -- a reward of your own, or look-back advice: random rollouts can refute it, and prove nothing ---
@@ -475,22 +660,20 @@ LONGEST = 200  # steps of a rollout at most
 BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps, among which two paths may meet
 
 
-def _length(shaped: ShapedTask, steps: int) -> int:
-    """Return the length of rollouts that are to take at most `steps` each."""
-    return min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
+def _sampled(shaped: ShapedTask, steps: int, seed: int, least: int) -> RandomRollouts:
+    """Return rollouts from the start that are long, at least `least`, and take so many steps."""
+    length = min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
+    length = max(least, length)
+    episodes = max(1, steps // length)
+    return random_rollouts(shaped.task, episodes=episodes, length=length, seed=seed)
 
 
 def _check_entries(shaped: ShapedTask, steps: int, seed: int) -> Checked:
     """Check that all transitions into a state have one phi."""
-    length = max(2, _length(shaped, steps))
-    rollouts = random_rollouts(
-        shaped.task, episodes=max(1, steps // length), length=length, seed=seed
-    )
-    taken = rollouts.taken & ~rollouts.ending
-    s, a, after = _transitions(rollouts, taken)
+    rollouts = _sampled(shaped, steps, seed, least=2)
+    ways = _transitions(rollouts, rollouts.taken & ~rollouts.ending)
     starts = np.unique(rollouts.states[:, 0])
-    phi = shaped.phi_of(s, a)
-    apart, sentence = several_entries(shaped.task, (s, a, after), phi, starts)
+    apart, sentence = several_entries(shaped.task, ways, shaped.phi_of(*ways[:2]), starts)
     return int(rollouts.length.sum()), apart, () if sentence is None else (sentence,)
 
 
@@ -501,35 +684,30 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 
 def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
     """Check that F may be that of a potential: along rollouts, and around states on them."""
-    task, rng = shaped.task, np.random.default_rng(seed)
-    live = is_live(task)
+    live = is_live(shaped.task)
     half = steps if live else max(1, steps // 2)
-    length = _length(shaped, half)
-    rollouts = random_rollouts(task, episodes=max(1, half // length), length=length, seed=seed)
+    rollouts = _sampled(shaped, half, seed, least=1)
     f = _rewards(shaped, rollouts)
-    if live:
-        near, f_near = rollouts, f
-    else:
+    near, f_near, taken = rollouts, f, int(rollouts.length.sum())
+    if not live:
         begun = np.unique(rollouts.states[:, :-1][rollouts.taken])
         number = min(len(begun), max(1, half // (BRANCHES * DEPTH)))
-        starts = np.repeat(rng.choice(begun, number, replace=False), BRANCHES)
-        near = random_rollouts(
-            task, episodes=len(starts), length=DEPTH, seed=seed + 1, starts=starts
-        )
-        f_near = _rewards(shaped, near)
+        chosen = np.random.default_rng(seed).choice(begun, number, replace=False)
+        starts = np.repeat(chosen, BRANCHES)
+        how: Any = {"length": DEPTH, "seed": seed + 1, "starts": starts}
+        near = random_rollouts(shaped.task, episodes=len(starts), **how)
+        f_near, taken = _rewards(shaped, near), taken + int(near.length.sum())
     enough = RELATIVE_RESIDUAL * max(abs(f).max(), abs(f_near).max())
     checks = _meeting(shaped, near, f_near, enough), _returning(shaped, rollouts, f)
-    return (
-        int(rollouts.length.sum() + (0 if live else near.length.sum())),
-        max(apart for apart, _ in checks),
-        tuple(sentence for apart, sentence in checks if apart > enough),
-    )
+    sentences = (sentence for apart, sentence in checks if apart > enough)
+    return taken, max(apart for apart, _ in checks), tuple(sentences)
 
 
 def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
     """Return F of each step, (E, L), 0 where none was taken."""
     taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
-    f[taken] = shaping_rewards(shaped.task, shaped.reward(), *_transitions(rollouts, taken))
+    function = shaped.shaping.reward(shaped)
+    f[taken] = shaping_rewards(shaped.task, function, *_transitions(rollouts, taken))
     return f
 
 
@@ -537,7 +715,7 @@ def _meeting(
     shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray, enough: float
 ) -> tuple[float, str]:
     """Return how far sums of F over paths of equal length between two states differ, and where."""
-    worst, sentence = 0.0, ""
+    worst, sentence, space = 0.0, "", shaped.task.states
     for n in range(1, DEPTH + 1):
         among = np.flatnonzero(rollouts.length >= n)
         if not among.size or worst > enough:
@@ -552,7 +730,6 @@ def _meeting(
             actions = rollouts.actions[among[pair], 0]
             sentence = different_by_action(shaped.task, here, there, sums[pair], actions)
             continue
-        space = shaped.task.states
         sentence = (
             f"not potential-based: two paths of {n} steps from {state_name(space, here)} to "
             f"{state_name(space, there)} have discounted sums of F of {sums[pair[0]]:.4g} and "
@@ -561,20 +738,14 @@ def _meeting(
     return worst, sentence
 
 
-def discounted_sums(f: FloatArray, counted: BoolArray, discount: float) -> FloatArray:
-    """Return sum_i gamma^i F_(t+i) over the counted steps from each step on, (E, L)."""
-    sums, total = np.zeros(f.shape), np.zeros(len(f))
-    for t in reversed(range(f.shape[1])):
-        total = np.where(counted[:, t], f[:, t] + discount * total, 0.0)
-        sums[:, t] = total
-    return sums
-
-
 def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> tuple[float, str]:
     """Return how far the Phi differ that loops through a state, or paths to an end, require."""
     # F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, to -Phi(s) over a path to an end.
-    gamma = shaped.task_discount
-    sums = np.pad(discounted_sums(f, rollouts.taken, gamma), ((0, 0), (0, 1)))
+    gamma, (n, length) = shaped.task_discount, f.shape
+    sums, total = np.zeros((n, length + 1)), np.zeros(n)  # sum_i gamma^i F_(t+i) from step t on
+    for t in reversed(range(length)):
+        total = np.where(rollouts.taken[:, t], f[:, t] + gamma * total, 0.0)
+        sums[:, t] = total
     last = np.arange(rollouts.states.shape[1]) == rollouts.length[:, None]
     truncated = last & ~rollouts.terminated[:, None]  # whose last states count too
     rollout, time = np.nonzero(np.pad(rollouts.taken, ((0, 0), (0, 1))) | truncated)

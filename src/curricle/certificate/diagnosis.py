@@ -6,13 +6,12 @@ all other transitions tell whether it fits (Ng, Harada, Russell 1999).
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
-from curricle.certificate.shaped_task import Reachable
+from curricle.certificate.shaped_task import AnyInts, Reachable
 from curricle.tasks.spaces import action_name, state_name
 
 RELATIVE_RESIDUAL = 1e-5  # residual, relative to the largest F, up to which a potential fits
@@ -33,85 +32,68 @@ class Fit(Frozen):
         return float(np.where(np.isnan(sizes), np.inf, sizes).max(initial=0.0))
 
 
-def negligible(f: FloatArray) -> float:
-    """Return the residual up to which a potential fits F, (E,)."""
-    return RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
-
-
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
     """Return the only Phi that F, (E,), can come from, and the residual; Phi of ends 0, or free."""
-    steps = _order(met, ends_are_zero, discount < 1)
-    source, target = met.source, met.target
+    # Phi of all reachable states follows in steps, by a transition for each. Where a number is
+    # free, `slope` is what Phi changes by with it; `group` says on which number a state depends.
+    source, target, terminal = met.source, met.target, met.mdp.terminal
+    known, phi, slope = ~met.met, np.zeros(len(met.met)), np.zeros(len(met.met))
+    group, groups = np.zeros(len(met.met), np.int64), 0
+
+    def follow(forward: bool, transitions: IntArray) -> None:
+        """Give the states on one side of transitions the Phi that follows from the other side."""
+        here, there = (target, source) if forward else (source, target)
+        states, first = np.unique(here[transitions], return_index=True)
+        by = transitions[first]  # the first transition of a state
+        if not forward:
+            phi[states] = discount * phi[there[by]] - f[by]
+            slope[states] = discount * slope[there[by]]
+        elif discount > 0:
+            phi[states] = (f[by] + phi[there[by]]) / discount
+            slope[states] = slope[there[by]] / discount
+        known[states], group[states] = True, groups
+
+    def follow_backward() -> None:
+        left = np.flatnonzero(~known[source])
+        while (ready := left[known[target[left]]]).size:
+            follow(False, ready)
+            left = left[~known[source[left]]]
+
     # Forward at a small discount numbers may overflow. Then nothing fits.
     with np.errstate(over="ignore", invalid="ignore"):
-        phi = _potential(met, f, discount, steps, 0.0)
+        if ends_are_zero:
+            known[met.ends] = True
+            follow_backward()
+        if discount < 1:
+            cycle = _endless(met, ~known & ~terminal)
+            states, first = np.unique(source[cycle], return_index=True)
+            by = cycle[first]
+            after, weight, total = np.searchsorted(states, target[by]), discount, -f[by]
+            while weight > 1e-20:  # the sums over the first 1, 2, 4, ... steps
+                total = total + weight * total[after]
+                after, weight = after[after], weight**2
+            phi[states], known[states] = total, True
+            follow_backward()
+        # Errors grow forward, so that this comes last.
+        while not known.all():
+            ahead = np.flatnonzero(known[source] & ~known[target])
+            if ahead.size:
+                follow(True, ahead)
+            else:  # what nothing joins with the rest has a free number
+                open_ends = np.flatnonzero(~known & terminal)
+                free = (open_ends if open_ends.size else np.flatnonzero(~known))[:1]
+                groups += 1
+                slope[free], known[free], group[free] = 1.0, True, groups
+            follow_backward()
         left = f - discount * phi[target] + phi[source]
-        if any(step.kind == FREE for step in steps):
-            # Phi and the residual are linear in the free numbers, one for each group of states.
-            slope = _potential(met, np.zeros_like(f), discount, steps, 1.0)
+        if groups:  # the free numbers with which the sum of squares is least
             change = slope[source] - discount * slope[target]
-            group = np.zeros(len(phi), np.int64)
-            for n, step in zip(np.cumsum([s.kind == FREE for s in steps]), steps, strict=True):
-                group[step.states] = n
-            steep = np.bincount(group[source], change * change, len(steps) + 1)
-            pull = np.bincount(group[source], change * left, len(steps) + 1)
+            steep = np.bincount(group[source], change * change, groups + 1)
+            pull = np.bincount(group[source], change * left, groups + 1)
             best = np.divide(-pull, steep, out=np.zeros_like(pull), where=steep > 1e-18)
             phi = phi + best[group] * slope
             left = left + best[group[source]] * change
         return Fit(discount, frozen(phi), left)
-
-
-# -- from F to Phi ---------------------------------------------------------------------------------
-
-# Phi is 0; follows from that of s', or from that of s; is the discounted sum along transitions that
-# follow each other for ever; or is an unknown number, on which later states may depend.
-ZERO, BACKWARD, FORWARD, CYCLE, FREE = range(5)
-NO_TRANSITIONS = np.zeros(0, np.int64)
-
-
-class Step(NamedTuple):
-    """Some states whose Phi follows at once, by one transition for each but ZERO and FREE."""
-
-    kind: int
-    states: npt.NDArray[np.integer[Any]]
-    transitions: IntArray
-
-
-def _order(met: Reachable, ends_are_zero: bool, discounted: bool) -> list[Step]:
-    """Return steps that give Phi of all reachable states."""
-    terminal, known, steps = met.mdp.terminal, ~met.met, list[Step]()
-
-    def add(kind: int, states: Any, transitions: IntArray = NO_TRANSITIONS) -> None:
-        if kind in (BACKWARD, FORWARD, CYCLE):  # the first transition of each state
-            states, first = np.unique(states, return_index=True)
-            transitions = transitions[first]
-        steps.append(Step(kind, states, transitions))
-        known[states] = True
-
-    def add_backward() -> None:
-        left = np.flatnonzero(~known[met.source])
-        while (ready := left[known[met.target[left]]]).size:
-            add(BACKWARD, met.source[ready], ready)
-            left = left[~known[met.source[left]]]
-
-    if ends_are_zero:
-        add(ZERO, met.ends)
-        add_backward()
-    if discounted:
-        cycle = _endless(met, ~known & ~terminal)
-        if cycle.size:
-            add(CYCLE, met.source[cycle], cycle)
-        add_backward()
-    # Errors grow forward, so that this comes last. Groups that nothing joins have a free number.
-    while not known.all():
-        ahead = np.flatnonzero(known[met.source] & ~known[met.target])
-        if ahead.size:
-            add(FORWARD, met.target[ahead], ahead)
-        else:
-            open_ends = np.flatnonzero(~known & terminal)
-            add(FREE, (open_ends if open_ends.size else np.flatnonzero(~known))[:1])
-        add_backward()
-    return steps
 
 
 def _endless(met: Reachable, staying: BoolArray) -> IntArray:
@@ -126,32 +108,8 @@ def _endless(met: Reachable, staying: BoolArray) -> IntArray:
         left = left[staying[met.source[left]] & staying[met.target[left]]]
 
 
-def _potential(
-    met: Reachable, f: FloatArray, discount: float, steps: list[Step], free: float
-) -> FloatArray:
-    """Return Phi, (S,), by these steps, with one value for all free numbers."""
-    phi = np.zeros(len(met.met))
-    for kind, states, which in steps:
-        if kind == FREE:
-            phi[states] = free
-        elif kind == BACKWARD:
-            phi[states] = discount * phi[met.target[which]] - f[which]
-        elif kind == FORWARD and discount > 0:
-            phi[states] = (f[which] + phi[met.source[which]]) / discount
-        elif kind == CYCLE:
-            place = np.zeros(len(phi), np.int64)
-            place[states] = np.arange(len(states))
-            after, weight, total = place[met.target[which]], discount, -f[which]
-            while weight > 1e-20:  # the sums over the first 1, 2, 4, ... steps
-                total = total + weight * total[after]
-                after, weight = after[after], weight**2
-            phi[states] = total
-    return phi
-
-
 # -- sentences -------------------------------------------------------------------------------------
 
-AnyInts = npt.NDArray[np.integer[Any]]
 NAMED = 3  # ends that are named; the others are counted
 
 
@@ -166,18 +124,17 @@ class Origin:
 
 def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
     """Return the potential behind F, (E,), or a sentence on why there is none."""
-    discount, enough = met.mdp.discount, negligible(f)
+    discount, enough = met.mdp.discount, RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
     plain = fit(met, f, discount)
     if plain.worst <= enough:
-        form = f"F = {discount:g} Phi(s') - Phi(s)"
-        sentence = f"{form} with Phi = 0 at the ends, to {plain.worst:.1g}"
-        return Origin(plain, plain, (sentence,))
+        form = f"F = {discount:g} Phi(s') - Phi(s) with Phi = 0 at the ends"
+        return Origin(plain, plain, (f"{form}, to {plain.worst:.1g}",))
     move = met.source.astype(np.int64) * len(met.met) + met.target
     apart, *pair = widest(move[:, None], f)
     if apart > enough:
         here, there = int(met.source[pair[0]]), int(met.target[pair[0]])
-        by_action = different_by_action(task, here, there, f[pair], met.action[pair])
-        return Origin(plain, None, (by_action,))
+        sentence = different_by_action(task, here, there, f[pair], met.action[pair])
+        return Origin(plain, None, (sentence,))
     open_ended = fit(met, f, discount, ends_are_zero=False)
     if open_ended.worst > enough:
         worst = int(abs(plain.residual).argmax())

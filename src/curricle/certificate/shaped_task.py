@@ -23,11 +23,9 @@ Ends = Literal["zero", "given"]
 """Whether an array is read as 0 at the ends, as by :func:`learn`, or as given."""
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000  # transitions passed to a shaping reward at a time
+# Factor of an error bound that covers the rounding of r + F: the bound allows for at least four
+# roundings of the largest reward at every step.
 ROUNDED = 1.25
-"""Factor of an error bound that covers the rounding of r + F.
-
-The bound allows for at least four roundings of the largest reward at every step.
-"""
 
 
 @dataclass(frozen=True)
@@ -89,27 +87,33 @@ class Reachable:
         rows = mdp.outcome_row[states].ravel()
         possible = mdp.probability[rows] > 0
         place, action = np.divmod(np.nonzero(possible)[0].astype(np.int32), mdp.actions.size)
-        return cls(
-            mdp,
-            met,
-            states,
-            np.flatnonzero(met & mdp.terminal),
-            rows,
-            possible,
-            states.astype(np.int32)[place],
-            action,
-            mdp.next_state[rows][possible],
-        )
+        ends, source = np.flatnonzero(met & mdp.terminal), states.astype(np.int32)[place]
+        target = mdp.next_state[rows][possible]
+        return cls(mdp, met, states, ends, rows, possible, source, action, target)
 
     def reward(self, function: RewardFunction) -> FloatArray:
         """Return F of each transition, (E,)."""
         rewards = []
         for first in range(0, len(self.source), CHUNK):
             part = slice(first, first + CHUNK)
-            s, a, after = self.source[part], self.action[part], self.target[part]
-            pairs = s.astype(np.int64), a.astype(np.int64)
-            rewards.append(shaping_rewards(self.mdp, function, *pairs, after.astype(np.int64)))
+            parts = (x[part].astype(np.int64) for x in (self.source, self.action, self.target))
+            rewards.append(shaping_rewards(self.mdp, function, *parts))
         return np.concatenate(rewards)
+
+    def with_reward(self, f: FloatArray) -> FiniteMDP:
+        """Return the task with rewards r + F, F (E,); every reachable pair has its own row."""
+        mdp, rows = self.mdp, self.rows
+        row = np.zeros(mdp.outcome_row.shape, np.int32)  # unreachable states may have any row
+        row[self.states] = np.arange(len(rows), dtype=np.int32).reshape(-1, mdp.actions.size)
+        reward = mdp.reward[rows]
+        reward[self.possible] += f
+        return replace(
+            mdp,
+            outcome_row=frozen(row),
+            probability=frozen(mdp.probability[rows]),
+            next_state=frozen(mdp.next_state[rows]),
+            reward=frozen(reward),
+        )
 
 
 def shaping_rewards(
@@ -142,31 +146,44 @@ def shaping_rewards(
     return values
 
 
-def with_reward(met: Reachable, f: FloatArray) -> FiniteMDP:
-    """Return the task with rewards r + F, F (E,); every reachable pair has its own row."""
-    mdp, rows = met.mdp, met.rows
-    row = np.zeros(mdp.outcome_row.shape, np.int32)  # unreachable states may have any row
-    row[met.states] = np.arange(len(rows), dtype=np.int32).reshape(-1, mdp.actions.size)
-    reward = mdp.reward[rows]
-    reward[met.possible] += f
-    return replace(
-        mdp,
-        outcome_row=frozen(row),
-        probability=frozen(mdp.probability[rows]),
-        next_state=frozen(mdp.next_state[rows]),
-        reward=frozen(reward),
-    )
-
-
 # -- the values that a policy acts on --------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class ShapedValues:
-    """The values that a policy acts on under shaping, of the N reachable states."""
+class ActionValues:
+    """Values of actions in the N reachable states, and which of them may be the best."""
+
+    # A difference of two values is known to twice their bound. An action that falls short of the
+    # best by no more may be optimal; where it is the only such action, it is.
 
     values: FloatArray  # (N, A)
     bound: float  # their largest possible error
+
+    @property
+    def error(self) -> float:
+        """The largest error of a difference of two values."""
+        return 2 * self.bound
+
+    @cached_property
+    def short(self) -> FloatArray:
+        """By how much each action falls short of the best, (N, A)."""
+        return np.asarray(self.values.max(axis=1, keepdims=True) - self.values)
+
+    @cached_property
+    def optimal(self) -> BoolArray:
+        """The actions that may be optimal, (N, A)."""
+        return self.short <= self.error
+
+    def lost(self, actions: BoolArray, tolerance: float) -> FloatArray:
+        """Return how far the best of `actions` is proven to fall short, (N,); 0 if allowed for."""
+        least = np.where(actions, self.short, np.inf).min(axis=1) - self.error
+        return np.where(least > tolerance, least, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedValues(ActionValues):
+    """The values that a policy acts on under shaping."""
+
     residual: float  # their largest distance from what theory derives from the task's own values
     largest: float  # the largest number that they are computed from
 
@@ -181,17 +198,25 @@ class ShapedTask:
     discount: float  # gamma of F: the task's, or another tool's
     ignored: FloatArray  # Phi that an array gives ends and learn() ignores, (S,)
 
-    compared: ClassVar[bool] = False  # whether the values of all states are at hand
+    compared: bool = False  # whether the values of all states are at hand
 
-    def with_states(self) -> "ComparedTask":
-        """Return the same, with the reachable states and their values."""
-        return ComparedTask(self.task, self.shaping, self.potential, self.discount, self.ignored)
+    @cached_property
+    def met(self) -> Reachable:
+        """The states that can be reached; of a task that is compared."""
+        return Reachable.of(tables(self.task))
+
+    @cached_property
+    def unshaped(self) -> Solution:
+        """The solution of the task itself; of a task that is compared."""
+        return solve(self.task)
 
     @cached_property
     def ends(self) -> IntArray:
-        """The terminal states, as far as they are known."""
+        """The terminal states: those that can be reached, or as far as they are known."""
         terminal = generative_model(self.task).terminal
-        return np.flatnonzero([] if terminal is None else terminal)
+        return (
+            self.met.ends if self.compared else np.flatnonzero([] if terminal is None else terminal)
+        )
 
     @property
     def task_discount(self) -> float:
@@ -202,11 +227,6 @@ class ShapedTask:
     def is_array(self) -> bool:
         """Whether the potential is an array, which need not be 0 at the ends."""
         return isinstance(self.potential, np.ndarray)
-
-    @property
-    def changing(self) -> bool:
-        """Whether it is a state potential that changes while learning."""
-        return isinstance(self.potential, StatePotential) and self.potential.changes
 
     @cached_property
     def phi(self) -> FloatArray:
@@ -240,31 +260,7 @@ class ShapedTask:
             return np.asarray(self.potential[state, action])
         return np.asarray(self.potential.q(state, action))
 
-    def reward(self) -> RewardFunction:
-        """Return F(s, a, s') of a shaping by any reward."""
-        function: RewardFunction = self.shaping.reward(self)
-        return function
-
-
-class ComparedTask(ShapedTask):
-    """A shaping in a task whose states are compared: what a policy acts on, with proven bounds."""
-
-    compared: ClassVar[bool] = True
-
-    @cached_property
-    def met(self) -> Reachable:
-        """The states that can be reached."""
-        return Reachable.of(tables(self.task))
-
-    @cached_property
-    def ends(self) -> IntArray:
-        """The terminal states that can be reached."""
-        return self.met.ends
-
-    @cached_property
-    def unshaped(self) -> Solution:
-        """The solution of the task itself."""
-        return solve(self.task)
+    # What a policy acts on in a task that is compared, with proven bounds, as shapings ask for it.
 
     @property
     def terminal(self) -> BoolArray:
@@ -284,11 +280,11 @@ class ComparedTask(ShapedTask):
 
     def with_rewards(self, f: FloatArray, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F, F (E,); by theory Q* - off, off (N,)."""
-        solution = solve(with_reward(self.met, f))
+        solution = solve(self.met.with_reward(f))
         q = solution.action_values[self.met.states]
         expected = self.unshaped.action_values[self.met.states] - off[:, None]
-        largest = max(_largest(q), _largest(f))
-        return ShapedValues(q, ROUNDED * solution.error_bound, _largest(q - expected), largest)
+        bound = ROUNDED * solution.error_bound
+        return ShapedValues(q, bound, _largest(q - expected), _largest(q, f))
 
     def looking_ahead(self, phi: FloatArray) -> ShapedValues:
         """Return Q + phi under look-ahead advice, or after starting at phi; by theory Q*."""
@@ -297,21 +293,19 @@ class ComparedTask(ShapedTask):
         met, mdp, solution = self.met, self.met.mdp, self.unshaped
         if phi[met.ends].any():
             ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
-            solution = solve(with_reward(met, met.reward(lambda s, a, after: ending[after])))
-        q = look_ahead_sweep(mdp, phi, solution.action_values - phi)
-        acted = (q + phi)[met.states]
+            solution = solve(met.with_reward(met.reward(lambda s, a, after: ending[after])))
+        acted = (look_ahead_sweep(mdp, phi, solution.action_values - phi) + phi)[met.states]
         rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))
         residual = _largest(acted - self.unshaped.action_values[met.states])
-        largest = max(_largest(phi), _largest(acted))
-        return ShapedValues(acted, solution.error_bound + rounding, residual, largest)
+        bound = solution.error_bound + rounding
+        return ShapedValues(acted, bound, residual, _largest(phi, acted))
 
     def advised(self, advice: FloatArray) -> ShapedValues:
         """Return Q* + advice, (S, A), for policies that learn Q from plain rewards."""
         added = advice[self.met.states]
         acted = self.unshaped.action_values[self.met.states] + added
-        rounding = EPSILON * (_largest(acted) + _largest(added))
-        largest = max(_largest(acted), _largest(added))
-        return ShapedValues(acted, self.unshaped.error_bound + rounding, _largest(added), largest)
+        bound = self.unshaped.error_bound + EPSILON * (_largest(acted) + _largest(added))
+        return ShapedValues(acted, bound, _largest(added), _largest(acted, added))
 
 
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
@@ -327,8 +321,8 @@ def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArr
     return np.where(mdp.terminal[:, None], 0.0, rows[mdp.outcome_row] - phi)
 
 
-def _largest(array: FloatArray) -> float:
-    return float(abs(array).max(initial=0.0))
+def _largest(*arrays: FloatArray) -> float:
+    return max(float(abs(array).max(initial=0.0)) for array in arrays)
 
 
 def check_shaping(
@@ -347,7 +341,7 @@ def check_shaping(
         )
     one_of("ends", ends, ("zero", "given"), SettingError)
     generative = generative_model(task)
-    terminal, discount = generative.terminal, generative.discount
+    discount = generative.discount
     if shaping_discount is not None:
         if not shaping.takes_discount:
             raise SettingError(
@@ -359,11 +353,9 @@ def check_shaping(
     ignored = np.zeros(0)
     if not (by_function or isinstance(shaping.potential, StatePotential | PairPotential)):
         array = np.array(shaping.potential, dtype=np.float64)
-        if isinstance(potential, StatePotential) and array.ndim == 2:
-            array = array.max(axis=1)
+        at_states = array if array.ndim == 1 else array.max(axis=1)
         if ends == "given":
-            potential = frozen(array)
-        elif terminal is not None:
-            at_states = array if array.ndim == 1 else array.max(axis=1)
-            ignored = np.where(terminal, at_states, 0.0)
+            potential = frozen(at_states if isinstance(potential, StatePotential) else array)
+        elif generative.terminal is not None:
+            ignored = np.where(generative.terminal, at_states, 0.0)
     return ShapedTask(task, shaping, potential, discount, ignored)

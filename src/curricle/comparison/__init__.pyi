@@ -1,7 +1,14 @@
-from .comparing import compare as compare
-from .comparison import Arm as Arm, Comparison as Comparison, Contrast as Contrast
-from .forecasting import Forecast as Forecast, forecast as forecast
-from .learnt_sources import source_learning as source_learning
+from .comparison import (
+    Arm as Arm,
+    Comparison as Comparison,
+    Contrast as Contrast,
+    compare as compare,
+)
+from .forecasting import (
+    Forecast as Forecast,
+    forecast as forecast,
+    source_learning as source_learning,
+)
 from .task_differences import differences as differences
 from .trial import Trial as Trial
 from .verdicts import Verdict as Verdict, seeds_needed as seeds_needed, verdicts_of as verdicts_of

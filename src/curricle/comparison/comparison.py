@@ -1,15 +1,31 @@
-"""The result of a comparison: arms on one axis, their gains, and how certain these are."""
+"""Comparing curricula with learning the target from scratch, and with each other.
+
+All arms spend the same total of steps, source steps included. Seed k of every arm draws from the
+same random stream in the target. Arms with different targets are refused.
+"""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
+from itertools import chain
 from typing import Any, Self
 
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
-from curricle.checks import one_of
-from curricle.comparison.controls import Level
+from curricle.checks import fit_name, instance, number, one_of, whole_number
+from curricle.comparison.controls import CONTROLS, Control, Level, check_fit
+from curricle.comparison.plan import (
+    Failures,
+    Learners,
+    Memory,
+    Plan,
+    Trained,
+    check_comparable,
+    from_scratch,
+    scratch_curricula,
+)
 from curricle.comparison.verdicts import (
     ONE_LOOK,
     Reason,
@@ -18,9 +34,14 @@ from curricle.comparison.verdicts import (
     not_asked,
     verdicts_of,
 )
+from curricle.curriculum.curriculum import Curriculum
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
-from curricle.errors import CurriculumError, in_words
+from curricle.errors import CurriculumError, SettingError, in_words
 from curricle.learning.result import LearningResult
+from curricle.learning.seeds import seed_tuple
+from curricle.learning.stopping import Episodes, StoppingRule
+from curricle.planning.target import Target
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import (
     ROUNDING,
     SCRATCH,
@@ -28,12 +49,14 @@ from curricle.statistics.curves import (
     Times,
     asymptotic_performance,
     charge_source,
+    fraction_of_optimum,
     jumpstart,
     mean_return,
+    midpoint,
     steps_saved,
     time_to_threshold,
 )
-from curricle.statistics.hypothesis_tests import Looks, probability_of_improvement
+from curricle.statistics.hypothesis_tests import Looks, add_seeds, probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     clusters,
@@ -43,11 +66,16 @@ from curricle.statistics.intervals import (
     seed_line,
 )
 from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, shortened, text_table
+from curricle.transfer.rollouts import ObservationTarget, target_of
+
+FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
+STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
+MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sources of a threshold
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """The curves of one arm, over target steps, up to the total budget of the comparison.
+    """The curves of an arm, over target steps, up to the total budget of the comparison.
 
     Attributes
     ----------
@@ -55,10 +83,8 @@ class Arm:
         Greedy return (K, T), with the source steps of each seed.
     training_return, guard_share : (K, T) float64
         As in :class:`LearningResult`.
-    control : bool
-        Whether it is a control of another arm.
-    scratch : bool
-        Whether it learns the target from scratch with a learner of its own.
+    control, scratch : bool
+        Whether it is a control of another arm, or learns from scratch with a learner of its own.
     level : Level or None
         What a control that knows nothing of the task adds to every value.
     unlearnt : dict of str to (K,) bool
@@ -66,17 +92,16 @@ class Arm:
 
     Examples
     --------
-    >>> flat = np.zeros((2, 3))
-    >>> steps = np.array([0, 10, 20])
-    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat, False)
-    >>> arm.strong_gain(Arm(Curve(steps, flat), flat, flat, False))
+    >>> flat, steps = np.zeros((2, 3)), np.array([0, 10, 20])
+    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat)
+    >>> arm.strong_gain(Arm(Curve(steps, flat), flat, flat))
     array([3., 3.])
     """
 
     curve: Curve
     training_return: FloatArray = field(repr=False)
     guard_share: FloatArray = field(repr=False)
-    control: bool
+    control: bool = False
     scratch: bool = False
     level: Level | None = field(default=None, repr=False)
     unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
@@ -88,17 +113,9 @@ class Arm:
 
     @classmethod
     def of(
-        cls,
-        result: LearningResult,
-        spent: IntArray,
-        total: int,
-        eval_freq: int,
-        *,
-        control: bool = False,
-        scratch: bool = False,
-        level: Level | None = None,
+        cls, result: LearningResult, spent: IntArray, total: int, eval_freq: int, **kind: Any
     ) -> Self:
-        """Return an arm from the target's learning result.
+        """Return the arm of a learning result in the target; `kind` is the rest of its fields.
 
         Seed k learns for total - spent_k steps, after which its last value is repeated.
         """
@@ -114,7 +131,7 @@ class Arm:
             for curves in (result.greedy_return, result.training_return, result.guard_share)
         )
         curve = Curve(np.arange(n) * eval_freq, greedy, spent)
-        return cls(curve, training, guard_share, control, scratch, level)
+        return cls(curve, training, guard_share, **kind)
 
     @property
     def initial_value(self) -> float | None:
@@ -140,22 +157,19 @@ class Arm:
 def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate) -> Arm:
     """Return the arms of several batches of seeds as one arm, `join` called with their arrays."""
     first, levels = arms[0], [arm.level for arm in arms if arm.level is not None]
-    curve = Curve(
-        first.curve.steps,
-        join([arm.curve.values for arm in arms]),
-        join([arm.curve.source_steps for arm in arms]),
+    level = None
+    if levels:
+        level = replace(levels[0], values=join([level.values for level in levels]))
+    values, spent = (
+        join([getattr(arm.curve, x) for arm in arms]) for x in ("values", "source_steps")
     )
     return replace(
         first,
-        curve=curve,
+        curve=Curve(first.curve.steps, values, spent),
         training_return=join([arm.training_return for arm in arms]),
         guard_share=join([arm.guard_share for arm in arms]),
-        level=replace(levels[0], values=join([level.values for level in levels]))
-        if levels
-        else None,
-        unlearnt={
-            source: join([arm.unlearnt[source] for arm in arms]) for source in first.unlearnt
-        },
+        level=level,
+        unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
     )
 
 
@@ -171,15 +185,16 @@ def scratch_names(arms: Mapping[str, Arm]) -> tuple[str, ...]:
     return tuple(name for name, arm in arms.items() if name == SCRATCH or arm.scratch)
 
 
-UNKNOWN = Interval(float("nan"), float("nan"), float("nan"), 0.95, 0)
+NAN = float("nan")
+UNKNOWN = Interval(NAN, NAN, NAN, 0.95, 0)
 
 
 @dataclass(frozen=True, eq=False)
 class Contrast:
-    """One arm against learning from scratch, over K seeds.
+    """An arm against learning from scratch, over K seeds.
 
     Of several arms that learn from scratch it is the best; the strong gain is an interval for the
-    smallest of the true gains over each. Weak transfer ignores the source steps, over the target's
+    smallest of the true gains over them. Weak transfer ignores the source steps, over the target's
     own budget. Strong transfer charges them, over the total budget. Gains are returns.
 
     Attributes
@@ -194,15 +209,12 @@ class Contrast:
         Gain at the end of the total budget (strong).
     probability_of_improvement : Interval
         That a run of the arm has the larger area under its curve (strong).
-    p : float
-        Of no strong gain, two-sided, by flipping the signs of the paired differences.
-    adjusted_p : float
-        The same, corrected for the number of curricula (Holm); NaN for a control.
-    verdict : str
-        "pays", "costs more than it brings", "no difference shown", or that there are too few
-        seeds; empty for a control.
-    reason : str
-        Why it pays, such as "by what it knows"; empty where that was not asked.
+    p, adjusted_p : float
+        Of no strong gain, two-sided, by flipping the signs of the paired differences; and corrected
+        for the number of curricula (Holm), NaN for a control.
+    verdict, reason : str
+        "pays", "costs more than it brings", "no difference shown", or too few seeds; and why it
+        pays, such as "by what it knows". Empty for a control, or where it was not asked.
     """
 
     jumpstart: Interval
@@ -229,7 +241,9 @@ class Contrast:
         return ", ".join(filter(None, (self.verdict, self.reason)))
 
 
-MEASURES = tuple(one.name for one in fields(Contrast) if one.type is Interval)
+MEASURES = tuple(part.name for part in fields(Contrast) if part.type is Interval)
+NOTHING: Any = dict.fromkeys(MEASURES, UNKNOWN) | {"p": NAN, "adjusted_p": NAN, "verdict": ""}
+NO_CONTRAST = Contrast(**NOTHING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,10 +255,9 @@ class Comparison:
     target : str
     arms : dict of str to Arm
         The target's own learner from scratch first, named "scratch".
-    budget : int
-        Target steps, over which weak transfer is measured.
-    total : int
-        Steps of every arm, sources included, over which strong transfer is measured.
+    budget, total : int
+        Target steps, over which weak transfer is measured; and steps of every arm, sources
+        included, over which strong transfer is.
     threshold : float
         Return.
     window : int
@@ -253,12 +266,10 @@ class Comparison:
         Arms that could not be trained, and why.
     looks : Looks
         Interim analyses planned, where seeds were added; verdicts and intervals are adjusted.
-    stopped : str
-        What ended the adding of seeds, in words; empty where their number was given.
+    stopped, threshold_from : str
+        What ended the adding of seeds, and where the threshold comes from, in words.
     interim : str
         That seeds of the plan are to come, in words: then there is no verdict and no p-value.
-    threshold_from : str
-        Where the threshold comes from, in words.
     """
 
     target: str
@@ -316,18 +327,15 @@ class Comparison:
 
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
-        """Those of the controls of each curriculum that know nothing of the task.
-
-        None without a constant one: learning from a placebo's values at random is slower.
-        """
-        asked_of: dict[str, tuple[str, ...]] = {}
+        """The controls of each curriculum that know nothing of the task, a constant among them."""
+        # None without a constant one: learning from a placebo's values at random is slower.
+        know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
-            levels = {
-                control: level for control in controls if (level := self[control].level) is not None
-            }
-            asked = any(level.constant for level in levels.values())
-            asked_of[name] = tuple(levels) if asked else ()
-        return asked_of
+            levels = {control: self[control].level for control in controls}
+            asked = any(level is not None and level.constant for level in levels.values())
+            known = (control for control, level in levels.items() if level is not None)
+            know_nothing[name] = tuple(known) if asked else ()
+        return know_nothing
 
     @cached_property
     def returns(self) -> dict[str, FloatArray]:
@@ -394,8 +402,7 @@ class Comparison:
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
         """Each arm against learning from scratch."""
-        names = [name for name in self.arms if name not in self.scratches]
-        return {name: self._contrast(name) for name in names}
+        return {name: self._contrast(name) for name in self.arms if name not in self.scratches}
 
     def _weak(self, name: str) -> Curve:
         """Return an arm's curve over the target's budget, without its source steps."""
@@ -425,7 +432,7 @@ class Comparison:
             ),
             probability_of_improvement=of_improvement(mean_return(strong), mean_return(whole)),
             p=alone.p,
-            adjusted_p=float("nan") if verdict is None else verdict.adjusted_p,
+            adjusted_p=NAN if verdict is None else verdict.adjusted_p,
             verdict="" if verdict is None else verdict.against_scratch,
             reason="" if reason is None else reason.words,
         )
@@ -435,38 +442,37 @@ class Comparison:
 
         All have the same keys; numbers that an arm does not have are NaN.
         """
-        return [{"arm": name, **self._row(name)} for name in self.arms]
-
-    def _row(self, name: str) -> dict[str, Any]:
-        times, contrast = self.times(name), self.contrasts.get(name)
-        row: dict[str, Any] = {
-            "control": self[name].control,
-            "seeds": self.seeds,
-            "source_steps": float(self[name].curve.source_steps.mean()),
-            "reached": int(times.reached.sum()),
-        }
-        intervals = {"steps_to_threshold": times.restricted_mean(confidence=self.confidence)}
-        intervals["mean_return"] = self.mean_return(name)
-        for measure in MEASURES:
-            intervals[measure] = UNKNOWN if contrast is None else getattr(contrast, measure)
-        over, level = self.control_verdicts.get(name), self[name].level
-        knows = self.knowledge_verdicts.get(name)
-        intervals["gain_over_controls"] = UNKNOWN if over is None else over.gain
-        intervals["gain_by_knowledge"] = UNKNOWN if knows is None else knows.gain
-        for measure, interval in intervals.items():
-            row[measure] = interval.estimate
-            row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
-        row["p"] = float("nan") if contrast is None else contrast.p
-        row["adjusted_p"] = float("nan") if contrast is None else contrast.adjusted_p
-        row["verdict"] = "" if contrast is None else contrast.verdict
-        row["reason"] = "" if contrast is None else contrast.reason
-        row["unlearnt"] = self.unlearnt(name)
-        row["against"] = "" if contrast is None else self.best_scratch
-        row["strongest_control"] = "" if over is None else over.rival
-        row["beats_controls"] = "" if over is None else over.answer
-        row["beats_controls_p"] = float("nan") if over is None else over.adjusted_p
-        row["level"] = float("nan") if level is None else level.mean
-        return row
+        rows = list[dict[str, Any]]()
+        for name, arm in self.arms.items():
+            times, contrast = self.times(name), self.contrasts.get(name, NO_CONTRAST)
+            over, knows = self.control_verdicts.get(name), self.knowledge_verdicts.get(name)
+            intervals = {
+                "steps_to_threshold": times.restricted_mean(confidence=self.confidence),
+                "mean_return": self.mean_return(name),
+                **{measure: getattr(contrast, measure) for measure in MEASURES},
+                "gain_over_controls": UNKNOWN if over is None else over.gain,
+                "gain_by_knowledge": UNKNOWN if knows is None else knows.gain,
+            }
+            row: dict[str, Any] = {
+                "arm": name,
+                "control": arm.control,
+                "seeds": self.seeds,
+                "source_steps": float(arm.curve.source_steps.mean()),
+                "reached": int(times.reached.sum()),
+            }
+            for measure, interval in intervals.items():
+                row[measure] = interval.estimate
+                row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
+            for part in ("p", "adjusted_p", "verdict", "reason"):
+                row[part] = getattr(contrast, part)
+            row["unlearnt"] = self.unlearnt(name)
+            row["against"] = self.best_scratch if name in self.contrasts else ""
+            row["strongest_control"] = "" if over is None else over.rival
+            row["beats_controls"] = "" if over is None else over.answer
+            row["beats_controls_p"] = NAN if over is None else over.adjusted_p
+            row["level"] = NAN if arm.level is None else arm.level.mean
+            rows.append(row)
+        return rows
 
     def __str__(self) -> str:
         return self.text()
@@ -482,7 +488,7 @@ class Comparison:
         )
 
     def __repr__(self) -> str:
-        verdicts = [f"{name}: {one.against_scratch}" for name, one in self.verdicts.items()]
+        verdicts = [f"{name}: {answer.against_scratch}" for name, answer in self.verdicts.items()]
         return shortened(
             f"Comparison({self.target!r}, {counted(len(self.arms), 'arm')}, "
             f"{counted(self.seeds, 'seed')}; {'; '.join(verdicts)})"
@@ -500,7 +506,7 @@ class Comparison:
     @property
     def _below(self) -> list[str]:
         """The sentences below the table."""
-        failed = [f"{name} failed: {in_words(error)}" for name, error in self.failed.items()]
+        failed = (f"{name} failed: {in_words(error)}" for name, error in self.failed.items())
         return [*self.sentences, *failed]
 
     @property
@@ -516,44 +522,38 @@ class Comparison:
 
     def _cells(self, name: str) -> tuple[str, ...]:
         """Return an arm's row of the printed table: as many texts as `HEADS` has."""
-        times = self.times(name)
+        times, contrast = self.times(name), self.contrasts.get(name, NO_CONTRAST)
         missed = int((~times.reached).sum())
         steps = f"{times.steps.mean():,.0f}" + (f" ({missed} never)" if missed else "")
         steps = "> " * (missed > 0) + steps
-        strong, weak, words = "", "", ""
+        strong, weak, verdict = "", "", contrast.verdict
         if name in self.contrasts:
-            contrast = self.contrasts[name]
             strong, weak = short(contrast.strong_gain), short(contrast.weak_gain)
-            words = contrast.verdict
             if name in self.verdicts and not self.withheld:
-                words += f" (p = {contrast.adjusted_p:.2g})"
-            words += f", {contrast.reason}" if contrast.reason else ""
+                verdict += f" (p = {contrast.adjusted_p:.2g})"
+            verdict += f", {contrast.reason}" if contrast.reason else ""
         elif name == self.best_scratch and len(self.scratches) > 1:
-            words = "the best from scratch: gains are over it"
-        return name, steps, short(self.mean_return(name)), strong, weak, words
+            verdict = "the best from scratch: gains are over it"
+        return name, steps, short(self.mean_return(name)), strong, weak, verdict
 
     @property
     def sentences(self) -> list[str]:
         """What the table does not say: the answers about controls, and a cheaper way."""
-        lines = [words for name in self.arms if (words := self.cluster_sentence(name))]
+        lines = [self.cluster_sentence(name) for name in self.arms]
         lines += [self.control_sentence(name) for name in self.control_verdicts]
         lines += [
             _sentence(name, verdict, "controls that know nothing")
             for name, verdict in self.knowledge_verdicts.items()
             if self.know_nothing[name] != self.controls[name]
         ]
-        lines += [line for name in self.controls if (line := self.cheaper_way(name))]
-        lines += [line for name in self.controls if (line := self.unlearnt(name))]
-        open_ = not_asked(list(self.reasons.values()))
-        return [*lines, open_] if open_ else lines
+        lines += [self.cheaper_way(name) for name in self.controls]
+        lines += [self.unlearnt(name) for name in self.controls]
+        return [line for line in (*lines, not_asked(list(self.reasons.values()))) if line]
 
     def cheaper_way(self, name: str) -> str:
         """Return the initial value that gains as much without any source; empty if not known."""
-        ways = [
-            control
-            for control in self.know_nothing[name]
-            if self[control].initial_value is not None
-        ]
+        controls = self.know_nothing[name]
+        ways = [control for control in controls if self[control].initial_value is not None]
         if self.reasons[name].why not in ("level", "mostly level", "not shown") or not ways:
             return ""
         best = max(ways, key=lambda control: float(self.returns[control].mean()))
@@ -574,11 +574,11 @@ class Comparison:
         if (groups := clusters(values)) is None:
             return ""
         high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(groups))
-        words = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
+        sentence = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
         if min(map(len, groups)) > self.seeds // 4:
-            return words
+            return sentence
         middle = interquartile_interval(values, confidence=self.confidence)
-        return f"{words}; interquartile mean, without the few: {short(middle)}"
+        return f"{sentence}; interquartile mean, without the few: {short(middle)}"
 
     def unlearnt(self, name: str) -> str:
         """Return which sources of an arm did not learn their own tasks; empty if all did."""
@@ -598,10 +598,8 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
     strongest = verdict.rival.removeprefix(f"{name}, ")
     if verdict.rivals == 1:
         return f"{name} gains more than its {strongest}: {verdict}"
-    return (
-        f"{name} gains more than each of its {verdict.rivals} {controls}: {verdict}; the "
-        f"strongest is {strongest}"
-    )
+    several = f"each of its {verdict.rivals} {controls}"
+    return f"{name} gains more than {several}: {verdict}; the strongest is {strongest}"
 
 
 HEADS = ("", "steps to threshold", "mean return", "strong gain", "weak gain", "verdict")
@@ -614,21 +612,271 @@ def short(interval: Interval) -> str:
 
 def _lines(comparison: Comparison) -> list[Any]:
     """Return the charged curve of each arm: controls as their curriculum, but dashed."""
-    number, colour = -1, "currentColor"
-    lines = []
+    number, colour, lines = -1, "currentColor", []
     for name, arm in comparison.arms.items():
         scratch = name in comparison.scratches
         if not (scratch or arm.control):
             number += 1
-        if not scratch:
             colour = COLOURS[OWN_COLOURS[number % len(OWN_COLOURS)]]
         curve = arm.charged(comparison.scratch)
-        dashed = arm.control or (scratch and name != SCRATCH)
-        shade = "currentColor" if scratch else colour
-        confidence = comparison.confidence
         lines.append(
             seed_line(
-                name, curve.steps, curve.filled(), shade, dashed=dashed, confidence=confidence
+                name,
+                curve.steps,
+                curve.filled(),
+                "currentColor" if scratch else colour,
+                dashed=arm.control or (scratch and name != SCRATCH),
+                confidence=comparison.confidence,
             )
         )
     return lines
+
+
+# -- Comparing arms -------------------------------------------------------------------------------
+
+
+def compare(
+    arms: Curriculum | Mapping[str, Curriculum],
+    *,
+    seeds: int | Sequence[int] = 30,
+    controls: Sequence[Control] = (),
+    scratch: Learners = (),
+    threshold: float | None = None,
+    window: int = 5,
+    precision: float | None = None,
+    difference: bool = False,
+    most_seeds: int = 100,
+    workers: int | None = None,
+    progress: Progress = None,
+) -> Comparison:
+    """Return a comparison of curricula with learning their target from scratch.
+
+    All have one total budget: the target's plus the steps that the most expensive arm spends on its
+    sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
+    spends all of it in the target, every other arm the rest after its sources, seed by seed. An arm
+    that fails is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms, is
+    raised.
+
+    Parameters
+    ----------
+    arms : Curriculum or dict of str to Curriculum
+        All with the same target, none named "scratch". ``curricle.compare`` also takes a study or
+        its path: its arms and settings, where others are not given.
+    seeds : int or sequence of int
+        With `precision` or `difference`, the number of seeds to begin with.
+    controls : sequence of str
+        Of ``random_start``, ``pretraining``, ``placebo``, ``constant``, ``scaled`` and ``negated``,
+        run for each curriculum (``curricle.comparison.controls`` explains them).
+    scratch : sequence of learners, or dict of str to learner
+        Learners that learn the target from scratch too, beside its own.
+    threshold : float, optional
+        Return that counts as learnt. By default nine tenths of the way from the random policy's
+        return to the optimum; midway up the curve of scratch if there is no such optimum.
+    window : int
+        Checkpoints over which curves are smoothed to find when they reach the threshold.
+    precision : float, optional
+        Add seeds until the half-width of the first arm's strong gain is at most this return.
+    difference : bool
+        Add seeds until the first arm's strong gain differs from 0.
+    most_seeds : int
+        Seeds at which to stop adding.
+    workers, progress : optional
+        Threads over seeds; True for a bar for each task of each arm, or a function of the name of
+        each arm when it is done.
+
+    Raises
+    ------
+    CurriculumError, SettingError
+        If arms are not comparable, or a setting is out of range, before any training.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld, Transfer, same_position
+    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
+    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
+    >>> plan = Curriculum(
+    ...     tasks={"corner": corner, "maze": maze},
+    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
+    ...     budget={"corner": 500, "maze": 5000})
+    >>> comparison = compare(plan, seeds=5, controls=["placebo"])
+    >>> list(comparison.arms), comparison.total
+    (['scratch', 'transfer', 'transfer, placebo'], 5500)
+    """
+    check_progress(progress)
+    memory = Memory()
+    plan = comparison_plan(arms, memory, controls, scratch)
+    window = whole_number("window", window, 1, SettingError)
+    if window > checkpoints(plan):
+        raise SettingError(
+            f"window must be at most {checkpoints(plan)}, the checkpoints within the target's "
+            f"budget: got {window}"
+        )
+    if threshold is not None:
+        threshold = number("threshold", threshold, SettingError)
+    level = threshold_before(plan, threshold)  # solving the target may fail
+    failed, looks, stopped = dict[str, Exception](), ONE_LOOK, ""
+    with shown(progress) as bars:
+        if precision is None and not difference:
+            trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
+        else:
+            batches = list[dict[str, Arm]]()
+            first_arm = next(name for name, arm in plan.arms.items() if not arm.scratch)
+
+            def gain(added: Sequence[int]) -> FloatArray:
+                batches.append(trained_arms(plan, tuple(added), failed, memory, workers, bars))
+                if first_arm in failed:  # no more seeds are added: the goal is about its gain
+                    raise _FirstArmFailed
+                # The best from scratch at the first look. Verdicts are against all that learn from
+                # scratch, and hold whatever decided when to stop.
+                best = best_from_scratch(batches[0], failed)
+                return batches[-1][first_arm].strong_gain(batches[-1][best])
+
+            first = whole_number("seeds to begin adding with", seeds, 2, SettingError)
+            stopped = "stopped by the failure of the first arm"
+            with suppress(_FirstArmFailed):
+                goal: Any = {"precision": precision, "difference": difference}
+                stopped = add_seeds(gain, first=first, most=most_seeds, **goal).stopped
+            names = [name for name in batches[0] if all(name in batch for batch in batches)]
+            trained = {name: joined_arms([batch[name] for batch in batches]) for name in names}
+            looks = Looks.doubling(first, most_seeds)
+    return comparison_of(plan, trained, level, window, failed, looks=looks, stopped=stopped)
+
+
+class _FirstArmFailed(Exception):
+    """The arm failed whose gain decides whether more seeds are added."""
+
+
+def comparison_plan(
+    arms: Curriculum | Mapping[str, Curriculum],
+    memory: Memory,
+    controls: Sequence[Control] = (),
+    scratch: Learners = (),
+) -> Plan:
+    """Return the plan of :func:`compare` for arms; CurriculumError if they differ too much."""
+    if isinstance(arms, Curriculum):
+        arms = {"transfer": arms}
+    instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
+    if not arms:
+        raise CurriculumError("a comparison needs at least one curriculum: got none")
+    for name, arm in arms.items():
+        fit_name("an arm", name, CurriculumError)
+        instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
+        if name == SCRATCH:
+            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
+    if isinstance(controls, str):
+        raise SettingError(f"controls must be a list of names: got {controls!r}")
+    for control in controls:
+        one_of("a control", control, CONTROLS, SettingError)
+    check_comparable(arms)
+    first = next(iter(arms.values()))
+    target, node = first.target, first.node(first.target)
+    if isinstance(node.budget, Episodes | StoppingRule):
+        raise SettingError(
+            "a comparison at one total budget needs the target's in steps: "
+            f"{target!r} has {node.budget}"
+        )
+    if node.evaluation.method == "off":
+        raise SettingError(f"a comparison needs greedy evaluation: that of {target!r} is off")
+    for name, arm in arms.items():
+        check_fit(controls, name, arm)
+    scratches = {SCRATCH: from_scratch(first), **scratch_curricula(scratch, first)}
+    for name in scratches:
+        if name in arms:
+            raise CurriculumError(f"the name {name!r} is taken by a learner: rename this arm")
+    return Plan.made(arms, scratches, memory.keys_of, controls=controls)
+
+
+def checkpoints(plan: Plan) -> int:
+    """Return the checkpoints within the target's own budget."""
+    return plan.steps[0] // plan.eval_freq + 1
+
+
+def threshold_before(plan: Plan, stated: float | None) -> tuple[float | None, str]:
+    """Return a threshold that is stated or else the target's, and where it comes from."""
+    # None before any training where it is the midpoint of scratch's curve.
+    if stated is not None:
+        return stated, STATED
+    node = next(iter(plan.curricula.values())).node(plan.target)
+    threshold = threshold_of_optimum(target_of(node.task, node.evaluation))
+    return threshold, MIDPOINT if threshold is None else OF_OPTIMUM
+
+
+def trained_arms(
+    plan: Plan,
+    seeds: tuple[int, ...],
+    failed: dict[str, Exception],
+    memory: Memory,
+    workers: int | None,
+    bars: Bars,
+) -> dict[str, Arm]:
+    """Return all arms for these seeds, scratch first."""
+    # An arm that raises an error is added to `failed`, and left out with its controls.
+    plan, failures, arms = plan.without(failed), Failures(plan.needs), dict[str, Arm]()
+    in_order = tuple(sorted(seeds))
+    for _ in chain(memory.train(plan, in_order, failures, workers, bars), [None]):
+        for unit, error in failures.errors:
+            for name, arm in plan.arms.items():
+                if unit.key in arm.keys.values() and not failed.keys() & {name, arm.of}:
+                    assert isinstance(error, Exception)
+                    failed[name] = error
+        if SCRATCH in failed:
+            raise failed[SCRATCH]
+        for name, arm in plan.arms.items():
+            if failed.keys() & {name, arm.of} or name in arms:
+                continue
+            if not all((key, in_order) in memory.trained for key in arm.keys.values()):
+                break  # `bars` are told of the arms in their order
+            try:
+                arms[name] = _arm(plan, name, memory, seeds)
+            except Exception as error:  # as its training may
+                failed[name] = error
+            else:
+                bars.tell(name)
+    if all(arm.scratch for arm in arms.values()):
+        raise next(iter(failed.values()))
+    return {name: arms[name] for name in plan.arms if name in arms}
+
+
+def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
+    """Return an arm whose units were trained, its seeds in the order in which they were given."""
+    planned, in_order = plan.arms[name], tuple(sorted(seeds))
+    results = {task: memory.trained[key, in_order] for task, key in planned.keys.items()}
+    last: Trained = results[plan.target]
+    sources = [task for task in planned.curriculum.order if task != plan.target]
+    arm = Arm.of(
+        last.result,
+        last.source_steps,
+        plan.steps[1],
+        plan.eval_freq,
+        control=bool(planned.control),
+        scratch=planned.scratch,
+        level=last.level,
+        unlearnt={
+            source: planned.curriculum.node(source).unlearnt(results[source].result)
+            for source in (sources if not planned.control else ())
+        },
+    )
+    return arm.take(np.searchsorted(in_order, seeds))
+
+
+def comparison_of(
+    plan: Plan,
+    arms: Mapping[str, Arm],
+    level: tuple[float | None, str],
+    window: int,
+    failed: Mapping[str, Exception],
+    **adding: Any,
+) -> Comparison:
+    """Return the comparison of trained arms, with :func:`threshold_before` as its `level`."""
+    threshold = midpoint(arms[SCRATCH].curve) if level[0] is None else level[0]
+    spans = *plan.steps, threshold, window
+    return Comparison(plan.target, arms, *spans, failed, threshold_from=level[1], **adding)
+
+
+def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:
+    """Return nine tenths of the way from the random policy's return to the optimum."""
+    if target.solution is None:
+        return None
+    best, worst = target.optimum, target.random_return
+    # Undiscounted, the policy that is optimal with the discount need not beat a random one.
+    return None if best <= worst else fraction_of_optimum(best, worst, FRACTION)

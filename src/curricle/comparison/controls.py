@@ -55,10 +55,8 @@ SOURCE = "control source"
 
 def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
     """Raise CurriculumError unless a curriculum's target can be learnt with these controls."""
-    if not controls:
-        return
     name = curriculum.target
-    if not curriculum.in_edges(name):
+    if controls and not curriculum.in_edges(name):
         raise CurriculumError(
             f"controls need a transfer into the target: arm {arm!r} has none into {name!r}"
         )
@@ -74,8 +72,7 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
 
 
 def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
-    name = curriculum.target
-    shaping = curriculum.setting("shaping", name)
+    name, shaping = curriculum.target, curriculum.setting("shaping", curriculum.target)
     sources = [curriculum.tasks[edge.source] for edge in curriculum.in_edges(name)]
     all_miniatures = all(isinstance(source, Miniatures) for source in sources)
     for control in controls:
@@ -99,30 +96,29 @@ def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
     for name, task in tasks.items():
         if isinstance(task, Miniatures):
             tasks[name] = replace(task, shuffled=True)
-    transfers = [
-        replace(
-            edge,
-            mapping=replace(edge.mapping, source=tasks[edge.source], target=tasks[edge.target]),
-        )
-        if isinstance(tasks[edge.source], Miniatures) or isinstance(tasks[edge.target], Miniatures)
-        else edge
-        for edge in curriculum.transfers
-    ]
+    transfers = []
+    for edge in curriculum.transfers:
+        source, target = tasks[edge.source], tasks[edge.target]
+        if isinstance(source, Miniatures) or isinstance(target, Miniatures):
+            edge = replace(edge, mapping=replace(edge.mapping, source=source, target=target))
+        transfers.append(edge)
     return replace(curriculum, tasks=tasks, transfers=transfers)
 
 
 def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum:
     """Return a curriculum whose only source is its target, trained for `steps`."""
-    name = curriculum.target
-    task = curriculum.tasks[name]
+    name, task = curriculum.target, curriculum.tasks[curriculum.target]
     source = task
     if label == "random start" and isinstance(task, GridWorld):
         source = task.with_start("uniform")
     elif label == "random start":
         mdp = tables(task)
         source = replace(mdp, start=~mdp.terminal / (~mdp.terminal).sum())
-    learner, evaluation = (curriculum.setting(which, name) for which in ("learner", "evaluation"))
     storage = curriculum.setting("storage", name)
+    both = {
+        which: dict.fromkeys((SOURCE, name), curriculum.setting(which, name))
+        for which in ("learner", "evaluation")
+    }
     return Curriculum(
         tasks={SOURCE: source, name: task},
         transfers=[Transfer(SOURCE, name, identity(task, source))],
@@ -130,8 +126,7 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
         budget={SOURCE: StoppingRule(steps), name: curriculum.setting("budget", name)},
         eval_freq={SOURCE: steps, name: curriculum.setting("eval_freq", name)},
         storage={SOURCE: replace(storage, save_values=True), name: storage},
-        learner={SOURCE: learner, name: learner},
-        evaluation={SOURCE: evaluation, name: evaluation},
+        **both,
     )
 
 
@@ -142,7 +137,11 @@ CHANGES: dict[str, Change] = {
     CONSTANT_MAXIMUM: lambda phi, _, pairs: phi.rescaled(0.0, float(pairs.values(phi).max())),
     "scaled x 0.5": lambda phi, *_: phi.rescaled(0.5),
     "scaled x 2": lambda phi, *_: phi.rescaled(2.0),
-    "negated": lambda phi, *_: _negated(phi),
+    "negated": lambda phi, *_: (
+        phi.rescaled(-1.0)
+        if isinstance(phi, ObservationPotential)
+        else StateActionPotential(phi.task, -phi.values)
+    ),
 }
 """What the controls that change a potential do to it, by their labels."""
 LABELS: dict[Control, tuple[str, ...]] = {
@@ -194,21 +193,19 @@ def train_control(
             changed_source = source_control(curriculum, label, int(steps))
             parts.append(changed_source.train(some, charge=True, **how)[name])
         return joined_results(parts), spent, None
-    node = curriculum.node(name)
+    node, pairs = curriculum.node(name), VisitedPairs.of(curriculum)
     if not potentials:
         potentials, calibrations = entering(curriculum, name, sources, seeds, spent)
-    pairs = VisitedPairs.of(curriculum)
     changed = [CHANGES[label](phi, k, pairs) for phi, k in zip(potentials, seeds, strict=True)]
     warm_ups = [calibration.warm_up for calibration in calibrations]
     result = node.train(seeds, changed, warm_ups=warm_ups, charged=spent, **how)
     if label not in KNOW_NOTHING:
         return result, spent, None
-    means = np.array([pairs.values(phi).mean() for phi in changed])
     # A constant potential is another initial value where a table learns and the shaping allows it.
-    learner, shaping = node.learner, node.shaping
-    same = isinstance(shaping, SAME_AS_INITIAL_VALUE) and isinstance(learner, Learner)
-    constant = label != PLACEBO
-    base = learner.initial_value if constant and same else None
+    constant, learner = label != PLACEBO, node.learner
+    same = constant and isinstance(node.shaping, SAME_AS_INITIAL_VALUE)
+    base = learner.initial_value if same and isinstance(learner, Learner) else None
+    means = np.array([pairs.values(phi).mean() for phi in changed])
     return result, spent, Level(means, base, constant)
 
 
@@ -225,12 +222,6 @@ def entering(
         return potentials, []
     calibrations = calibrated(curriculum.node(name), potentials, settings, seeds, spent)
     return [calibration.potential for calibration in calibrations], calibrations
-
-
-def _negated(phi: Any) -> AnyPotential:
-    if isinstance(phi, ObservationPotential):
-        return phi.rescaled(-1.0)
-    return StateActionPotential(phi.task, -phi.values)
 
 
 def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
@@ -291,10 +282,6 @@ class Level:
                 raise ValueError(f"{name} must be a number of float64 for each seed")
         base = float(arrays["level_base"][0])
         return cls(arrays["level"], None if np.isnan(base) else base, constant)
-
-    def take(self, seeds: IntArray) -> "Level":
-        """Return the level of the seeds in these rows, in this order."""
-        return replace(self, values=self.values[seeds])
 
 
 @dataclass(frozen=True, eq=False)

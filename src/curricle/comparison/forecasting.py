@@ -2,28 +2,23 @@
 
 Whether it pays is answered by a trial (:mod:`curricle.comparison.trial`). About each potential it
 says where learning starts: the return of the greedy policy on phi, and whether phi is so high that
-epsilon-greedy learning falls from there.
+epsilon-greedy learning falls from there. About each source it says whether it learnt its own task.
 """
 
 import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from hashlib import blake2b
 from typing import Any, cast
 
 import numpy as np
 
+from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.checks import instance, one_of
-from curricle.comparison.comparing import threshold_of_optimum
-from curricle.comparison.learnt_sources import (
-    DistilledSource,
-    SourceLearning,
-    distilled_sources,
-    source_learning,
-)
+from curricle.comparison.comparison import threshold_of_optimum
 from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
+    SEEDS,
     Candidate,
     Trial,
     affordable,
@@ -32,17 +27,22 @@ from curricle.comparison.trial import (
     run_trial,
 )
 from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.node import Node
 from curricle.curriculum.result import Learnt, SourceValues
+from curricle.deep.miniature import Miniatures
 from curricle.deep.policy import policy_return
-from curricle.display import block, table
+from curricle.display import block, printed, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
+from curricle.planning.greedy import EqualValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import Target
+from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.intervals import Interval, mean_interval
-from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.live import is_live
+from curricle.tasks.mdp import generative_model
+from curricle.tasks.observation_task import is_observation_task, made_by
 from curricle.tasks.spaces import state_name
 from curricle.text import brief_repr, counted, folded, or_dash, shortened, text_table
 from curricle.transfer.aggregate import Aggregate
@@ -57,6 +57,196 @@ from curricle.transfer.rollouts import (
 )
 from curricle.transfer.transfer import Calibrate, transfer_names
 
+# -- Did a source learn its own task? --------------------------------------------------------------
+#
+# Its greedy return says so, against its optimum or a fresh learner's. Values of a source that did
+# not learn can be worse than none. No step is charged to find out: the optimum follows from a
+# model, and a fresh learner's steps, twice as many, are simulated. Networks distilled from
+# miniatures are examined on held-out levels.
+
+LEARNT = 0.9  # share of the way from random to the reference from which a source learnt its task
+OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # what a source is measured by
+
+
+@dataclass(frozen=True, eq=False)
+class SourceLearning(Frozen):
+    """How much of its own task a source learnt. Prints as a sentence."""
+
+    name: str
+    seeds: tuple[int, ...]  # K of them
+    returns: FloatArray  # (K,): of the greedy policy of each seed's values, in the source's task
+    random_return: float  # of the uniformly random policy there
+    reference: float  # the return of an optimal policy, or a fresh learner's mean; NaN if unknown
+    measured_by: str  # what the reference is: "its optimum", "a fresh learner", or nothing
+    # Standard error of the mean of `returns` that is due to rollouts, with that of the random
+    # return and of the reference; 0 where all are exact.
+    noise: float = 0.0
+    # Steps of the fresh learner, a seed; 0 without one. They are no steps of the curriculum.
+    fresh_steps: int = field(default=0, kw_only=True)
+
+    __repr__ = brief_repr
+    _repr_html_ = printed
+
+    @property
+    def shares(self) -> FloatArray:
+        """(K,) shares of the way from random to the reference; NaN if there is no such way."""
+        way = self.reference - self.random_return
+        if not way > STANDARD_ERRORS * self.noise:
+            return np.full(len(self.seeds), np.nan)
+        return np.asarray((self.returns - self.random_return) / way)
+
+    @property
+    def share(self) -> float:
+        """The mean of the shares; NaN if there is no way from random to the reference."""
+        return float(self.shares.mean())
+
+    @property
+    def learnt(self) -> bool | None:
+        """Whether it learnt at least nine tenths of the way; None if that is unknown."""
+        return None if np.isnan(self.share) else self.share >= LEARNT
+
+    def __str__(self) -> str:
+        got, random = f"{self.returns.mean():.4g}", f"{self.random_return:.4g}"
+        failed, by = f"{self.name} did NOT learn its own task: {got}", self.measured_by
+        if by == UNKNOWN:
+            # No better than random is a fact, whatever the optimum is.
+            if self.returns.mean() - self.random_return <= STANDARD_ERRORS * self.noise:
+                return f"{failed}, no better than random ({random}); its values may mislead"
+            return f"{self.name} returns {got} where random is {random}; its optimum is not known"
+        by += f" of {self.fresh_steps:,} steps" if self.fresh_steps else ""
+        if np.isnan(self.share):
+            return (
+                f"{self.name} cannot be judged: {by} returns {self.reference:.4g}, no more than "
+                f"random ({random})"
+            )
+        if self.share < NOT_LEARNT:
+            return (
+                f"{failed} where random is {random} and {by} {self.reference:.4g}; its values may "
+                "mislead"
+            )
+        # 100 % only where no more than a thousandth is missing
+        per_cent = round(100 * self.share)
+        per_cent = per_cent if self.share >= 0.999 else min(99, per_cent)
+        only = "" if self.learnt else "only "
+        sentence = f"{self.name} learnt {only}{per_cent:d} % of the way to {by}"
+        if failing := int((self.shares < NOT_LEARNT).sum()):
+            seeds = counted(len(self.seeds), "seed")
+            sentence += f", but {failing} of {seeds} did NOT learn it"
+        return sentence
+
+
+def source_learning(
+    curriculum: Curriculum,
+    sources: Mapping[str, SourceValues],
+    *,
+    fresh: bool = True,
+    workers: int | None = None,
+    progress: Progress = None,
+) -> dict[str, SourceLearning]:
+    """Return for each source how much of its own task it learnt.
+
+    Parameters
+    ----------
+    curriculum : Curriculum
+    sources : dict of str to SourceValues
+        Such as ``CurriculumResult.sources``. Only those in dense tables that others build on count.
+    fresh : bool
+        Whether a source that cannot be solved, and is not live, is measured by a fresh learner of
+        twice its steps.
+    workers : int, optional
+        Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each fresh learner; a function is called with each source's name.
+    """
+    learnings, read = {}, {edge.source for edge in curriculum.transfers}
+    with shown(progress) as bars:
+        for name, learnt in sources.items():
+            dense = name in read and isinstance(learnt.values, np.ndarray)
+            if not dense or is_observation_task(curriculum.tasks[name]):
+                continue
+            node = curriculum.node(name)
+            generative = generative_model(node.task)
+            if generative.time_limit is None:
+                if generative.discount == 1:
+                    continue  # an episode has no bound
+                node = replace(node, evaluation=replace(node.evaluation, discounted=True))
+            learnings[name] = _learning(node, learnt, fresh, workers, bars.within())
+            bars.tell(name)
+    return learnings
+
+
+def _learning(
+    node: Node, learnt: SourceValues, fresh: bool, workers: int | None, bars: Bars
+) -> SourceLearning:
+    target = Target.of(node.task, node.evaluation)
+    random, random_noise = target.estimated(EqualValues(np.zeros((1, learnt.values.shape[2]))))
+    returns, noise = _returns(target, learnt.values)
+    reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
+    if target.solution is not None:
+        best = Values(target.solution.optimal.astype(np.float64))
+        reference, reference_noise = target.estimated(best)
+        by = OPTIMUM
+    elif fresh and not is_live(node.task):
+        steps, by = 2 * int(learnt.steps_used.max()), FRESH
+        # Without sources, on random streams of its own.
+        off = GreedyEvaluation(method="off")
+        name = f"{node.name}/fresh"
+        alone = replace(node, name=name, budget=steps, eval_freq=steps, evaluation=off)
+        trained = alone.train(learnt.seeds, workers=workers, progress=bars)
+        of_fresh, reference_noise = _returns(target, trained.values)
+        reference = float(of_fresh.mean())
+    total = float(np.sqrt(noise**2 + random_noise**2 + reference_noise**2))
+    return SourceLearning(
+        node.name, learnt.seeds, frozen(returns), random, reference, by, total, fresh_steps=steps
+    )
+
+
+def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
+    """Return the greedy return of each of K tables, and the standard error of their mean."""
+    estimates = [target.estimated(Values(table)) for table in values]
+    returns, noise = np.array(estimates).T
+    return returns, float(np.sqrt((noise**2).sum()) / len(estimates))
+
+
+@dataclass(frozen=True, eq=False)
+class DistilledSource(Frozen):
+    """What networks of K seeds regain of the way from the random policy to the optimum."""
+
+    name: str
+    members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
+    levels: tuple[str, ...]  # which levels each was examined on, and how many
+    shares: FloatArray  # (K, M): what each seed regains in each
+
+    @property
+    def expected(self) -> float:
+        """The share to expect of the target: that of the last member, the nearest to it."""
+        # benchmarks/networks/forecast.py measures how well it ranks sources.
+        return float(self.shares[:, -1].mean())
+
+    def __str__(self) -> str:
+        examined = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
+        texts = [
+            f"{round(x, 2) + 0.0:.0%} on {levels} of {member}" for x, levels, member in examined
+        ]
+        return f"{self.name}'s network regains {', '.join(texts)} of the way from random to optimal"
+
+
+def distilled_sources(
+    tasks: Mapping[str, object], sources: Mapping[str, SourceValues]
+) -> dict[str, DistilledSource]:
+    """Return how well each source that was distilled from miniatures acts, by its name."""
+    distilled = {}
+    for name, learnt in sources.items():
+        task = tasks.get(name)
+        if isinstance(task, Miniatures) and learnt.values is not None:
+            examinations = [task.examined(values) for values in learnt.values]
+            shares = np.array([[exam.regained for exam in examined] for examined in examinations])
+            members = tuple(made_by(exam.member.make) for exam in examinations[0])
+            levels = tuple(counted(exam.levels, exam.kind) for exam in examinations[0])
+            distilled[name] = DistilledSource(name, members, levels, shares)
+    return distilled
+
+
 # -- The record of a forecast, and what it says in words ----------------------------------------
 #
 # The words about a potential are about the start and about what it knows. What learning then gains
@@ -65,7 +255,7 @@ from curricle.transfer.transfer import Calibrate, transfer_names
 
 @dataclass(frozen=True)
 class ForecastRow:
-    """One potential as it would enter the target: a single source's, or an aggregate."""
+    """A potential as it would enter the target: a single source's, or an aggregate."""
 
     name: str  # the transfer, as "source -> target [n]", or the aggregate's name
     aggregate: bool  # whether it is an aggregate of all transfers
@@ -115,10 +305,8 @@ class Forecast:
     optimum, random_return : float
         Expected return of an optimal policy (NaN if the target is too large to solve), and of the
         random policy, with which learning from scratch starts.
-    solved : bool
-        Whether potentials are compared with the exact Q*.
-    exact : bool
-        Whether returns are exact too.
+    solved, exact : bool
+        Whether potentials are compared with the exact Q*, and whether returns are exact.
     trained : dict of str to SourceValues
         The sources, as :meth:`Curriculum.train` takes them; with `perfect` their optimal values.
     perfect : bool
@@ -196,12 +384,13 @@ class Forecast:
     def text(self, width: int = 80) -> str:
         """Return sentences and a table, in lines of so many characters at most."""
         above = [*self._head, *(f"{name}: {cover}" for name, cover in self.coverage.items())]
-        words = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
+        below = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
+        columns, cells = _table_of(self)
         return "\n".join(
             [
                 *(folded(line, width) for line in above),
-                *text_table(["", *columns(self)], _cells_of(self), width),
-                *(folded(line, width) for line in words),
+                *text_table(["", *columns], cells, width),
+                *(folded(line, width) for line in below),
             ]
         )
 
@@ -211,12 +400,13 @@ class Forecast:
 
     def _repr_html_(self) -> str:
         """Return the answer, what that rests on, the table and coverage."""
-        words = [row.verdict if row.aggregate else "" for row in self.rows]
-        rows = [(*row, text) for row, text in zip(_cells_of(self), words, strict=True)]
+        columns, cells = _table_of(self)
+        verdicts = [row.verdict * row.aggregate for row in self.rows]
+        rows = [(*row, verdict) for row, verdict in zip(cells, verdicts, strict=True)]
         last = "start, in words"
         return block(
             *self._head,
-            table(["potential", *columns(self), last], rows, wide=[last]),
+            table(["potential", *columns, last], rows, wide=[last]),
             "* the one that the curriculum uses",
             self.coverage and coverage_table(self.coverage),
         )
@@ -256,20 +446,18 @@ COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
 """What each column shows of a row."""
 
 
-def columns(forecast: Forecast) -> list[str]:
-    """Return those it has: gains where there was a trial, and values where potentials have them."""
-    left_out = set[str]()
-    if all(row.gain is None for row in forecast.rows):
-        left_out = {"gain"}
+def _table_of(forecast: Forecast) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Return the columns of a forecast and its rows: name, with a star if it is used, and cells."""
+    # Gains where there was a trial, and values where potentials have them.
+    left_out = {"gain"} if all(row.gain is None for row in forecast.rows) else set()
     if not _values_are_read(forecast):
         left_out |= COLUMNS.keys() - {"gain", "start"}
-    return [name for name in COLUMNS if name not in left_out]
-
-
-def _cells_of(forecast: Forecast) -> list[tuple[str, ...]]:
-    """Return the name of each potential, with a star if it is used, and its columns."""
-    shown = [COLUMNS[name] for name in columns(forecast)]
-    return [(row.name + " *" * row.used, *(cell(row) for cell in shown)) for row in forecast.rows]
+    shown = {name: cell for name, cell in COLUMNS.items() if name not in left_out}
+    cells = [
+        (row.name + " *" * row.used, *(cell(row) for cell in shown.values()))
+        for row in forecast.rows
+    ]
+    return list(shown), cells
 
 
 def _values_are_read(forecast: Forecast) -> bool:
@@ -288,31 +476,32 @@ UNDERESTIMATE = 20.0  # typical rewards by which phi may be too low where the op
 RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
-def start_words(row: ForecastRow, target: AnyTarget) -> str:
+def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
     """Return what the start with a potential is, whether it lasts, and what to do, in words."""
-    if np.isnan(row.mean("start")):
+    start, optimistic = row.mean("start"), row.mean("optimistic")
+    if not reads_values:
+        policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
+        return f"its network or policy enters{policy}; its values are not read"
+    if np.isnan(start):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"
-    start = row.mean("start")
     excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
-    words = [f"starts at {start:.3g}"]
     # If the optimum is unknown, any better start is a good one.
     gain = start - target.random_return
     whole = np.nan_to_num(target.optimum - target.random_return)
     good = gain > GOOD * whole
+    parts = [f"starts at {start:.3g}"]
     if not good:
-        weak = gain > GAIN * whole
-        words.append("a weak start" if weak else "near or below the random policy")
-    words.append(f"{row.mean('optimistic'):.0%} optimistic")
+        parts.append("a weak start" if gain > GAIN * whole else "near or below the random policy")
+    parts.append(f"{optimistic:.0%} optimistic")
     slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
-    advice = []
     # A weak start has little to lose, and its policy is little evidence of phi's scale.
-    if good and row.mean("optimistic") > OPTIMISTIC and excess >= slips:
+    if not good:
+        advice = ["what learning gains from there is open"]
+    elif optimistic > OPTIMISTIC and excess >= slips:
         fall = "expect a fall" if excess >= collapses else "returns may fall"
-        advice.append(f"{fall} from there under epsilon-greedy")
-    elif good:
-        advice.append("expect no fall from there")
+        advice = [f"{fall} from there under epsilon-greedy"]
     else:
-        advice.append("what learning gains from there is open")
+        advice = ["expect no fall from there"]
     if good and excess > 0 and row.scale > RAISED:
         advice.append(f"calibrate with c = {row.scale:.1f}")
     worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
@@ -320,17 +509,10 @@ def start_words(row: ForecastRow, target: AnyTarget) -> str:
         task: Any = target.task
         where = state_name(task.states, worst.most_underestimated_state)
         advice.append(
-            f"underestimates {where}, which the optimal policy visits, by"
-            f" {worst.largest_underestimate:.3g}: a guard bounds what that costs"
+            f"underestimates {where}, which the optimal policy visits, by "
+            f"{worst.largest_underestimate:.3g}: a guard bounds what that costs"
         )
-    return ", ".join(words) + (": " + "; ".join(advice) if advice else "")
-
-
-def network_words(row: ForecastRow) -> str:
-    """Return what enters where values are not read, and what its policy returns, in words."""
-    start = row.mean("start")
-    policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
-    return f"its network or policy enters{policy}; its values are not read"
+    return f"{', '.join(parts)}: {'; '.join(advice)}"
 
 
 def anti_knowledge(row: ForecastRow, random_return: float) -> str:
@@ -343,13 +525,12 @@ def anti_knowledge(row: ForecastRow, random_return: float) -> str:
     starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
     high, mean = float(mean_interval(starts).high), float(starts.mean())
     if (mean if np.isnan(high) else high) < random_return:
-        signs.append(
-            f"its policy starts at {mean:.3g}, below the random policy's {random_return:.3g}"
-        )
+        below = f"below the random policy's {random_return:.3g}"
+        signs.append(f"its policy starts at {mean:.3g}, {below}")
     if (ranks < 0).all():
         other = "Q*" if row.seeds[0].exact else "the returns of its own policy"
-        words = f"its order of the pairs is against that of {other}"
-        signs.append(f"{words} (rank {ranks.mean():.2f})")
+        against = f"its order of the pairs is against that of {other}"
+        signs.append(f"{against} (rank {ranks.mean():.2f})")
     return f"may be anti-knowledge: {'; '.join(signs)}" if signs else ""
 
 
@@ -396,16 +577,14 @@ def forecast(
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
         default 1000, or 50 for an observation task.
     trial : bool or Curriculum, optional
-        True for a trial of 20 seeds, whatever it takes; False for none; by default one of 8 to 20
-        seeds, where the tasks have models and it takes 5 s or less on one processor, about. A
-        curriculum is a smaller relative, the verdict on which is carried over, and says so.
+        True for a trial of 20 seeds, False for none; by default one of 8 to 20 seeds, where the
+        tasks have models and it takes 5 s or less on one processor, about. A curriculum is a
+        smaller relative, the verdict on which is carried over.
     threshold : float, optional
         Return that counts as learnt in the trial, as in :func:`compare`.
-    workers : int, optional
-        Threads over seeds.
-    progress : bool or callable, optional
-        True shows a bar for each task that is learnt and for the potentials; a function is called
-        with the name of each potential when it has been looked at, and with "trial" after one.
+    workers, progress : optional
+        Threads over seeds; True for a bar for each task that is learnt and for the potentials, or a
+        function of the name of each potential looked at, and of "trial" after one.
     only_used : bool
         Whether it has a row for the potential that the curriculum would use, and no other.
     judged : JudgedPotentials, optional
@@ -426,8 +605,7 @@ def forecast(
     ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator=name))
     ...                for name in hunt.predator_names],
     ...     aggregate=maximum, budget=50_000)
-    >>> found = forecast(plan, trial=False)
-    >>> found.ranking
+    >>> forecast(plan, trial=False).ranking
     ('minimum', 'mean', 'total', 'maximum')
     """
     check_progress(progress)
@@ -445,39 +623,50 @@ def forecast(
     any_target = judged.target(curriculum.tasks[name], evaluation, episodes)
     numbers = seed_tuple(seeds)[:1] if perfect else seed_tuple(seeds)
     candidates = candidates_of(curriculum, name, aggregates)
-    _check_trial(candidates, trial, perfect)
+    tried, trial_seeds, no_trial = _planned_trial(candidates, trial, perfect)
     reads_values = curriculum.setting("shaping", name).reads_values
-    made_trial, no_trial, learnt = None, "no source is trained", dict[str, Any]()
-    rows = list[ForecastRow]()
+    made_trial: Trial | None = None
+    learnt, rows = dict[str, Any](), list[ForecastRow]()
     with shown(progress) as bars:
-        sources = _sources(curriculum, name, numbers, trained, perfect, workers, bars)
+        if perfect:
+            sources = _solved_sources(curriculum, name, numbers, trained or {})
+        else:
+            learning: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
+            before = curriculum.ancestors(name)
+            sources = curriculum.train(numbers, only=before, **learning).sources
         all_rows = reads_values and not only_used  # without values, potentials do not differ
         looked_at = [candidate for candidate in candidates if candidate.used or all_rows]
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
             phi = tuple(candidate.potentials(sources, numbers))
-            judge = partial(_judgement, phi, any_target, workers, reads_values=reads_values)
-            of_seeds = judged.judgement(any_target, phi, judge)
-            rows.append(ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds))
+            of_seeds = judged.judgement(any_target, phi, workers, reads_values=reads_values)
+            row = ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds)
+            start = start_words(row, any_target, reads_values)
+            against = anti_knowledge(row, any_target.random_return)
+            rows.append(replace(row, verdict=start, anti_knowledge=against))
             grow()
             bars.tell(candidate.name)
-        if not perfect:
-            how = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            made_trial, no_trial = _trial(candidates, trial, threshold, any_target, how)
-            if made_trial is not None:
+        if tried:
+            how: Any = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
+            if isinstance(trial, Curriculum):
+                how["relative"] = trial  # which has its own threshold
+            elif threshold is None:
+                how["threshold"] = threshold_of_optimum(any_target)
+            else:
+                how["threshold"] = threshold
+            try:
+                made_trial = run_trial(tried, seeds=trial_seeds, **how)
                 bars.tell("trial")
+            except CurricleError as error:  # the potentials can be looked at all the same
+                if trial is not None:
+                    raise
+                no_trial = f"it failed: {error}"
+        if not perfect:
             learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
             learnt |= distilled_sources(curriculum.tasks, sources)
-    gains = made_trial if made_trial is not None and not made_trial.relative else None
-    rows = [
-        replace(
-            row,
-            gain=None if gains is None else gains.gain(row.name),
-            verdict=start_words(row, any_target) if reads_values else network_words(row),
-            anti_knowledge=anti_knowledge(row, any_target.random_return),
-        )
-        for row in rows
-    ]
+    if made_trial is not None and not made_trial.relative:
+        rows = [replace(row, gain=made_trial.gain(row.name)) for row in rows]
+    rows.sort(key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf)))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     coverage: dict[str, Any]  # where the pairs of a mapping are few enough to count
     if isinstance(any_target, ObservationTarget):
@@ -487,15 +676,11 @@ def forecast(
         countable = {label: edge for label, edge in labels.items() if edge.mapping.countable}
         coverage = {label: edge.mapping.coverage() for label, edge in countable.items()}
     return Forecast(
-        target=name,
-        coverage=coverage,
-        rows=tuple(
-            sorted(
-                rows, key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf))
-            )
-        ),
-        optimum=any_target.optimum,
-        random_return=any_target.random_return,
+        name,
+        coverage,
+        tuple(rows),
+        any_target.optimum,
+        any_target.random_return,
         solved=any_target.solution is not None,
         exact=any_target.evaluation.method == "exact",
         trained=sources,
@@ -506,6 +691,57 @@ def forecast(
     )
 
 
+def _planned_trial(
+    candidates: list[Candidate], trial: bool | Curriculum | None, perfect: bool
+) -> tuple[list[Candidate], int, str]:
+    """Return the candidates and the seeds of the trial, or none of them and why there is none."""
+    # Raises CurriculumError, before any training, where the trial that is asked for cannot be made.
+    if perfect and trial:
+        raise CurriculumError(
+            "a trial trains the sources: with perfect=True, trial must be False or left out"
+        )
+    if not isinstance(trial, bool | Curriculum | None):
+        raise CurriculumError(f"trial must be True, False, None or a Curriculum: got {trial!r}")
+    if perfect or trial is False:
+        return [], 0, "no source is trained" if perfect else "none was asked for"
+    (used,) = (candidate for candidate in candidates if candidate.used)
+    smaller = isinstance(trial, Curriculum)
+    why = hindrance(trial if isinstance(trial, Curriculum) else used.curriculum)
+    if why and trial is not None:
+        which = "a smaller relative" if smaller else "a trial"
+        raise CurriculumError(f"{which} needs models and a budget in steps: {why}")
+    if why:
+        return [], 0, f"{why}; trial=smaller_curriculum rehearses on a smaller relative"
+    if trial is not None:
+        return [used] if smaller else candidates, SEEDS, ""
+    tried, seeds = affordable(candidates)
+    return tried, seeds, "" if seeds else "it would take long; trial=True makes it"
+
+
+def _solved_sources(
+    curriculum: Curriculum, name: str, seeds: tuple[int, ...], trained: Mapping[str, Learnt]
+) -> dict[str, SourceValues]:
+    """Return the solutions of the sources of a target, as if learnt without a step."""
+    if trained:
+        raise CurriculumError(
+            "a forecast for sources learnt perfectly takes no trained ones: got "
+            + ", ".join(trained)
+        )
+    solved = {}
+    for edge in curriculum.in_edges(name):
+        node = curriculum.node(edge.source)
+        known = not node.deep and not is_observation_task(node.task)
+        solution = Target.of(node.task, node.evaluation).solution if known else None
+        if solution is None:
+            raise CurriculumError(
+                "a forecast for sources learnt perfectly needs tasks that can be solved: "
+                f"{node.name!r} cannot"
+            )
+        no_steps = np.zeros(len(seeds), np.int64)
+        solved[node.name] = SourceValues(node.task, seeds, solution.action_values[None], no_steps)
+    return solved
+
+
 Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K seeds
 
 
@@ -514,141 +750,50 @@ class JudgedPotentials:
     """Targets, judgements of their potentials and what trials learn alone, computed once."""
 
     memory: Memory = field(default_factory=Memory)
-    _targets: list[tuple[Any, Any, Target | ObservationTarget]] = field(default_factory=list)
-    _found: dict[Any, Judgement] = field(default_factory=dict)
+    _targets: dict[Any, AnyTarget] = field(default_factory=dict)
+    _judgements: dict[Any, Judgement] = field(default_factory=dict)
 
-    def target(
-        self, task: Any, evaluation: GreedyEvaluation, episodes: int | None = None
-    ) -> Target | ObservationTarget:
+    def target(self, task: Any, evaluation: GreedyEvaluation, episodes: int | None) -> AnyTarget:
         """Return a task as a target, solved once."""
-        how = evaluation, episodes
-        for known, settings, target in self._targets:
-            if known is task and settings == how:
-                return target
-        target = target_of(task, evaluation, episodes=episodes)
-        self._targets.append((task, how, target))
-        return target
+        # The target keeps the task, and so its address; `episodes` is not checked yet.
+        key = id(task), evaluation, repr(episodes)
+        if key not in self._targets:
+            self._targets[key] = target_of(task, evaluation, episodes=episodes)
+        return self._targets[key]
 
     def judgement(
         self,
-        target: Target | ObservationTarget,
+        target: AnyTarget,
         potentials: tuple[AnyPotential, ...],
-        judge: Callable[[], Judgement],
+        workers: int | None,
+        *,
+        reads_values: bool,
     ) -> Judgement:
-        """Return the judgement of K potentials; `judge` makes it where it is the first of them."""
-        if not all(isinstance(one, PairPotential) for one in potentials):
-            return judge()
-        key = id(target), *map(_digest, potentials)
-        if key not in self._found:
-            self._found[key] = judge()
-        return self._found[key]
+        """Return how good potentials are and their scale; of networks what policies return."""
+        n, key = len(potentials), None
+        if all(isinstance(phi, PairPotential) for phi in potentials):
+            key = id(target), *map(_digest, potentials)
+            if key in self._judgements:
+                return self._judgements[key]
+        if not reads_values:
+            nan, seen = float("nan"), cast(Any, target)
+            starts = [policy_return(phi, seen, seed=k) for k, phi in enumerate(potentials)]
+            return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
+        of_actions: Sequence[Any] = potentials
+        if isinstance(target, ObservationTarget):
+            threads, fit = 0, Calibrate(target.episodes)
+            of_actions = potentials if potentials[0].of_actions else ()
+        else:
+            threads, fit = threads_for(target.task, workers, n), Calibrate()
+        seeds = over_seeds(lambda k: potential_quality(potentials[k], target, seed=k), n, threads)
+        calibrations = (fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
+        judgement = tuple(seeds), tuple(calibrations)
+        if key is not None:
+            self._judgements[key] = judgement
+        return judgement
 
 
-def _digest(potential: PairPotential) -> bytes:
+def _digest(potential: Any) -> bytes:
     """Return a digest of the numbers that a potential is made of."""
     numbers: Iterable[Any] = potential.kernel or (potential.values,)
     return blake2b(pickle.dumps((type(potential).__name__, *numbers))).digest()
-
-
-def _sources(
-    curriculum: Curriculum,
-    name: str,
-    seeds: tuple[int, ...],
-    trained: Mapping[str, Learnt] | None,
-    perfect: bool,
-    workers: int | None,
-    bars: Bars,
-) -> dict[str, SourceValues]:
-    """Return what the sources of a target learnt, or their solutions, as if learnt."""
-    if perfect and trained:
-        raise CurriculumError(
-            "a forecast for sources learnt perfectly takes no trained ones: got "
-            + ", ".join(trained)
-        )
-    if not perfect:
-        before = curriculum.ancestors(name)
-        how: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
-        return curriculum.train(seeds, only=before, **how).sources
-    solved = {}
-    for source in [edge.source for edge in curriculum.in_edges(name)]:
-        node = curriculum.node(source)
-        known = not node.deep and not is_observation_task(node.task)
-        solution = Target.of(node.task, node.evaluation).solution if known else None
-        if solution is None:
-            raise CurriculumError(
-                "a forecast for sources learnt perfectly needs tasks that can be solved: "
-                f"{source!r} cannot"
-            )
-        none = np.zeros(len(seeds), np.int64)
-        solved[source] = SourceValues(node.task, seeds, solution.action_values[None], none)
-    return solved
-
-
-def _check_trial(
-    candidates: Sequence[Candidate], trial: bool | Curriculum | None, perfect: bool
-) -> None:
-    """Raise CurriculumError where a trial is asked for that cannot be made, before any training."""
-    if perfect and trial:
-        raise CurriculumError(
-            "a trial trains the sources: with perfect=True, trial must be False or left out"
-        )
-    if trial is True and (why := hindrance(candidates[0].curriculum)):
-        raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
-    if not isinstance(trial, bool | Curriculum | None):
-        raise CurriculumError(f"trial must be True, False, None or a Curriculum: got {trial!r}")
-    if isinstance(trial, Curriculum) and (why := hindrance(trial)):
-        raise CurriculumError(f"a smaller relative needs models and a budget in steps: {why}")
-
-
-def _trial(
-    candidates: Sequence[Candidate],
-    trial: bool | Curriculum | None,
-    threshold: float | None,
-    any_target: AnyTarget,
-    how: Mapping[str, Any],
-) -> tuple[Trial | None, str]:
-    """Return the trial of the candidates, or of the used one, or None and why there is none."""
-    if trial is False:
-        return None, "none was asked for"
-    (used,) = (candidate for candidate in candidates if candidate.used)
-    if isinstance(trial, Curriculum):
-        return run_trial([used], trial, **how), ""
-    threshold = threshold_of_optimum(any_target) if threshold is None else threshold
-    if trial is True:
-        return run_trial(candidates, threshold=threshold, **how), ""
-    why = hindrance(used.curriculum)
-    if why:
-        return None, f"{why}; trial=smaller_curriculum rehearses on a smaller relative"
-    tried, seeds = affordable(candidates)
-    if not seeds:
-        return None, "it would take long; trial=True makes it"
-    try:
-        return run_trial(tried, seeds=seeds, threshold=threshold, **how), ""
-    except CurricleError as error:  # the potentials can be looked at all the same
-        return None, f"it failed: {error}"
-
-
-def _judgement(
-    potentials: Sequence[AnyPotential],
-    any_target: AnyTarget,
-    workers: int | None,
-    *,
-    reads_values: bool,
-) -> Judgement:
-    """Return how good potentials are and their scale; of networks what policies return."""
-    if not reads_values:
-        nan, target = float("nan"), cast(Any, any_target)
-        starts = [policy_return(phi, target, seed=k) for k, phi in enumerate(potentials)]
-        return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
-    of_actions: Sequence[Any]
-    if isinstance(any_target, ObservationTarget):
-        threads, fit = 0, Calibrate(any_target.episodes)
-        of_actions = potentials if potentials[0].of_actions else ()
-    else:
-        fit, of_actions = Calibrate(), potentials
-        threads = threads_for(any_target.task, workers, len(potentials))
-    seeds = over_seeds(
-        lambda k: potential_quality(potentials[k], any_target, seed=k), len(potentials), threads
-    )
-    calibrations = tuple(fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-    return tuple(seeds), calibrations

@@ -2,16 +2,19 @@
 
 All arms have one target and spend one total of steps, sources included. Each task of each arm has a
 key: what is learnt under one key is equal, so that arms share it. A unit is one such task for some
-seeds; it is trained after its sources, and an arm that fails is given up. A comparison runs in
-memory. A study runs with a store, on any workers.
+seeds; it is trained after its sources, and an arm that fails is given up. A comparison trains its
+units in turn and remembers them (`Memory`); a study sends them to workers and stores them
+(`Scheduler`).
 """
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
+from graphlib import TopologicalSorter
 from heapq import heappop, heappush
+from itertools import groupby, product
 from math import inf
 from time import monotonic
 from typing import Any, NamedTuple, Self
@@ -40,43 +43,23 @@ Dependencies = Mapping[str, Any]  # all that a task's result depends on, but the
 
 @dataclass(frozen=True)
 class Unit:
-    """One task of one arm, trained for some seeds at once.
+    """One task of one arm, trained for some seeds at once."""
 
-    Attributes
-    ----------
-    key : str or int
-        Equal for units whose seeds learn the same: in a study a hash of all that the result depends
-        on, except the seeds.
-    arm, task : str
-        The first arm that needs it, and its task.
-    seeds : tuple of int
-        Ascending.
-    sources : dict of str to key
-        The tasks that must have been trained for these seeds before, with their keys.
-    dependencies : dict
-        What the key is a hash of, as plain data.
-    snapshots : int
-        Value tables of the first seed that are kept during training.
-
-    Examples
-    --------
-    >>> Unit("0f", "scratch", "maze", (0, 1, 4), {}, {}, 0).label
-    'scratch: maze, seeds 0-1+4'
-    """
-
+    # Equal for units whose seeds learn the same: in a study a hash of all that the result depends
+    # on, except the seeds.
     key: Any
-    arm: str
+    arm: str  # the first that needs it
     task: str
-    seeds: tuple[int, ...]
-    sources: Mapping[str, Any] = field(hash=False)
-    dependencies: Dependencies = field(hash=False, repr=False)
-    snapshots: int
+    seeds: tuple[int, ...]  # ascending
+    sources: Mapping[str, Any] = field(hash=False)  # tasks trained for these seeds before -> keys
+    dependencies: Dependencies = field(hash=False, repr=False)  # what the key is a hash of
+    snapshots: int  # value tables of the first seed that are kept during training
 
     __repr__ = brief_repr
 
     @property
     def label(self) -> str:
-        """Arm, task and seeds, for messages."""
+        """Arm, task and seeds for messages, such as ``scratch: maze, seeds 0-1+4``."""
         return f"{self.arm}: {self.task}, {numbered_seeds(self.seeds)}"
 
 
@@ -86,14 +69,11 @@ def numbered_seeds(seeds: Collection[int]) -> str:
 
 
 def seed_ranges(seeds: Iterable[int]) -> str:
-    """Return seeds as ranges of numbers, such as ``0-2+7``."""
-    runs: list[list[int]] = []
-    for seed in seeds:
-        if runs and seed == runs[-1][1] + 1:
-            runs[-1][1] = seed
-        else:
-            runs.append([seed, seed])
-    return "+".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
+    """Return ascending seeds as ranges of numbers, such as ``0-2+7``."""
+    # Within a run of consecutive numbers a number and its place differ by as much.
+    runs = groupby(enumerate(seeds), lambda pair: pair[1] - pair[0])
+    ends = [(run[0], run[-1]) for run in ([seed for _, seed in pairs] for _, pairs in runs)]
+    return "+".join(f"{first}" if first == last else f"{first}-{last}" for first, last in ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +116,7 @@ class Plan:
     ) -> Self:
         """Return the plan of curricula, comparable if `compared`, and of learners from scratch."""
         first = next(iter(curricula.values()))
-        target = first.target
-        node = first.node(target)
+        target, node = first.target, first.node(first.target)
         budget, total = None, None
         if compared and isinstance(node.budget, int):
             budget = node.budget
@@ -162,9 +141,9 @@ class Plan:
     @property
     def steps(self) -> tuple[int, int]:
         """The target's budget and the total, where arms are compared."""
-        assert self.budget is not None, "arms are compared at a number of steps"
-        assert self.total is not None, "arms are compared at a number of steps"
-        return self.budget, self.total
+        steps: Any = self.budget, self.total
+        assert None not in steps, "arms are compared at a number of steps"
+        return steps[0], steps[1]
 
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
@@ -174,26 +153,23 @@ class Plan:
     @cached_property
     def keys(self) -> dict[tuple[str, str], Any]:
         """The key of each task of each arm."""
-        arms = self.arms.items()
-        return {(name, task): key for name, arm in arms for task, key in arm.keys.items()}
-
-    @cached_property
-    def target_keys(self) -> frozenset[Any]:
-        """The keys of the target in all arms."""
-        return frozenset(arm.keys[self.target] for arm in self.arms.values())
-
-    @cached_property
-    def needs(self) -> dict[tuple[str, str], Any]:
-        """The same, and the target of its curriculum for a control: it stands or falls with it."""
-        controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
-        beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
-        return self.keys | beside
+        return self._by_task("keys")
 
     @property
     def dependencies(self) -> dict[tuple[str, str], Dependencies]:
         """What the key of each task of each arm is made of."""
+        return self._by_task("dependencies")
+
+    def _by_task(self, mapping: str) -> dict[tuple[str, str], Any]:
         arms = self.arms.items()
-        return {(name, task): one for name, arm in arms for task, one in arm.dependencies.items()}
+        return {(name, task): x for name, arm in arms for task, x in getattr(arm, mapping).items()}
+
+    @cached_property
+    def needs(self) -> dict[tuple[str, str], Any]:
+        """The keys, and the target of its curriculum for a control: it stands or falls with it."""
+        controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
+        beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
+        return self.keys | beside
 
     @property
     def scratches(self) -> tuple[str, ...]:
@@ -205,10 +181,20 @@ class Plan:
         """Whether a task runs in Python, one thread at a time."""
         # This includes tasks seen through observations: their learners draw from random generators
         # of the process.
-        tasks = [
-            task for curriculum in self.curricula.values() for task in curriculum.tasks.values()
-        ]
-        return any(is_live(task) or is_observation_task(task) for task in tasks)
+        return any(
+            is_live(task) or is_observation_task(task)
+            for curriculum in self.curricula.values()
+            for task in curriculum.tasks.values()
+        )
+
+    def controlled(self, unit: Unit) -> Any:
+        """Return the key of the target that a control's unit changes; None of other units."""
+        of = self.arms[unit.arm].of
+        return self.arms[of].keys[unit.task] if of and unit.task == self.target else None
+
+    def read_by(self, unit: Unit) -> set[Any]:
+        """Return the keys of what a unit reads: values of sources, a curriculum's potentials."""
+        return {*unit.sources.values(), self.controlled(unit)} - {None}
 
     def without(self, arms: Collection[str]) -> Self:
         """Return the plan without some arms and their controls."""
@@ -285,11 +271,8 @@ Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, b
 def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
     """Return a curriculum's target without its sources, with another learner if one is given."""
     target = curriculum.target
-    settings: dict[str, Any] = {
-        which: {target: curriculum.setting(which, target)}
-        for which in SETTINGS
-        if which not in OF_TARGETS
-    }
+    which = [setting for setting in SETTINGS if setting not in OF_TARGETS]
+    settings: Any = {setting: {target: curriculum.setting(setting, target)} for setting in which}
     if learner is not None:
         settings["learner"] = {target: learner}
     return Curriculum({target: curriculum.tasks[target]}, **settings)
@@ -299,9 +282,9 @@ def scratch_curricula(learners: Learners, first: Curriculum) -> dict[str, Curric
     """Return the arms of further learners from scratch by name, ``scratch, NAME``."""
     if not isinstance(learners, Mapping):
         instance("scratch, unless it names learners in a dict,", learners, Sequence, SettingError)
-        named = [(_name(learner), learner) for learner in learners]
+        named: Iterable[tuple[str, Any]] = [(_name(learner), learner) for learner in learners]
     else:
-        named = list(learners.items())
+        named = learners.items()
     usual, arms = first.setting("learner", first.target), dict[str, Curriculum]()
     for name, learner in named:
         fit_name("a learner from scratch", name, SettingError)
@@ -323,12 +306,9 @@ def scratch_curricula(learners: Learners, first: Curriculum) -> dict[str, Curric
 def _name(learner: Any) -> str:
     """Return a learner as text, with the settings that are not the defaults of its class."""
     parts = []
-    for setting in fields(learner) if hasattr(learner, "__dataclass_fields__") else ():
-        default = setting.default
-        if setting.default_factory is not MISSING:
-            default = setting.default_factory()
-        value = getattr(learner, setting.name)
-        if value != default:
+    for setting in fields(learner) if is_dataclass(learner) else ():
+        factory, value = setting.default_factory, getattr(learner, setting.name)
+        if value != (setting.default if factory is MISSING else factory()):
             parts.append(f"{setting.name}={value}")
     return type(learner).__name__ + f"({', '.join(parts)})" * bool(parts)
 
@@ -361,11 +341,11 @@ def train(
     # its curriculum in `uncontrolled`, or computes them again.
     curriculum, task = arm.curriculum, unit.task
     if arm.control and task == curriculum.target:
-        before = uncontrolled
-        known = ((), ()) if before is None else (before.potentials, before.calibrations)
-        control = arm.control, curriculum, unit.seeds, sources, *known
-        result, spent, level = train_control(*control, **how)
-        return Trained(result, spent, level=level)
+        if uncontrolled is not None:
+            how["potentials"] = uncontrolled.potentials
+            how["calibrations"] = uncontrolled.calibrations
+        control = train_control(arm.control, curriculum, unit.seeds, sources, **how)
+        return Trained(control[0], control[1], level=control[2])
     trained = curriculum.train(
         unit.seeds, only=task, trained=sources, charge=charge, snapshots=unit.snapshots, **how
     )
@@ -384,26 +364,16 @@ takes about as long as a small unit."""
 class Queue:
     """Units that are still to be sent: the first of those whose sources are trained comes first."""
 
-    # All of a unit, from waiting to being sent, costs time in the logarithm of their number and in
-    # its own sources and seeds alone. `done` has the seeds that are trained, by key.
-
-    def __init__(self, units: Iterable[Unit], done: Mapping[Any, Collection[int]]):
+    def __init__(self, units: Iterable[Unit]):
         self.units = list(units)
-        self.ready = list[int]()  # a heap of the numbers of units that can be sent
-        self._missing = list[int]()  # how many pairs of a source and a seed each unit waits for
-        self._waiting = dict[tuple[Any, int], list[int]]()  # source -> units that wait
+        numbers = enumerate(self.units)
+        self._numbers = {(unit.key, seed): n for n, unit in numbers for seed in unit.seeds}
+        self._order = TopologicalSorter[int]()
         for number, unit in enumerate(self.units):
-            missing = {
-                (key, seed)
-                for key in unit.sources.values()
-                for seed in unit.seeds
-                if seed not in done.get(key, ())
-            }
-            self._missing.append(len(missing))
-            for pair in missing:
-                self._waiting.setdefault(pair, []).append(number)
-            if not missing:
-                self.ready.append(number)  # ascending, and so a heap
+            read = self._numbers.keys() & product(unit.sources.values(), unit.seeds)
+            self._order.add(number, *{self._numbers[pair] for pair in read})
+        self._order.prepare()
+        self.ready = sorted(self._order.get_ready())  # a heap of the units that can be sent
 
     def pop(self) -> Unit:
         """Return the next unit to be sent."""
@@ -411,11 +381,9 @@ class Queue:
 
     def trained(self, unit: Unit) -> None:
         """Note that a unit is stored: others may have waited for it alone."""
-        for seed in unit.seeds:
-            for number in self._waiting.pop((unit.key, seed), ()):
-                self._missing[number] -= 1
-                if not self._missing[number]:
-                    heappush(self.ready, number)
+        self._order.done(self._numbers[unit.key, unit.seeds[0]])
+        for number in self._order.get_ready():
+            heappush(self.ready, number)
 
 
 @dataclass
@@ -423,14 +391,13 @@ class Scheduler:
     """Sends units to workers, each after its sources, and has their results stored."""
 
     # `holder` takes results by add and stores them by write, which it may put off for some seconds
-    # while it holds any (bool); done has the seeds that are stored, by key. `workers` tell their
-    # number, and why a unit is lost that nobody here cancelled.
+    # while it holds any (bool). `workers` tell their number, and why a unit is lost that nobody
+    # here cancelled.
 
     send: Callable[[Unit], "Future[Any]"]  # its sources must be stored
     holder: Any
     workers: Any
     failures: "Failures"
-    ahead: int = AHEAD
     _number: int = field(default=0, init=False)
     _asked: float = field(default=-inf, init=False)
 
@@ -443,11 +410,11 @@ class Scheduler:
     def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, Any]]:
         """Yield each unit with its result when it is stored."""
         # When one fails, no more are started that only arms with a failure need.
-        queue, running = Queue(units, self.holder.done), dict[Future[Any], Unit]()
+        queue, running = Queue(units), dict[Future[Any], Unit]()
         try:
             while queue.ready or running or self.holder:
                 # at least for one worker: some clusters start workers when there is work
-                ahead = self.ahead * max(1, self.number())
+                ahead = AHEAD * max(1, self.number())
                 while queue.ready and len(running) < ahead:
                     unit = queue.pop()
                     if self.failures.keeps(unit):
@@ -487,27 +454,25 @@ class Failures:
     """The units that failed in a run: the arms that need them are given up, others are trained."""
 
     needs: Mapping[tuple[str, str], Any]  # the keys that arms need (`Plan.needs`)
-    each: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in their order
+    errors: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in their order
     executor_failed: bool = False  # whether one of them was never trained, as the executor failed
     _kept: set[Any] = field(default_factory=set, init=False)  # what arms without a failure need
 
     def __bool__(self) -> bool:
-        return bool(self.each)
+        return bool(self.errors)
 
     def add(self, unit: Unit, error: Exception) -> None:
         """Note that a unit failed; a BrokenExecutor's cause is why."""
-        if isinstance(error, BrokenExecutor):
-            self.executor_failed = True
-            self.each.append((unit, error.__cause__ or error))
-        else:
-            self.each.append((unit, error))
-        lost = arms_of(self.needs, {unit.key for unit, _ in self.each})
+        self.executor_failed |= isinstance(error, BrokenExecutor)
+        cause = error.__cause__ if isinstance(error, BrokenExecutor) else None
+        self.errors.append((unit, cause or error))
+        lost = arms_of(self.needs, {unit.key for unit, _ in self.errors})
         none = self.executor_failed or SCRATCH in lost
         self._kept = {key for (arm, _), key in self.needs.items() if not none and arm not in lost}
 
     def keeps(self, unit: Unit) -> bool:
         """Return whether an arm without a failure needs a unit; without scratch nothing is kept."""
-        return not self.each or unit.key in self._kept
+        return not self.errors or unit.key in self._kept
 
 
 def arms_of(keys: Mapping[tuple[str, str], Any], some: Collection[Any]) -> set[str]:
@@ -535,10 +500,8 @@ class _Learning(NamedTuple):
         if len(self.transfers) != len(other.transfers):
             return False
         settings = [setting for setting in SETTINGS if self.transfers or setting not in OF_TARGETS]
-        same = (
-            getattr(self.node, setting) == getattr(other.node, setting)
-            for setting in ("name", *settings)
-        )
+        names = ("name", *settings)
+        same = (getattr(self.node, name) == getattr(other.node, name) for name in names)
         return all(same) and all(map(same_transfer, self.transfers, other.transfers))
 
 
@@ -564,101 +527,55 @@ class Memory:
                 self._learnings.append(new)
         return keys, {}
 
-
-@dataclass
-class InMemory:
-    """A run of a plan's units for some seeds, all of a unit together, in this thread."""
-
-    plan: Plan
-    seeds: tuple[int, ...]
-    memory: Memory
-    workers: int | None
-    bars: Bars
-    done: dict[Any, tuple[int, ...]] = field(default_factory=dict)
-    seconds: float = field(default=0.0, init=False)
-    _taken: list[tuple[Unit, Trained]] = field(default_factory=list, init=False)
-    _readers: Counter[Any] = field(default_factory=Counter, init=False)
-    """How many units are still to read what each key's seeds learnt."""
-    _controls: Counter[Any] = field(default_factory=Counter, init=False)
-    """How many controls are still to read the potentials of each key's seeds."""
-
-    def results(self, failures: Failures) -> Iterator[tuple[Unit, Trained]]:
-        """Yield each unit that was not known before with what it learnt."""
-        units = self.plan.units(self.seeds, {})
+    def train(
+        self,
+        plan: Plan,
+        seeds: tuple[int, ...],
+        failures: Failures,
+        workers: int | None,
+        bars: Bars,
+    ) -> Iterator[None]:
+        """Train the units of a plan that are not known, all seeds of a unit together, in turn."""
+        # Yields after each unit. Those of a plan are in an order in which sources come first.
+        units, missing = plan.units(seeds, {}), list[Unit]()
+        readers = Counter[Any]()  # how many units are still to read what each key's seeds learnt
         for unit in reversed(units):  # whoever reads a source's values comes after it
-            known = self.memory.trained.get((unit.key, unit.seeds))
-            if known is not None and (
-                known.result.values is not None or not self._readers[unit.key]
-            ):
-                self.done[unit.key] = unit.seeds
-            else:
-                self._readers.update(set(unit.sources.values()))
-                self._controls[self._own(unit)] += 1
-        missing = [unit for unit in units if unit.key not in self.done]
+            known = self.trained.get((unit.key, seeds))
+            if known is None or (known.result.values is None and readers[unit.key]):
+                missing.append(unit)
+                readers.update(plan.read_by(unit))
         try:
-            yield from Scheduler(self.send, self, self, failures, ahead=1).results(missing)
+            for unit in filter(failures.keeps, reversed(missing)):
+                try:
+                    how: Any = {"workers": workers, "progress": bars.within(unit.arm)}
+                    self.trained[unit.key, seeds] = self._learnt(plan, unit, **how)
+                except Exception as error:  # of any kind: a task may be the user's own code
+                    failures.add(unit, error)
+                else:
+                    readers.subtract(plan.read_by(unit))
+                    for key in plan.read_by(unit) | {unit.key}:
+                        if not readers[key]:
+                            self._forget(plan, key, seeds)
+                yield
         finally:
             for unit in units:
-                self._forget(unit.key, unit.seeds)
+                self._forget(plan, unit.key, seeds)
 
-    def send(self, unit: Unit) -> "Future[Trained]":
-        """Return the result of a unit, which is trained here and now."""
-        future = Future[Trained]()
-        bars = self.bars.within(unit.arm)
-        try:
-            known, seeds = self.memory.trained, unit.seeds
-            sources = {
-                name: SourceValues.of(known[key, seeds].result)
-                for name, key in unit.sources.items()
-            }
-            how: Any = {"workers": self.workers, "progress": bars}
-            own = known.get((self._own(unit), seeds))
-            arm = self.plan.arms[unit.arm]
-            future.set_result(train(arm, unit, sources, uncontrolled=own, **how))
-        except Exception as error:  # of any kind: a task may be the user's own code
-            future.set_exception(error)
-        return future
+    def _learnt(self, plan: Plan, unit: Unit, **how: Any) -> Trained:
+        """Return what a unit learns from its sources, which are known."""
+        sources = {
+            name: SourceValues.of(self.trained[key, unit.seeds].result)
+            for name, key in unit.sources.items()
+        }
+        uncontrolled = self.trained.get((plan.controlled(unit), unit.seeds))
+        return train(plan.arms[unit.arm], unit, sources, uncontrolled=uncontrolled, **how)
 
-    def _own(self, unit: Unit) -> Any:
-        """Return the key of the target that a control's unit changes; None of other units."""
-        of = self.plan.arms[unit.arm].of
-        return self.plan.arms[of].keys[unit.task] if of and unit.task == self.plan.target else None
-
-    def _forget(self, key: Any, seeds: tuple[int, ...]) -> None:
+    def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
         """Let go of what nothing reads any more but small tables of sources, which plans share."""
-        if (known := self.memory.trained.get((key, seeds))) is None:
+        if (known := self.trained.get((key, seeds))) is None:
             return
         values = known.result.values
         small = isinstance(values, np.ndarray) and values.nbytes <= LARGEST_KEPT
-        if small and key not in self.plan.target_keys:
-            return
-        bare = replace(known.result, values=None, snapshots=None)
-        kept = replace(known, result=bare, calibrations=(), potentials=())
-        self.memory.trained[key, seeds] = kept
-
-    def number(self) -> int:
-        """Return how many units are trained side by side."""
-        return 1
-
-    def lost(self) -> Exception:
-        """Return why a unit was cancelled; here none is."""
-        return BrokenExecutor("a unit was cancelled")
-
-    def add(self, unit: Unit, result: Trained) -> None:
-        """Keep a result."""
-        self.memory.trained[unit.key, unit.seeds] = result
-        self.done[unit.key] = unit.seeds
-        self._readers.subtract(set(unit.sources.values()))
-        self._controls[self._own(unit)] -= 1
-        for key in (unit.key, *unit.sources.values(), self._own(unit)):
-            if not (self._readers[key] or self._controls[key]):
-                self._forget(key, unit.seeds)
-        self._taken.append((unit, result))
-
-    def write(self) -> list[tuple[Unit, Trained]]:
-        """Return what was taken."""
-        taken, self._taken = self._taken, []
-        return taken
-
-    def __bool__(self) -> bool:
-        return bool(self._taken)
+        if not small or key in (arm.keys[plan.target] for arm in plan.arms.values()):
+            bare = replace(known.result, values=None, snapshots=None)
+            self.trained[key, seeds] = replace(known, result=bare, calibrations=(), potentials=())

@@ -6,22 +6,15 @@ The plain data of a task is enough to tell whether two stored studies have one t
 import inspect
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import blake2b
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from curricle.arrays import FloatArray
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    generative_model,
-    has_tables,
-    same_task,
-    tables,
-)
+from curricle.tasks.mdp import FiniteMDP, Task, generative_model, has_tables, same_task, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
 
@@ -29,7 +22,7 @@ LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
 CLOSE = 1e-9  # relative difference of moments, or difference of start probabilities, that is none
 
 
-def differences(one: Task, other: Task) -> tuple[str, ...]:
+def differences(task: Task, other: Task) -> tuple[str, ...]:
     """Return the differences of two tasks, with both values or a state; () for the same problem.
 
     Compared are spaces, discount, time limit, end rule, rewards, transitions and start, by the
@@ -44,65 +37,77 @@ def differences(one: Task, other: Task) -> tuple[str, ...]:
     reward (from state 1 (row 0, column 1): 199 against 8)
     rewards (Rewards(step=-1.0, ...) against Rewards(step=-1.0, ...))
     """
-    if same_task(one, other):
+    pair = task, other
+    if same_task(task, other):
         return ()
-    if is_observation_task(one) or is_observation_task(other):
-        if not (is_observation_task(one) and is_observation_task(other)):
-            return (f"observations ({one!r} against {other!r})",)
-        names = {"observations": "", "actions": "", "discount": "", "longest": "time_limit"}
-        return (*_unequal(one, other, **names), *_unequal(one, other, make="environment"))
-    mine, yours = generative_model(one), generative_model(other)
-    found = [
-        f"{kind} ({getattr(mine, kind).size:,} against {getattr(yours, kind).size:,})"
+    if any(map(is_observation_task, pair)):
+        if not all(map(is_observation_task, pair)):
+            return (f"observations ({task!r} against {other!r})",)
+        names = {"longest": "time_limit", "make": "environment"}
+        parts = ("observations", "actions", "discount", "longest", "make")
+        mine, yours = ({names.get(x, x): getattr(seen, x) for x in parts} for seen in pair)
+        return tuple(_unequal(mine, yours))
+    first, second = map(generative_model, pair)
+    lines = [
+        f"{kind} ({getattr(first, kind).size:,} against {getattr(second, kind).size:,})"
         for kind in ("states", "actions")
-        if getattr(mine, kind) != getattr(yours, kind)
+        if getattr(first, kind) != getattr(second, kind)
     ]
-    found += _unequal(mine, yours, discount="", time_limit="")
-    alike = not found or found[0].split()[0] not in ("states", "actions")
-    small = mine.states.size * mine.actions.size <= LARGEST
-    looked_up = alike and small and has_tables(one) and has_tables(other)
+    alike = not lines
+    mine, yours = ({x: getattr(m, x) for x in ("discount", "time_limit")} for m in (first, second))
+    lines += _unequal(mine, yours)
+    looked_up = alike and all(map(_comparable, pair))
     if looked_up:
-        found += _of_tables(tables(one), tables(other))
-        if not found:
+        lines += _of_tables(tables(task), tables(other))
+        if not lines:
             return ()  # the same problem from other parameters
-    by_parameters = type(one) is type(other) and is_dataclass(one)
-    if by_parameters and (not isinstance(one, FiniteMDP) or (alike and not looked_up)):
-        firsts = {line.split()[0] for line in found}
-        for part in fields(cast(Any, one)):
-            mine, yours = getattr(one, part.name), getattr(other, part.name)
-            shown = part.compare and part.init and part.name not in firsts
-            if shown and not _equal(mine, yours):
-                arrays = isinstance(mine, np.ndarray) and isinstance(yours, np.ndarray)
-                values = "entries" if arrays else f"{mine!r} against {yours!r}"
-                found.append(f"{part.name} ({values})")
-    if not found and not by_parameters:
-        found = ["rules (too large, or given by functions, to be compared)"]
-    return tuple(found)
+    by_parameters = type(task) is type(other) and is_dataclass(task)
+    if by_parameters and (not isinstance(task, FiniteMDP) or (alike and not looked_up)):
+        named = {line.split()[0] for line in lines}
+        for name in _parameters(task):
+            one_value, other_value = getattr(task, name), getattr(other, name)
+            if name not in named and not _equal(one_value, other_value):
+                arrays = isinstance(one_value, np.ndarray) and isinstance(other_value, np.ndarray)
+                values = "entries" if arrays else f"{one_value!r} against {other_value!r}"
+                lines.append(f"{name} ({values})")
+    if not lines and not by_parameters:
+        lines = ["rules (too large, or given by functions, to be compared)"]
+    return tuple(lines)
 
 
-def _unequal(one: Any, other: Any, **names: str) -> Iterator[str]:
-    """Yield the attributes that differ, under the name given for each, if it is not empty."""
-    for attribute, name in names.items():
-        mine, yours = getattr(one, attribute), getattr(other, attribute)
-        if mine != yours:
-            yield f"{name or attribute} ({mine} against {yours})"
+def _unequal(mine: Mapping[str, Any], yours: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the names whose values differ, with both of them."""
+    for name in dict.fromkeys((*mine, *yours)):
+        value, other = mine.get(name, "absent"), yours.get(name, "absent")
+        if value != other:
+            yield f"{name} ({value} against {other})"
 
 
-def _of_tables(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
+def _comparable(task: Task) -> bool:
+    """Return whether a task has tables that are small enough to be compared."""
+    model = generative_model(task)
+    return model.states.size * model.actions.size <= LARGEST and has_tables(task)
+
+
+def _parameters(task: Any) -> list[str]:
+    """Return the names of what a task was made from; none where it is no dataclass."""
+    parts = fields(task) if is_dataclass(task) else ()
+    return [part.name for part in parts if part.compare and part.init]
+
+
+def _of_tables(mdp: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     """Yield each kind of difference between tables over the same spaces, with one state."""
-    space = one.states
-    ends = np.flatnonzero(one.terminal != other.terminal)
+    space = mdp.states
+    ends = np.flatnonzero(mdp.terminal != other.terminal)
     if ends.size:
         yield f"end rule ({state_name(space, int(ends[0]))} ends one of them only)"
-    alive = ~(one.terminal | other.terminal)
+    alive = ~(mdp.terminal | other.terminal)
     # With a random weight for each state, two distributions over successors with the same mean
     # weight are equal with probability 1.
     weight = np.random.default_rng(0).normal(size=space.size)
-    unit = max(largest_reward(one), largest_reward(other))
-    names = ("reward", "transitions", "rewarded outcomes")
-    for name, mine, yours in zip(
-        names, moments(one, weight, unit), moments(other, weight, unit), strict=True
-    ):
+    unit = max(largest_reward(mdp), largest_reward(other))
+    pairs = zip(moments(mdp, weight, unit), moments(other, weight, unit), strict=True)
+    for name, (mine, yours) in zip(MOMENTS, pairs, strict=True):
         apart = abs(mine - yours) > CLOSE * np.maximum(1.0, abs(mine))
         where = np.argwhere(apart & alive[:, None])
         if len(where):
@@ -110,17 +115,20 @@ def _of_tables(one: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
             values = f": {mine[s, a]:g} against {yours[s, a]:g}" if name == "reward" else ""
             yield f"{name} (from {state_name(space, int(s))}{values})"
             break  # the later moments differ as a consequence
-    if abs(one.start - other.start).max() > CLOSE:
-        s = int(abs(one.start - other.start).argmax())
-        yield f"start ({state_name(space, s)}: {one.start[s]:.3g} against {other.start[s]:.3g})"
+    if abs(mdp.start - other.start).max() > CLOSE:
+        s = int(abs(mdp.start - other.start).argmax())
+        yield f"start ({state_name(space, s)}: {mdp.start[s]:.3g} against {other.start[s]:.3g})"
+
+
+MOMENTS = ("reward", "transitions", "rewarded outcomes")
 
 
 def moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
     """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A)."""
     # The last separates joint distributions of reward and successor with the same first two.
     reward, weighed = _rewards(mdp), weight[mdp.next_state]
-    each = (reward, weighed, np.cos(reward / unit + weighed))
-    return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in each]
+    values = (reward, weighed, np.cos(reward / unit + weighed))
+    return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in values]
 
 
 def _rewards(mdp: FiniteMDP) -> FloatArray:
@@ -145,6 +153,8 @@ def _equal(mine: Any, yours: Any) -> bool:
     return bool(mine == yours)
 
 
+# -- The same from plain data, as a study's folder holds it ---------------------------------------
+
 AGREE = 1e-11  # relative difference of equal projections: 10^5 times the rounding of a sum
 DIGEST_BYTES = 8
 
@@ -164,45 +174,39 @@ class TaskSummary:
 
 def task_summary(task: Any) -> TaskSummary:
     """Return the summary of a task."""
-    parameters = {
-        part.name: plain_text(getattr(task, part.name))
-        for part in (fields(task) if is_dataclass(task) else ())
-        if part.compare and part.init
-    }
+    kind = type(task).__name__
+    parameters = {name: plain_text(getattr(task, name)) for name in _parameters(task)}
+    spaces = dict[str, str]()
     if is_observation_task(task):
         names = {"observations": "observations", "actions": "actions", "longest": "time_limit"}
-        spaces = {name: plain_text(getattr(task, given)) for given, name in names.items()}
-        spaces["discount"] = repr(task.discount)
-        return TaskSummary(type(task).__name__, spaces, {}, parameters)
+        spaces |= {name: plain_text(getattr(task, part)) for part, name in names.items()}
+        return TaskSummary(kind, spaces | {"discount": repr(task.discount)}, {}, parameters)
     generative = generative_model(task)
-    spaces = dict[str, str]()
     for name, space in (("states", generative.states), ("actions", generative.actions)):
         content = repr(space.components).encode()
         if space.size < math.prod(component.size for component in space.components):
             content += b"".join(values.tobytes() for values in space.decode().values())
         spaces[name] = f"{space.size:,} ({_digest(content)})"
-    spaces |= {"discount": repr(generative.discount), "time_limit": repr(generative.time_limit)}
-    small = generative.states.size * generative.actions.size <= LARGEST and has_tables(task)
-    projections = dict(_projections(tables(task))) if small else {}
-    return TaskSummary(type(task).__name__, spaces, projections, parameters)
+    spaces |= {name: repr(getattr(generative, name)) for name in ("discount", "time_limit")}
+    projections = dict(_projections(tables(task))) if _comparable(task) else {}
+    return TaskSummary(kind, spaces, projections, parameters)
 
 
-def summary_differences(one: TaskSummary, other: TaskSummary) -> tuple[str, ...]:
+def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...]:
     """Return how two tasks differ, with both values where they are short; () for one problem."""
-    found = list(_unequal_texts(one.spaces, other.spaces))
-    alike = not found or found[0].split()[0] not in ("states", "actions", "observations")
-    looked_up = alike and bool(one.projections and other.projections)
-    if looked_up:
-        for name, (mine, size) in one.projections.items():
+    lines = list(_unequal(task.spaces, other.spaces))
+    alike = not lines or lines[0].split()[0] not in ("states", "actions", "observations")
+    if alike and task.projections and other.projections:
+        for name, (mine, size) in task.projections.items():
             yours, its_size = other.projections.get(name, (np.nan, 0.0))
             if not abs(mine - yours) <= AGREE * max(size, its_size):
-                found.append(name)
+                lines.append(name)
                 break  # later parts differ as a consequence
-        if not found:
+        if not lines:
             return ()  # the same problem, perhaps from other parameters
-    if one.kind != other.kind:
-        return (*found, f"type ({one.kind} against {other.kind})")
-    return (*found, *_unequal_texts(one.parameters, other.parameters))
+    if task.kind != other.kind:
+        return (*lines, f"type ({task.kind} against {other.kind})")
+    return (*lines, *_unequal(task.parameters, other.parameters))
 
 
 def plain_text(value: Any) -> str:
@@ -217,7 +221,8 @@ def plain_text(value: Any) -> str:
         except OSError:
             source = repr(function.__code__.co_code)
         constants = function.__code__.co_consts, inspect.getclosurevars(function).nonlocals
-        return f"{function.__name__} ({_digest(source + _of_any_process(repr(constants)))})"
+        content = source + _of_any_process(repr(constants))
+        return f"{function.__name__} ({_digest(content.encode())})"
     return _of_any_process(repr(value))
 
 
@@ -229,15 +234,11 @@ def _of_any_process(text: str) -> str:
 
 
 def _projections(mdp: FiniteMDP) -> Iterator[tuple[str, tuple[float, float]]]:
-    draws = np.random.default_rng(0)
+    draws, alive = np.random.default_rng(0), ~mdp.terminal
     weight = draws.normal(size=mdp.states.size)
-    alive = ~mdp.terminal
-    unit = largest_reward(mdp)
     pairs = draws.normal(size=(mdp.states.size, mdp.actions.size)) * alive[:, None]
     yield "end rule", _projected(weight, alive.astype(np.float64))
-    for name, values in zip(
-        ("reward", "transitions", "rewarded outcomes"), moments(mdp, weight, unit), strict=True
-    ):
+    for name, values in zip(MOMENTS, moments(mdp, weight, largest_reward(mdp)), strict=True):
         yield name, _projected(pairs, values)
     yield "start", _projected(weight, mdp.start)
 
@@ -247,13 +248,5 @@ def _projected(direction: Any, values: Any) -> tuple[float, float]:
     return float(terms.sum()), float(abs(terms).sum())
 
 
-def _unequal_texts(one: dict[str, str], other: dict[str, str]) -> Iterator[str]:
-    for name in dict.fromkeys((*one, *other)):
-        mine, yours = one.get(name, "absent"), other.get(name, "absent")
-        if mine != yours:
-            yield f"{name} ({mine} against {yours})"
-
-
-def _digest(content: str | bytes) -> str:
-    content = content.encode() if isinstance(content, str) else content
+def _digest(content: bytes) -> str:
     return blake2b(content, digest_size=DIGEST_BYTES).hexdigest()

@@ -10,15 +10,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from curricle.comparison.comparing import (
-    STATED,
+from curricle.comparison.comparison import (
+    Comparison,
     checkpoints,
+    comparison_of,
     comparison_plan,
-    default_threshold,
-    solved_target,
+    threshold_before,
     trained_arms,
 )
-from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import entering
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
@@ -69,21 +68,21 @@ def candidates_of(
 ) -> list[Candidate]:
     """Return the candidates for a target: aggregates first, then each transfer alone."""
     edges = curriculum.in_edges(target)
-    usual, settings = curriculum.setting("aggregate", target), curriculum.calibration(target)
+    raw = [replace(edge, calibrate=False) for edge in edges]
+    usual, calibrated = curriculum.setting("aggregate", target), curriculum.calibration(target)
     # The minimum, the mean and the maximum of a single potential are the same.
     several = AGGREGATES if len(edges) > 1 else ()
     functions = list[Aggregate]()
     for function in (*several, usual, *aggregates):
         if not any(function is known for known in functions):
             functions.append(function)
-    raw = [replace(edge, calibrate=False) for edge in edges]
-    names = numbered([getattr(function, "__name__", str(function)) for function in functions])
     candidates = []
+    names = numbered([getattr(function, "__name__", str(function)) for function in functions])
     for label, function in zip(names, functions, strict=True):
         plan = part_of(curriculum, target, raw).replace(target, aggregate=function)
-        used = function is usual and settings is None
+        used = function is usual and calibrated is None
         candidates.append(Candidate(label, plan, aggregate=True, used=used))
-        if function is usual and settings is not None:
+        if function is usual and calibrated is not None:
             plan = part_of(curriculum, target, edges)
             candidates.append(Candidate(f"{label}, calibrated", plan, aggregate=True, used=True))
     for label, edge in zip(transfer_names(edges), raw, strict=True) if len(edges) > 1 else ():
@@ -135,7 +134,7 @@ WINDOW = 5  # checkpoints over which curves are smoothed, as in a comparison
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What came of a trial.
+    """The result of a trial.
 
     Attributes
     ----------
@@ -158,15 +157,14 @@ class Trial:
 
     def gain(self, name: str) -> Interval | None:
         """Return the strong gain of a candidate in mean return; None if it could not be trained."""
-        if name not in self.comparison.contrasts:
-            return None
-        return self.comparison.contrasts[name].strong_gain
+        contrast = self.comparison.contrasts.get(name)
+        return None if contrast is None else contrast.strong_gain
 
     def verdict(self, name: str) -> str:
         """Return whether a candidate pays, by the area under its whole curve, in a few words."""
         gain = self.gain(name)
-        words = "it failed in the trial" if gain is None else verdict_words(gain)
-        return f"{words}, as on a smaller relative" if self.relative else words
+        answer = "it failed in the trial" if gain is None else verdict_words(gain)
+        return f"{answer}, as on a smaller relative" if self.relative else answer
 
     def numbers(self, name: str) -> str:
         """Return steps to the threshold with a candidate's sources and without, and the gain."""
@@ -184,17 +182,17 @@ class Trial:
         saved = comparison.contrasts[name].strong_steps_saved
         slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
         bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
-        spent = comparison[name].curve.source_steps.mean()
         if saved.estimate >= 0:
-            words = f"saves {bound}{in_brief(saved)}"
+            change = f"saves {bound}{in_brief(saved)}"
         else:
             n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
             more = in_brief(replace(saved, estimate=n, low=low, high=high))
-            words = f"takes {bound}{more} more"
+            change = f"takes {bound}{more} more"
+        spent = comparison[name].curve.source_steps.mean()
         return (
             f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
             f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
-            f"{words}; {gained}"
+            f"{change}; {gained}"
         )
 
     def _steps(self, name: str) -> str:
@@ -216,8 +214,8 @@ def verdict_words(gain: Interval) -> str:
 
 def in_brief(interval: Interval) -> str:
     """Return an interval without its number of seeds, thousands with commas."""
-    bounds = (interval.estimate, interval.low, interval.high)
-    rounded = [float(f"{float(value):.3g}") for value in bounds]
+    bounds = (float(x) for x in (interval.estimate, interval.low, interval.high))
+    rounded = [float(f"{bound:.3g}") for bound in bounds]
     estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded)
     return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
 
@@ -233,20 +231,15 @@ def run_trial(
     progress: Progress = None,
 ) -> Trial:
     """Return a trial of candidates, or of a smaller relative that stands for the only one."""
-    curricula = {candidate.name: relative or candidate.curriculum for candidate in candidates}
-    arms = {name: apart(curriculum) for name, curriculum in curricula.items()}
     memory = Memory() if memory is None else memory
+    arms = {candidate.name: apart(relative or candidate.curriculum) for candidate in candidates}
     plan, failed = comparison_plan(arms, memory), dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
         # A calibration that is refused here will be refused in the experiment too, and said there.
         warnings.simplefilter("ignore", UserWarning)
         trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
-    level = STATED
-    if threshold is None:
-        threshold, level = default_threshold(solved_target(plan), trained[SCRATCH])
     window = min(WINDOW, checkpoints(plan))  # cut where there are fewer checkpoints
-    spans = *plan.steps, threshold, window
-    comparison = Comparison(plan.target, trained, *spans, failed, threshold_from=level)
+    comparison = comparison_of(plan, trained, threshold_before(plan, threshold), window, failed)
     if relative is None:
         assumes = (
             f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
@@ -275,40 +268,34 @@ def hindrance(curriculum: Curriculum) -> str:
             return f"{name!r} is seen through observations and has no model"
         if is_live(task):
             return f"{name!r} is live and has no model"
-    target = curriculum.target
-    budget = curriculum.setting("budget", target)
-    if isinstance(budget, Episodes | StoppingRule):
-        return f"the budget of {target!r} is {budget}"
-    if curriculum.setting("evaluation", target).method == "off":
-        return f"the greedy evaluation of {target!r} is off"
-    return ""
+    node = curriculum.node(curriculum.target)
+    if isinstance(node.budget, Episodes | StoppingRule):
+        return f"the budget of {node.name!r} is {node.budget}"
+    return f"the greedy evaluation of {node.name!r} is off" * (node.evaluation.method == "off")
 
 
 def trial_seconds(candidates: Sequence[Candidate]) -> float:
     """Return the seconds on one processor that one seed of a trial takes, about, and at most."""
-    spent = [most_source_steps(candidate.curriculum) for candidate in candidates]
-    first = candidates[0].curriculum
-    node = first.node(first.target)
-    total = limits(node.budget)[0] + max(spent)
-    seconds = _node_seconds(node, total) * (1 + len(candidates))
-    for candidate in candidates:
-        names = candidate.curriculum.ancestors(candidate.curriculum.target)
-        nodes = [candidate.curriculum.node(name) for name in names]
-        seconds += sum(_node_seconds(source, source.most_steps) for source in nodes)
+    plans = [candidate.curriculum for candidate in candidates]
+    node = plans[0].node(plans[0].target)
+    total = limits(node.budget)[0] + max(map(most_source_steps, plans))
+    seconds = _node_seconds(node, total) * (1 + len(plans))
+    for plan in plans:
+        sources = [plan.node(name) for name in plan.ancestors(plan.target)]
+        seconds += sum(_node_seconds(source, source.most_steps) for source in sources)
     return seconds
 
 
 def _node_seconds(node: Node, steps: int) -> float:
     """Return the seconds of learning a task for so many steps and of its greedy evaluations."""
-    kernel = node.evaluation.kernel(node.task)
-    checkpoints, evaluation = steps // node.eval_freq + 1, 0.0
+    kernel, evaluation = node.evaluation.kernel(node.task), 0.0
     if isinstance(kernel, ExactEvaluation):
         # At most every state, each with the outcomes of its greedy action.
         outcomes = len(kernel.tables.outcome_row) * kernel.tables.probability.shape[1]
         evaluation = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
     elif isinstance(kernel, RolloutEvaluation):
         evaluation = kernel.episodes * min(kernel.horizon, steps) * STEP
-    return steps * STEP + checkpoints * evaluation
+    return steps * STEP + (steps // node.eval_freq + 1) * evaluation
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:

@@ -1,14 +1,9 @@
 """Verdicts: which arm is better than which, from one return for each arm and seed.
 
 Each question is a family of tests of its own, so that no answer depends on what else was asked:
-
-- Does a curriculum pay? Each against scratch, corrected for the number of curricula (Holm).
-- Does it gain more than its controls? Each against all of its own controls at once.
-- Why does it pay: by what it knows, or by optimism alone? Each against controls that know nothing.
-- Arm against arm, where asked.
-
-All rest on sign-flip tests of paired differences. K seeds cannot have a p-value below 2^(1 - K), so
-that with too few seeds there is no verdict.
+whether curricula pay (against scratch), gain more than their controls, and than those controls that
+know nothing; arm against arm, where asked. All rest on sign-flip tests of paired differences. K
+seeds cannot have a p-value below 2^(1 - K), so that with too few seeds there is no verdict.
 
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
 Technometrics 24, 1982 (intersection-union tests).
@@ -41,7 +36,7 @@ a family, so that the smallest p-value can stay significant when it is adjusted.
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """The answer to whether an arm gains more than each of its rivals.
+    """The answer to whether an arm gains more than all of its rivals.
 
     Attributes
     ----------
@@ -51,10 +46,9 @@ class Verdict:
         The strongest: the one with the highest mean return.
     rivals : int
         Number of rivals, n.
-    p : float
-        Two-sided, of no difference (:func:`verdicts_of`).
-    adjusted_p : float
-        The same, corrected for the number of questions in the family (Holm).
+    p, adjusted_p : float
+        Two-sided, of no difference (:func:`verdicts_of`); and corrected for the number of questions
+        in the family (Holm).
     seeds, needed : int
         Seeds K, and the fewest with which there can be a verdict.
     interim : str
@@ -87,8 +81,8 @@ class Verdict:
     @property
     def against_scratch(self) -> str:
         """The answer to whether a curriculum pays."""
-        words = ("no difference shown", "pays", "costs more than it brings")
-        return self.withheld or words[self.direction]
+        answers = ("no difference shown", "pays", "costs more than it brings")
+        return self.withheld or answers[self.direction]
 
     @property
     def answer(self) -> str:
@@ -98,8 +92,8 @@ class Verdict:
     def __str__(self) -> str:
         """Return the answer with the gain, such as ``yes, +3.1 [1.2, 5.0] (p = 0.004)``."""
         gain, _, _ = str(self.gain).rpartition(", ")
-        words = f"{self.answer}, {'+' * (float(self.gain.estimate) > 0)}{gain}"
-        return words if self.withheld else f"{words} (p = {self.adjusted_p:.2g})"
+        answer = f"{self.answer}, {'+' * (float(self.gain.estimate) > 0)}{gain}"
+        return answer if self.withheld else f"{answer} (p = {self.adjusted_p:.2g})"
 
 
 def verdicts_of(
@@ -114,11 +108,10 @@ def verdicts_of(
     For an arm with n rivals and the p-values p_c of the n paired differences, p = max_c p_c if it
     is ahead of all (each of the n claims must hold: an intersection-union test, which needs no
     correction), else p = n min p_c over the rivals ahead of it. Called at most 5 %, either wrong
-    answer has a probability of at most 2.5 %, however many rivals there are. The interval is
-    [min_c low_c, min_c high_c], with lower bounds at 97.5 % each and upper ones at
-    1 - 0.025 / n, and so covers the smallest true difference in 95 % of studies. Where p is below
-    5 % and the interval holds 0, as it may for skewed differences, p is that of Student's tests, by
-    which the interval is made: no difference is shown beside an interval that holds 0.
+    answer has a probability of at most 2.5 %. The interval is [min_c low_c, min_c high_c], with
+    lower bounds at 97.5 % each and upper ones at 1 - 0.025 / n: it covers the smallest true
+    difference in 95 % of studies. Where p is below 5 % and the interval holds 0, as it may for
+    skewed differences, p is that of Student's tests, by which the interval is made.
 
     Parameters
     ----------
@@ -145,8 +138,8 @@ def verdicts_of(
     --------
     >>> scratch = np.array([1.0, 2.0, 3.0, 2.5, 1.5, 2.0, 3.5])
     >>> gain = np.array([1.0, 2.0, 1.5, 1.0, 2.5, 2.0, 1.0])
-    >>> found = verdicts_of({"scratch": scratch, "mean": scratch + gain}, {"mean": ["scratch"]})
-    >>> found["mean"].against_scratch, found["mean"].p
+    >>> verdict = verdicts_of({"scratch": scratch, "a": scratch + gain}, {"a": ["scratch"]})["a"]
+    >>> verdict.against_scratch, verdict.p
     ('pays', 0.015625)
     """
     if not rivals:
@@ -158,10 +151,10 @@ def verdicts_of(
         for arm in (name, *others):
             if arm not in arrays:
                 raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
-            if arrays[arm].shape != arrays[name].shape:
+            if (size := arrays[arm].size) != arrays[name].size:
                 raise SettingError(
                     f"returns must be of the same seeds: {name!r} has {arrays[name].size}, {arm!r} "
-                    f"{arrays[arm].size}"
+                    f"{size}"
                 )
     apart = {
         name: np.stack([difference(arrays[name], arrays[rival]) for rival in others])
@@ -170,12 +163,12 @@ def verdicts_of(
     draws = _draws(looks, sum(map(len, apart.values())))
     p = [math.nan if interim else _p_value(rows, draws, looks) for rows in apart.values()]
     adjusted_p = p if interim else holm(p).tolist()
-    verdicts = {}
+    needed, verdicts = seeds_needed(len(apart), looks=looks), {}
     for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
+        n, seeds = rows.shape
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
-        number = rows.shape[1], seeds_needed(len(apart), looks=looks)
         gain = _smallest_gain(rows, looks)
-        verdicts[name] = Verdict(gain, strongest, len(rows), p_value, adjusted, *number, interim)
+        verdicts[name] = Verdict(gain, strongest, n, p_value, adjusted, seeds, needed, interim)
     return verdicts
 
 
@@ -225,9 +218,9 @@ def _p_value(differences: FloatArray, draws: int, looks: Looks) -> float:
     return max(SIGNIFICANT, _of_all(differences, 2 * stdtr(k - 1, -abs(t)), looks))
 
 
-def _of_all(differences: FloatArray, of_each: npt.ArrayLike, looks: Looks) -> float:
-    """Return the p-value of n rivals from that of each."""
-    p = np.array([looks.adjusted_p(value) for value in np.asarray(of_each).tolist()])
+def _of_all(differences: FloatArray, p_values: npt.ArrayLike, looks: Looks) -> float:
+    """Return the p-value of n rivals from those of the rivals alone."""
+    p = np.array([looks.adjusted_p(value) for value in np.asarray(p_values).tolist()])
     means = differences.mean(axis=1)
     if (means > 0).all():
         return float(p.max())
@@ -259,7 +252,7 @@ class Reason:
     """Why a curriculum pays."""
 
     pays: Verdict = field(repr=False)  # whether it gains more than learning from scratch
-    # Whether it gains more than each of its controls that know nothing; None if it has none.
+    # Whether it gains more than all of its controls that know nothing; None if it has none.
     over_controls: Verdict | None
     level: float = 0.0  # what the strongest of these controls adds to every value, on average
 
@@ -268,16 +261,15 @@ class Reason:
     @property
     def why(self) -> Why:
         """The reason; empty unless the curriculum is shown to pay."""
-        # "knowledge": it is shown to gain more than each control that knows nothing. "level": it is
+        # "knowledge": it is shown to gain more than all controls that know nothing. "level": it is
         # shown to gain less than one of them, or at most a tenth of its gain over scratch more;
         # "mostly level": both it gains more and this little. The share is the upper bound of the
         # one gain by the lower bound of the other: it is larger in at most 5 % of comparisons.
+        over, little = self.over_controls, self.share <= SHARE
         if self.pays.direction <= 0:
             return ""
-        over = self.over_controls
         if over is None or over.withheld:
             return "not asked" if over is None else "not shown"
-        little = self.share <= SHARE
         if over.direction > 0:
             return "mostly level" if little else "knowledge"
         return "level" if little or over.direction < 0 else "not shown"
@@ -294,14 +286,13 @@ class Reason:
     def words(self) -> str:
         """The reason in words; empty if it was not asked for, or if the curriculum does not pay."""
         optimism = "optimism" if self.level >= 0 else "pessimism"
-        return {
-            "": "",
-            "not asked": "",
+        reasons = {
             "knowledge": "by what it knows",
             "mostly level": f"nearly all by {optimism}",
             "level": f"by {optimism} alone",
             "not shown": "not shown to be by what it knows",
-        }[self.why]
+        }
+        return reasons.get(self.why, "")
 
 
 def not_asked(reasons: Sequence[Reason]) -> str:

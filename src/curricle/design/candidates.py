@@ -1,5 +1,6 @@
 """Candidates for the sources of a target: proposed by kind, judged, and none of them twice."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -53,21 +54,13 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "coarser": coarser_tables,
 }
 KINDS = tuple(MAKERS)  # in the order of their turns
-MOST = 20  # candidates by default
 LARGEST = 20_000_000  # state-action pairs of a task that is judged: tasks are refined together
 ROUNDING = 1e-9  # difference of returns, in units of the larger, that counts as none
 FINGERPRINT = 1e-6  # difference, in units of the larger, that equal tasks never have
 PROPOSED = "proposed"
 MAPPINGS = (StateActionMapping, ObservationMapping)
 AGREES = 0.99  # share of the target's pairs that must read the same pair through the target
-# Why a task is no candidate.
-NOT_MADE = "cannot be made"
-TOO_LARGE = "too large to be judged"
-NO_SOLUTION = "no exact solution"
-NEVER_REACHED = "goal never reached from the start"
-AVOIDED = "goal avoided by every optimal policy"
-NOTHING_TO_LEARN = "nothing to learn: the random policy is optimal"
-AS_TARGET, AS_ANOTHER = "same as the target", "same as another candidate"
+AS_TARGET = "same as the target"
 
 Propose = Callable[[Any], Iterable["SourceCandidate"]]
 
@@ -85,12 +78,10 @@ class SourceCandidate(Frozen):
     task : Task
         With tables.
     mappings : StateActionMapping, ObservationMapping or sequence of them
-        From the target to the task; several where the target reads it in several ways, as each of
-        two predators reads the single predator of a smaller hunt.
-    kind : str
-        One of the kinds of :func:`source_candidates`; "proposed" for a user's candidate.
-    words : str
-        A description for a person.
+        From the target to the task; several where the target reads it in several ways, as two
+        predators both read the single predator of a smaller hunt.
+    kind, words : str
+        A kind of :func:`source_candidates`, or "proposed"; and a description for a person.
     share : float, optional
         Size or distance as a share of the target's: the side of a crop, the way from starts or a
         bottleneck to the goal.
@@ -122,8 +113,7 @@ class SourceCandidate(Frozen):
     def __post_init__(self) -> None:
         fit_name("a candidate", self.name, CurriculumError)
         text(f"the kind of {self.name!r}", self.kind, CurriculumError)
-        several = isinstance(self.mappings, Sequence)
-        mappings = tuple(self.mappings) if several else (self.mappings,)
+        mappings = self.mappings if isinstance(self.mappings, Sequence) else (self.mappings,)
         if not mappings or not all(isinstance(mapping, MAPPINGS) for mapping in mappings):
             raise CurriculumError(
                 f"a candidate needs mappings from the target: {self.name!r} has {self.mappings!r}"
@@ -132,7 +122,7 @@ class SourceCandidate(Frozen):
             raise CurriculumError(
                 f"the mappings of a candidate must lead to its task: one of {self.name!r} does not"
             )
-        object.__setattr__(self, "mappings", mappings)
+        object.__setattr__(self, "mappings", tuple(mappings))
 
     @property
     def mapping(self) -> Any:
@@ -192,8 +182,7 @@ def mappings_between(
 def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
     """Return the pair that most target pairs read, (S', A'), and the share of pairs that do."""
     shape = after.states.size, generative_model(after).actions.size
-    known = (reader >= 0) & (read != UNMAPPED)
-    index = np.full(shape[0] * shape[1], UNMAPPED, np.int64)
+    known, index = (reader >= 0) & (read != UNMAPPED), np.full(math.prod(shape), UNMAPPED, np.int64)
     if not known.any():
         return 0.0, index.reshape(shape)
     size = before.states.size * generative_model(before).actions.size - ENDED
@@ -251,8 +240,8 @@ class SourceCandidates:
         return by_name[name]
 
     @property
-    def _reasons(self) -> str:
-        """Why candidates were dropped and how many, the most frequent reason first."""
+    def reasons(self) -> str:
+        """Why drafts were dropped and how many, the most frequent reason first."""
         counts = Counter(dropped.reason for dropped in self.dropped).most_common()
         return "; ".join(f"{n} {reason}" for reason, n in counts)
 
@@ -269,13 +258,9 @@ class SourceCandidates:
 
     def _left_out(self) -> list[str]:
         """Return sentences about candidates that were dropped or not looked at."""
-        lines = list[str]()
-        if self.dropped:
-            looked_at = len(self.candidates) + len(self.dropped)
-            lines.append(f"dropped {len(self.dropped)} of {looked_at}: {self._reasons}")
-        if self.cut:
-            lines.append(f"cut at {len(self)}: there is more to look at")
-        return lines
+        dropped, looked_at = len(self.dropped), len(self.candidates) + len(self.dropped)
+        lines = [f"dropped {dropped} of {looked_at}: {self.reasons}"] if dropped else []
+        return lines + [f"cut at {len(self)}: there is more to look at"] * self.cut
 
     def __str__(self) -> str:
         width = max(len(candidate.name) for candidate in self.candidates)
@@ -298,11 +283,7 @@ class Judged:
 
 
 def source_candidates(
-    target: Any,
-    *,
-    kinds: Sequence[str] = KINDS,
-    most: int = MOST,
-    propose: Propose | None = None,
+    target: Any, *, kinds: Sequence[str] = KINDS, most: int = 20, propose: Propose | None = None
 ) -> SourceCandidates:
     """Return candidates for the sources of a target, each with its mapping from it.
 
@@ -365,8 +346,7 @@ def source_candidates(
             "propose"
         )
     known = {AS_TARGET: judged(target.mdp)}
-    kept, dropped = list[SourceCandidate](), list[DroppedCandidate]()
-    cut = False
+    kept, dropped, cut = list[SourceCandidate](), list[DroppedCandidate](), False
     for draft in (draft for turn in zip_longest(*drafts) for draft in turn if draft is not None):
         if len(kept) == most:
             cut = True
@@ -378,13 +358,13 @@ def source_candidates(
             candidate = SourceCandidate(name, task, mappings, *of_draft)
             judgement = judged(tables(task), _goal_of(target, candidate))
         except CurricleError as error:
-            dropped.append(DroppedCandidate(name, draft.kind, NOT_MADE, str(error)))
+            dropped.append(DroppedCandidate(name, draft.kind, "cannot be made", str(error)))
             continue
+        same = (key for key in known if same_up_to_homomorphism(judgement, known[key]))
         reason, detail = judgement.refusal, ""
-        if not reason:
-            same = (key for key in known if same_up_to_homomorphism(judgement, known[key]))
-            if (key := next(same, None)) is not None:
-                reason, detail = (key, "") if key == AS_TARGET else (AS_ANOTHER, key)
+        if not reason and (key := next(same, None)) is not None:
+            another = "same as another candidate", key
+            reason, detail = (key, "") if key == AS_TARGET else another
         if reason:
             dropped.append(DroppedCandidate(name, draft.kind, reason, detail))
             continue
@@ -394,7 +374,7 @@ def source_candidates(
     candidates = SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)
     if not kept:
         raise CurriculumError(
-            f"a target needs a candidate that can be learnt: {candidates._reasons}"
+            f"a target needs a candidate that can be learnt: {candidates.reasons}"
         )
     return candidates
 
@@ -453,32 +433,30 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
     """Return the returns of a task with a goal (S,), by default :func:`aims`, or its refusal."""
     n_states, n_actions = mdp.outcome_row.shape
     if mdp.outcome_row.size > LARGEST:
-        return Judged(mdp, TOO_LARGE)
+        return Judged(mdp, "too large to be judged")
     try:
         best = solve(mdp)
         chance = evaluate(mdp, np.full((n_states, n_actions), 1 / n_actions))
     except CurricleError:
-        return Judged(mdp, NO_SOLUTION)
+        return Judged(mdp, "no exact solution")
     goal = aims(mdp) if goal is None else goal
-    if mdp.terminal.any() and not mdp.terminal[goal].any():
-        return Judged(mdp, NEVER_REACHED)  # no end can be entered: the largest rewards are no goal
+    # Where no end can be entered, the largest rewards are no goal.
+    endless = mdp.terminal.any() and not mdp.terminal[goal].any()
     far = goal_distance(mdp, goal)[mdp.start_states]
     far = far[far >= 0]
-    if not far.size or (mdp.time_limit is not None and int(far.min()) > mdp.time_limit):
-        return Judged(mdp, NEVER_REACHED)
+    late = mdp.time_limit is not None and far.size and int(far.min()) > mdp.time_limit
+    if endless or not far.size or late:
+        return Judged(mdp, "goal never reached from the start")
     if not (reachable_states(mdp, best.optimal) & goal).any():
-        return Judged(mdp, AVOIDED)
+        return Judged(mdp, "goal avoided by every optimal policy")
     optimum, random_return = float(best.start_value), float(chance.start_value)
     error = best.error_bound + chance.error_bound
     error += ROUNDING * max(1.0, abs(optimum), abs(random_return))
     values = best.values[reachable_states(mdp)]
-    return Judged(
-        mdp,
-        NOTHING_TO_LEARN if optimum - random_return <= error else "",
-        optimum,
-        random_return,
-        np.array([optimum, values.min(), values.max()]),
-    )
+    pointless = optimum - random_return <= error
+    refusal = "nothing to learn: the random policy is optimal" if pointless else ""
+    fingerprint = np.array([optimum, values.min(), values.max()])
+    return Judged(mdp, refusal, optimum, random_return, fingerprint)
 
 
 def same_up_to_homomorphism(task: Judged, other: Judged) -> bool:

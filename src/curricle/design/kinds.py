@@ -145,9 +145,9 @@ def family_members(target: DesignTarget) -> Iterator[Draft]:
             for name, value in source.parameters.items()
             if value != parameters[name]
         )
-        words = f"an easier member of the family: {changes}"
+        about = f"an easier member of the family: {changes}"
         build = partial(_member, target.member, source)
-        yield Draft("member", str(source), words, build, member=source)
+        yield Draft("member", str(source), about, build, member=source)
 
 
 def _member(target: Any, source: Any) -> Made:
@@ -163,53 +163,46 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
     if isinstance(task, DeepSea):
         for rows in spread(range(1, task.size)):
             build = paired(task, partial(task.bottom, rows), project)
-            words = f"the lowest {rows} rows alone"
-            yield Draft("crop", f"lowest {rows} rows", words, build, rows / task.size)
+            about = f"the lowest {rows} rows alone"
+            yield Draft("crop", f"lowest {rows} rows", about, build, rows / task.size)
         return
-    extents = _extents(task)
-    if not extents:
-        return
-    longest = max(high - low for low, high in extents.values())
+    axes = _axes(task, np.flatnonzero(target.goal))
+    extents = {axis: extent for axis, (extent, _) in axes.items()}
+    longest = max((high - low for low, high in extents.values()), default=0)
     reads = same_position if isinstance(task, GridWorld) else project
-    states, columns = np.flatnonzero(target.goal), []
-    values = task.states.decode(states)
-    for name in (COMPONENTS[axis] for axis in extents):
-        if name in values:
-            columns.append(values[name].tolist())
-        else:
-            n = ("row", "column").index(name)
-            columns.append(task.layout.cells[states, n].tolist())
-    cells = list(dict.fromkeys(zip(*columns, strict=True)))[:MOST_GOALS]
+    cells = list(dict.fromkeys(zip(*(places for _, places in axes.values()), strict=True)))
     for side in spread(range(2, longest)):
-        for cell in cells:
+        for cell in cells[:MOST_GOALS]:
             places = zip(extents, cell, strict=True)
             part = {axis: _window(extents[axis], side, place) for axis, place in places}
             if part != extents:
                 name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
-                words = f"the part around the goal: {name}"
+                about = f"the part around the goal: {name}"
                 build = paired(task, partial(_cut, task, part), reads)
-                yield Draft("crop", name, words, build, side / longest)
+                yield Draft("crop", name, about, build, side / longest)
 
 
-def _extents(task: Any) -> dict[str, Range]:
-    """Return the half-open range of each axis that `crop` cuts; empty without such a `crop`."""
-    crop: Callable[..., Any] | None = getattr(task, "crop", None)
-    if crop is None or not hasattr(task, "states"):
+def _axes(task: Any, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
+    """Return the half-open range of each axis that `crop` cuts, and where the goal lies on it."""
+    # None without such a `crop`.
+    if not (hasattr(task, "crop") and hasattr(task, "states")):
         return {}
-    axes = [name for name in signature(crop).parameters if name in COMPONENTS]
-    layout = getattr(task, "layout", None)
-    extents = {}
-    for axis in axes:
-        name = COMPONENTS[axis]
+    axes, layout = dict[str, tuple[Range, list[int]]](), getattr(task, "layout", None)
+    for axis in signature(task.crop).parameters:
+        name = COMPONENTS.get(axis)
         if name in task.states.names:
             component = task.states.component(name)
-            extents[axis] = (component.low, component.high + 1)
-        elif layout is not None and name != "position":  # a state names objects, and no cell
+            extent = component.low, component.high + 1
+            axes[axis] = extent, task.states.decode(goal)[name].tolist()
+        elif name in ("row", "column"):  # a state names objects, and no cell
+            if layout is None:
+                return {}
             n = ("row", "column").index(name)
-            extents[axis] = (layout.origin[n], layout.origin[n] + layout.shape[n])
-        else:
+            extent = layout.origin[n], layout.origin[n] + layout.shape[n]
+            axes[axis] = extent, layout.cells[goal, n].tolist()
+        elif name is not None:
             return {}
-    return extents
+    return axes
 
 
 def _window(extent: Range, side: int, place: int) -> Range:
@@ -242,10 +235,10 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
     goal = np.flatnonzero(target.goal)
     for most in spread(range(1, far)):
         ring = "1" if most == 1 else f"1..{most}"
-        words = f"episodes start {ring} step{'s' * (most > 1)} from the goal"
+        about = f"episodes start {ring} step{'s' * (most > 1)} from the goal"
         start = GoalDistance(1, most, goal=goal)
         build = paired(target.task, partial(with_start, target.task, start))
-        yield Draft("starts", f"starts {ring} from the goal", words, build, most / far)
+        yield Draft("starts", f"starts {ring} from the goal", about, build, most / far)
 
 
 # -- a bottleneck as the goal ----------------------------------------------------------------------
@@ -297,11 +290,11 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
     far = max(1, int(way[mdp.start_states].max(initial=1)))
     for state in order[peak[order]][:MOST_BOTTLENECKS].tolist():
         name = mdp.states.label(state)
-        words = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
+        about = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
         build = partial(_ending_in, target, state, int(way[state]))
         title = f"to {name}"
         title = title if len(title) <= 90 else f"{title[:87]}..."
-        yield Draft("bottleneck", title, words, build, float(way[state]) / far)
+        yield Draft("bottleneck", title, about, build, float(way[state]) / far)
 
 
 def _edges(mdp: FiniteMDP) -> Any:
@@ -385,9 +378,9 @@ def removals(target: DesignTarget) -> Iterator[Draft]:
     if isinstance(task, Pursuit) and not callable(task.prey):
         alone = task.prey == "uniform" or len(task.prey) == task.cells
         for n in range(1, task.predators if alone else 1):
-            words = f"the same grid with {n} of {task.predators} predators"
+            about = f"the same grid with {n} of {task.predators} predators"
             fewer = partial(_with_predators, task, n)
-            yield Draft("removed", counted(n, "predator"), words, fewer)
+            yield Draft("removed", counted(n, "predator"), about, fewer)
     yield from _without_hazards(task)
     row = mdp.outcome_row[~mdp.terminal]
     rewards = mdp.reward[row][mdp.probability[row] > 0]
@@ -414,8 +407,8 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
         for column, character in enumerate(line)
         if character in names
     ]
-    groups: list[tuple[str, Places]] = []
     kinds = sorted({name for name, _ in hazards})
+    groups: list[tuple[str, Places]] = []
     if len(kinds) > 1:
         groups.append(("no hazards", tuple(place for _, place in hazards)))
     for kind in kinds:
@@ -427,8 +420,8 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
         groups.append((f"no {kind} at {at}", ((row, column),)))
     reads = same_position if isinstance(task, GridWorld) else project
     for name, places in groups:
-        words = f"the same map, {counted(len(places), 'hazard')} removed"
-        yield Draft("removed", name, words, paired(task, partial(_cleared, task, places), reads))
+        about = f"the same map, {counted(len(places), 'hazard')} removed"
+        yield Draft("removed", name, about, paired(task, partial(_cleared, task, places), reads))
 
 
 def _cleared(task: Any, places: Places) -> Any:
@@ -443,13 +436,14 @@ def _cleared(task: Any, places: Places) -> Any:
 def _with_predators(task: Pursuit, n: int) -> Made:
     """Return the pursuit with the first n predators; groups of n read it in turn."""
     capture = min(task.capture, n) if isinstance(task.capture, int) else task.capture
-    source = replace(task, predators=n, capture=capture)
-    many, fewer = task.predator_names, source.predator_names
-    groups = (
-        {name: many[(first + i) % len(many)] for i, name in enumerate(fewer)}
-        for first in range(len(many))
-    )
-    return source, [ComponentMapping(task, source, group) for group in groups]
+    source, many = replace(task, predators=n, capture=capture), task.predator_names
+    mappings = []
+    for first in range(len(many)):
+        group = {
+            name: many[(first + i) % len(many)] for i, name in enumerate(source.predator_names)
+        }
+        mappings.append(ComponentMapping(task, source, group))
+    return source, mappings
 
 
 # -- no chance -------------------------------------------------------------------------------------
@@ -460,14 +454,14 @@ def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
     task, mdp = target.task, target.mdp
     if (np.count_nonzero(mdp.probability, axis=1) <= 1).all():
         return
-    switch = SWITCHES.get(type(task))
-    if switch and getattr(task, switch[0]) != switch[1]:
-        name, words = "no slipping", "moves do what they are meant to"
-        build = paired(task, partial(replace, task, **{switch[0]: switch[1]}))
+    parameter, plain = SWITCHES.get(type(task), ("", None))
+    if parameter and getattr(task, parameter) != plain:
+        name, about = "no slipping", "moves do what they are meant to"
+        build = paired(task, partial(replace, task, **{parameter: plain}))
     else:
-        name, words = "likeliest outcomes", "every action has its likeliest outcome"
+        name, about = "likeliest outcomes", "every action has its likeliest outcome"
         build = paired(task, partial(_likeliest, mdp))
-    yield Draft("deterministic", name, words, build)
+    yield Draft("deterministic", name, about, build)
 
 
 def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
@@ -487,8 +481,7 @@ def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
     share = np.where(mdp.next_state == chosen, mdp.probability, 0.0)
     total, chance = (x.sum(axis=1, keepdims=True) for x in (share * mdp.reward, share))
     reward = total / np.where(chance > 0, chance, 1.0)
-    ones = np.ones((len(chosen), 1))
-    return replace(mdp, probability=ones, next_state=chosen, reward=reward)
+    return replace(mdp, probability=np.ones_like(reward), next_state=chosen, reward=reward)
 
 
 # -- coarser tables --------------------------------------------------------------------------------
@@ -510,9 +503,9 @@ def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
     groups += [(name,) for name in names] if len(names) > 1 else []
     for group in groups:
         name = f"{', '.join(group)} by 2"
-        words = f"a coarser table: each two values of {' and '.join(group)} are one"
+        about = f"a coarser table: each two values of {' and '.join(group)} are one"
         build = partial(_merged, target.task, target.mdp, group)
-        yield Draft("coarser", name[:90], words, build)
+        yield Draft("coarser", name[:90], about, build)
 
 
 def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
@@ -523,46 +516,40 @@ def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
             f"{mdp.outcome_row.size * mdp.probability.shape[1]:,}"
         )
     space, cluster = _clusters(mdp, names)
-    terminal = np.zeros(space.size, bool)
+    terminal, start = np.zeros(space.size, bool), np.zeros(space.size)
     terminal[cluster] = mdp.terminal  # a cluster has states of one sort
-    start = np.zeros(space.size)
     np.add.at(start, cluster, mdp.start)
     probability, after, reward = _average(mdp, cluster, space.size)
     n_actions = mdp.outcome_row.shape[1]
-    source = FiniteMDP(
+    source = replace(
+        mdp,
         states=space,
-        actions=mdp.actions,
         outcome_row=np.arange(space.size * n_actions).reshape(space.size, n_actions),
         probability=probability,
         next_state=after,
         reward=reward,
         terminal=terminal,
         start=start,
-        discount=mdp.discount,
-        time_limit=mdp.time_limit,
     )
     return source, pair_mapping(task, source, cluster[:, None], np.arange(n_actions))
 
 
 def _clusters(mdp: FiniteMDP, names: tuple[str, ...]) -> tuple[Space, IntArray]:
     """Return the space of clusters, and the cluster of each state, (S,)."""
-    values = mdp.states.decode()
-    components, columns = [], []
+    values, components, columns = mdp.states.decode(), [], []
     for component in mdp.states.components:
-        name, labels = component.name, component.labels
+        name, labels, column = component.name, component.labels, values[component.name]
         if name in names:
             if labels is not None:
                 pairs = (labels[i : i + 2] for i in range(0, len(labels), 2))
                 labels = tuple(" or ".join(pair) for pair in pairs)
-            components.append(Component(name, ceil(component.size / 2), labels=labels))
-            columns.append((values[name] - component.low) // 2)
-        else:
-            components.append(component)
-            columns.append(values[name])
+            column = (column - component.low) // 2
+            component = Component(name, ceil(component.size / 2), labels=labels)
+        components.append(component)
+        columns.append(column)
     points = np.column_stack(columns)
     _, cells = np.unique(points, axis=0, return_inverse=True)
-    lives = np.bincount(cells.ravel(), ~mdp.terminal)
-    ends = np.bincount(cells.ravel(), mdp.terminal)
+    lives, ends = (np.bincount(cells.ravel(), sort) for sort in (~mdp.terminal, mdp.terminal))
     if ((lives > 0) & (ends > 0)).any():
         name = "ended"
         while name in mdp.states.names:
@@ -575,18 +562,16 @@ def _clusters(mdp: FiniteMDP, names: tuple[str, ...]) -> tuple[Space, IntArray]:
 
 def _average(mdp: FiniteMDP, cluster: IntArray, n: int) -> tuple[Any, Any, Any]:
     """Return chances, next clusters and mean rewards of the pairs of clusters, (n A, O') each."""
-    n_actions = mdp.outcome_row.shape[1]
+    n_actions, row = mdp.outcome_row.shape[1], mdp.outcome_row.ravel()
     size = np.bincount(cluster, minlength=n)
     pair = (cluster[:, None] * n_actions + np.arange(n_actions)).ravel()
-    chance = mdp.probability[mdp.outcome_row.ravel()] / size[cluster].repeat(n_actions)[:, None]
-    reward = mdp.reward[mdp.outcome_row.ravel()]
-    goes = cluster[mdp.next_state[mdp.outcome_row.ravel()]]
+    chance = mdp.probability[row] / size[cluster].repeat(n_actions)[:, None]
+    reward, goes = mdp.reward[row], cluster[mdp.next_state[row]]
     # The rows of terminal states are never used, and may say anything.
     ends = np.repeat(mdp.terminal, n_actions)
     goes[ends] = np.repeat(cluster, n_actions)[ends, None]
     chance[ends], reward[ends] = 1.0, 0.0
-    key = (pair[:, None] * n + goes).ravel()
-    possible = chance.ravel() > 0
+    key, possible = (pair[:, None] * n + goes).ravel(), chance.ravel() > 0
     keys, which = np.unique(key[possible], return_inverse=True)
     total = np.bincount(which, chance.ravel()[possible])
     earned = np.bincount(which, (chance * reward).ravel()[possible])

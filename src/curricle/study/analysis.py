@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import frozen
-from curricle.certificate.certification import certify
-from curricle.certificate.verdict import Certificate, SampledCertificate
+from curricle.certificate.certification import Certificate, SampledCertificate, certify
 from curricle.checks import one_of
-from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
+from curricle.comparison.comparison import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import plain_text, task_summary

@@ -26,7 +26,7 @@ from pydantic import (
 )
 
 from curricle.checks import listed, unfit_name
-from curricle.comparison.comparing import compare as compare_curricula
+from curricle.comparison.comparison import compare as compare_curricula
 from curricle.comparison.controls import Control
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.comparison.plan import from_scratch, scratch_curricula

@@ -12,8 +12,7 @@ import pyarrow.parquet as pq
 
 from curricle.arrays import IntArray
 from curricle.checks import one_of
-from curricle.comparison.comparing import MIDPOINT
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import MIDPOINT, Arm, Comparison
 from curricle.comparison.controls import PLACEBO, Level
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
@@ -108,20 +107,20 @@ def failure_rows(failures: Failures) -> list[dict[str, Any]]:
             "seeds": list(unit.seeds),
             "error": f"{unit.label}: {without_folders(in_words(error))}",
         }
-        for unit, error in failures.each
+        for unit, error in failures.errors
     ]
 
 
 def failure_error(failures: Failures) -> StudyError:
     """Return one error for all; its cause is the first that is not the library's own."""
-    (unit, first), *others = failures.each
+    (unit, first), *others = failures.errors
     text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
     for other, error in others:
         if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
             text += f"; {other.label} failed too: {in_words(error)}"
-    lost = any(isinstance(error, EngineError) for _, error in failures.each)
+    lost = any(isinstance(error, EngineError) for _, error in failures.errors)
     whole = EngineError(text) if lost else StudyError(text)
-    foreign = [error for _, error in failures.each if not isinstance(error, CurricleError)]
+    foreign = [error for _, error in failures.errors if not isinstance(error, CurricleError)]
     whole.__cause__ = foreign[0] if foreign else None
     return whole
 

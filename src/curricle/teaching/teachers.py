@@ -126,9 +126,8 @@ class TSCL:
 
     After an episode with discounted return x in task i, where the episode before returned x':
     Q_i += learning_rate ((x - x') - Q_i). The next task is that of the largest learning progress
-    ``|Q_i|``, ties at random, and any task with probability epsilon. So tasks whose return falls
-    are practised again. The first return in a task only sets x': the paper's scores begin at 0,
-    returns need not. `learning_rate` and `epsilon` are in [0, 1].
+    ``|Q_i|``, ties at random, and any task with probability epsilon. The first return in a task
+    only sets x': the paper's scores begin at 0, returns need not. Both settings are in [0, 1].
 
     Examples
     --------
@@ -141,8 +140,7 @@ class TSCL:
     epsilon: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("learning_rate", "epsilon"):
-            number(f"{name} of TSCL", getattr(self, name), SettingError, 0.0, 1.0)
+        _check_shares(self, "learning_rate", "epsilon")
 
     def start(self, n_tasks: int) -> Progress:
         """Return the memory without progress."""
@@ -151,10 +149,9 @@ class TSCL:
     def update(self, memory: Progress, episode: Episode) -> Progress:
         """Return the memory with the change of return since the last episode in this task."""
         progress, last, i = memory.progress.copy(), memory.last.copy(), episode.task
-        now = episode.discounted_return
-        if not np.isnan(last[i]):
-            progress[i] += self.learning_rate * ((now - last[i]) - progress[i])
-        last[i] = now
+        before, last[i] = last[i], episode.discounted_return
+        if not np.isnan(before):
+            progress[i] += self.learning_rate * ((last[i] - before) - progress[i])
         return Progress(progress, last)
 
     def probabilities(self, memory: Progress) -> FloatArray:
@@ -199,8 +196,7 @@ class Learnability(_BySuccess):
 
     With probability rho it draws one of the `top` tasks whose learnability p_i (1 - p_i) is
     highest (all tasks that equal the last of them), else any. p_i is the share of successes in the
-    last `window` episodes in task i. The paper draws thousands of new levels for an estimate; here
-    it comes from the episodes of learning.
+    last `window` episodes in task i; the paper estimates it by episodes of its own.
 
     Parameters
     ----------
@@ -221,7 +217,7 @@ class Learnability(_BySuccess):
     window: int = 10
 
     def __post_init__(self) -> None:
-        number("rho of Learnability", self.rho, SettingError, 0.0, 1.0)
+        _check_shares(self, "rho")
         for name in ("top", "window"):
             whole_number(f"{name} of Learnability", getattr(self, name), 1, SettingError)
 
@@ -256,16 +252,13 @@ class PrioritizedLevelReplay:
     ----------
     temperature : float
         beta > 0; with a small beta the highest score alone is replayed.
-    staleness : float
-        rho, in [0, 1].
-    gae_lambda : float
-        lambda, in [0, 1].
+    staleness, gae_lambda : float
+        rho and lambda, in [0, 1].
 
     Examples
     --------
     >>> teacher = PrioritizedLevelReplay(temperature=1.0, staleness=0.0)
-    >>> memory = Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2)
-    >>> teacher.probabilities(memory).round(3)
+    >>> teacher.probabilities(Scores(np.array([1.0, 5.0]), np.array([1, 2]), 2)).round(3)
     array([0.333, 0.667])
     """
 
@@ -274,12 +267,10 @@ class PrioritizedLevelReplay:
     gae_lambda: float = 0.95
 
     def __post_init__(self) -> None:
-        what = "temperature of PrioritizedLevelReplay"
-        if not number(what, self.temperature, SettingError) > 0:
-            raise SettingError(f"{what} must be positive: got {self.temperature}")
-        for name in ("staleness", "gae_lambda"):
-            what = f"{name} of PrioritizedLevelReplay"
-            number(what, getattr(self, name), SettingError, 0.0, 1.0)
+        name = "temperature of PrioritizedLevelReplay"
+        if not number(name, self.temperature, SettingError) > 0:
+            raise SettingError(f"{name} must be positive: got {self.temperature}")
+        _check_shares(self, "staleness", "gae_lambda")
 
     def start(self, n_tasks: int) -> Scores:
         """Return the memory in which no task has been seen."""
@@ -288,10 +279,9 @@ class PrioritizedLevelReplay:
     def update(self, memory: Scores, episode: Episode) -> Scores:
         """Return the memory with the score of this episode."""
         score, drawn, now = memory.score.copy(), memory.drawn.copy(), memory.episodes + 1
-        decay = episode.discount * self.gae_lambda
         total, advantage = 0.0, 0.0
         for delta in episode.td_errors[::-1].tolist():
-            advantage = delta + decay * advantage
+            advantage = delta + episode.discount * self.gae_lambda * advantage
             total += abs(advantage)
         score[episode.task], drawn[episode.task] = total / episode.length, now
         return Scores(score, drawn, now)
@@ -330,7 +320,6 @@ class ReverseCurriculum(_BySuccess):
     replay : float
         In [0, 1]; by default the paper's 100 of 300.
     window : int
-        Episodes over which a success rate is taken.
 
     Examples
     --------
@@ -345,14 +334,11 @@ class ReverseCurriculum(_BySuccess):
     window: int = 10
 
     def __post_init__(self) -> None:
-        for name in ("r_min", "r_max", "replay"):
-            number(f"{name} of ReverseCurriculum", getattr(self, name), SettingError, 0.0, 1.0)
+        _check_shares(self, "r_min", "r_max", "replay")
         whole_number("window of ReverseCurriculum", self.window, 1, SettingError)
         if self.r_min > self.r_max:
-            raise SettingError(
-                f"r_min of ReverseCurriculum must not exceed r_max: got {self.r_min} and "
-                f"{self.r_max}"
-            )
+            bounds = f"{self.r_min} and {self.r_max}"
+            raise SettingError(f"r_min of ReverseCurriculum must not exceed r_max: got {bounds}")
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
         """Return the mixture of new and old starts."""
@@ -362,6 +348,13 @@ class ReverseCurriculum(_BySuccess):
         if not (old.any() and new.any()):
             return equally(old | new)
         return self.replay * equally(old) + (1 - self.replay) * equally(new)
+
+
+def _check_shares(teacher: Any, *names: str) -> None:
+    """Raise SettingError unless these settings are numbers in [0, 1]."""
+    for name in names:
+        label = f"{name} of {type(teacher).__name__}"
+        number(label, getattr(teacher, name), SettingError, 0.0, 1.0)
 
 
 def equally(chosen: BoolArray) -> FloatArray:

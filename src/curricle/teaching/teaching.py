@@ -14,12 +14,7 @@ from curricle.checks import text
 from curricle.display import block, table
 from curricle.errors import SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
-from curricle.learning.result import (
-    LearningResult,
-    learning_result,
-    learnt_curve,
-    learnt_table,
-)
+from curricle.learning.result import LearningResult, learning_result, learnt_curve, learnt_table
 from curricle.learning.run import Run
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
@@ -47,7 +42,7 @@ from curricle.text import brief_value, counted
 
 @dataclass(frozen=True, eq=False)
 class TeachingResult(Frozen):
-    """What :func:`teach` found, for M tasks, K seeds and T checkpoints.
+    """The result of :func:`teach`, for M tasks, K seeds and T checkpoints.
 
     Attributes
     ----------
@@ -187,13 +182,15 @@ def teach(
     needs_goal = bool(getattr(teacher, "uses_goal", False))
     task_set = _TaskSet(tasks, target, goal, needs_goal=needs_goal)
     most, eval_freq = limits(budget), spacing(eval_freq, budget)
+    mdp, time_limit = task_set.target, task_set.target.time_limit
+    assert time_limit is not None, "tasks of a teacher have a time limit"
     run = _TaughtRun(
-        task=task_set.target,
+        task=mdp,
         learner=learner.for_task(tasks[target]),
         limits=most,
         eval_freq=eval_freq,
-        longest=longest_run(task_set.limit, budget, eval_freq),
-        evaluation=evaluation.kernel(task_set.target),
+        longest=longest_run(time_limit, budget, eval_freq),
+        evaluation=evaluation.kernel(mdp),
         stopping=stopping_kernel(budget, tasks[target], evaluation),
         storage=Storage(),
         rows=0,
@@ -205,13 +202,13 @@ def teach(
     of_seeds = seed_settings(
         seeds, run.learner, run.limits, lambda x: x, shaping=None, warm_up=None, charged=None
     )
-    threads = threads_for(task_set.target, workers, len(of_seeds))
+    threads = threads_for(mdp, workers, len(of_seeds))
     with shown(progress) as bars:
         values, outcomes = train_all(run, of_seeds, stream, 0, threads, bars)
-    values[:, task_set.target.terminal] = 0.0  # other tasks may go on where the target ends
+    values[:, mdp.terminal] = 0.0  # other tasks may go on where the target ends
     numbers = tuple(settings.seed for settings in of_seeds)
     learning = learning_result(tasks[target], learner, numbers, values, outcomes, run.eval_freq)
-    return teaching_result(learning, task_set.names, [run.samplers[seed] for seed in numbers])
+    return teaching_result(learning, tuple(tasks), [run.samplers[seed] for seed in numbers])
 
 
 def teaching_result(
@@ -222,22 +219,21 @@ def teaching_result(
     drawn, begun_at, curves, steps = [], [], [], []
     for sampler, used in zip(samplers, learning.steps_used, strict=True):
         begun = np.array(sampler.begun_at)
-        kept = np.array(sampler.tasks)[begun < used]
-        drawn.append(frozen(kept))
+        drawn.append(frozen(np.array(sampler.tasks)[begun < used]))
         begun_at.append(frozen(begun[begun < used]))
         lengths = np.diff(begun_at[-1], append=used)
-        steps.append(np.bincount(kept, lengths, len(tasks)).astype(np.int64))
+        steps.append(np.bincount(drawn[-1], lengths, len(tasks)).astype(np.int64))
         since = np.array([checkpoint for checkpoint, _ in sampler.changes])
         last = np.searchsorted(since, places, side="right") - 1
         curves.append(np.stack([probabilities for _, probabilities in sampler.changes])[last])
     return TeachingResult(
-        learning=learning,
-        tasks=tasks,
-        teacher=samplers[0].teacher,
-        drawn=tuple(drawn),
-        begun_at=tuple(begun_at),
-        probabilities=frozen(np.stack(curves)),
-        steps_per_task=frozen(np.stack(steps)),
+        learning,
+        tasks,
+        samplers[0].teacher,
+        tuple(drawn),
+        tuple(begun_at),
+        frozen(np.stack(curves)),
+        frozen(np.stack(steps)),
     )
 
 
@@ -263,19 +259,23 @@ class SharedTables(NamedTuple):
     @classmethod
     def of(cls, mdps: Sequence[FiniteMDP], target: int) -> "SharedTables":
         """Return the tables of tasks; `target` is the place of the target among them."""
+        names = ("outcome_row", "probability", "next_state", "reward", "terminal")
         worlds, world = list[FiniteMDP](), list[int]()
         for mdp in mdps:
-            place = next((w for w, other in enumerate(worlds) if _same_world(mdp, other)), None)
-            world.append(len(worlds) if place is None else place)
-            worlds += [mdp] if place is None else []
+            same = (  # tasks that differ in nothing but where episodes start
+                place
+                for place, other in enumerate(worlds)
+                if all(np.array_equal(getattr(mdp, name), getattr(other, name)) for name in names)
+            )
+            world.append(next(same, len(worlds)))
+            worlds += [mdp] if world[-1] == len(worlds) else []
         n_outcomes = max(mdp.probability.shape[1] for mdp in worlds)
         rows = np.cumsum([0, *(len(mdp.probability) for mdp in worlds)])
 
         def stacked(name: str, filling: float) -> Any:
             arrays = [np.asarray(getattr(mdp, name)) for mdp in worlds]
             widths = [((0, 0), (0, n_outcomes - array.shape[1])) for array in arrays]
-            padded = map(partial(np.pad, constant_values=filling), arrays, widths)
-            return np.concatenate([*padded])
+            return np.concatenate([*map(partial(np.pad, constant_values=filling), arrays, widths)])
 
         return cls(
             np.array(world),
@@ -289,12 +289,6 @@ class SharedTables(NamedTuple):
         )
 
 
-def _same_world(task: FiniteMDP, other: FiniteMDP) -> bool:
-    """Return whether two tasks differ in nothing but where episodes start."""
-    names = ("outcome_row", "probability", "next_state", "reward", "terminal")
-    return all(np.array_equal(getattr(task, name), getattr(other, name)) for name in names)
-
-
 class EpisodeRecord(NamedTuple):
     """The episode in progress, step by step; L is the time limit."""
 
@@ -304,13 +298,6 @@ class EpisodeRecord(NamedTuple):
     td_errors: FloatArray  # (L,) r + gamma V(s') - V(s), with V = max_a Q when the step was taken
     last_state: IntArray  # (1,)
     terminated: BoolArray  # (1,) whether it ended there
-
-    @classmethod
-    def empty(cls, time_limit: int) -> "EpisodeRecord":
-        """Return the record of an episode that has not begun."""
-        n, last = np.zeros((2, 1), np.int64)
-        task = np.full(1, -1)
-        return cls(task, n, np.zeros(time_limit), np.zeros(time_limit), last, np.zeros(1, np.bool_))
 
 
 class TaughtModel(NamedTuple):
@@ -392,36 +379,34 @@ class _TaskSet:
                 raise SettingError(f"the name of a task must be text: got {name!r}")
         if target not in tasks:
             raise SettingError(f"target must be one of {', '.join(tasks)}: got {target!r}")
-        self.names = tuple(tasks)
-        self.place = self.names.index(target)
         for name, task in tasks.items():
             if is_observation_task(task):
                 raise TaskError(
                     f"a task seen through observations has no tables: got {task!r} as {name!r}"
                 )
         self.mdps = tuple(tables(task) for task in tasks.values())
-        self.target = self.mdps[self.place]
-        for name, mdp in zip(self.names, self.mdps, strict=True):
-            for what in ("states", "actions", "discount", "time_limit"):
-                value, of_target = getattr(mdp, what), getattr(self.target, what)
+        place = tuple(tasks).index(target)
+        self.target = self.mdps[place]
+        for name, mdp in zip(tasks, self.mdps, strict=True):
+            for part in ("states", "actions", "discount", "time_limit"):
+                value, of_target = getattr(mdp, part), getattr(self.target, part)
                 if value != of_target:
-                    equal = ", with equal components" if what in ("states", "actions") else ""
+                    equal = ", with equal components" if part in ("states", "actions") else ""
                     raise SettingError(
-                        f"tasks of a teacher must share their {what}{equal}: {name!r} has "
+                        f"tasks of a teacher must share their {part}{equal}: {name!r} has "
                         f"{value!r} and {target!r} has {of_target!r}"
                     )
         if self.target.time_limit is None:
             raise SettingError(f"tasks of a teacher need a time limit: {target!r} has none")
-        self.limit = self.target.time_limit
         # (M, S), the states of a task that are its goal; none where there is no goal.
         self.goals = np.zeros((len(self.mdps), self.target.states.size), np.bool_)
-        for i, mdp in enumerate(self.mdps):
+        for goals, name, mdp in zip(self.goals, tasks, self.mdps, strict=True):
             try:
-                self.goals[i] = goal_states(mdp, goal)
+                goals[:] = goal_states(mdp, goal)
             except TaskError as error:
                 if needs_goal or goal is not None:
-                    raise TaskError(f"{error} (task {self.names[i]!r})") from error
-        self.shared = SharedTables.of(self.mdps, self.place)
+                    raise TaskError(f"{error} (task {name!r})") from error
+        self.shared = SharedTables.of(self.mdps, place)
 
 
 # -- one seed ------------------------------------------------------------------------------------
@@ -440,7 +425,10 @@ class _TaughtRun(Run):
     def opened(self, settings: SeedSettings, start: int, q: FloatTable) -> Generator[TaughtModel]:
         """Return a context with the model of all tasks, in which the teacher draws."""
         raised = list[BaseException]()
-        record = EpisodeRecord.empty(self.task_set.limit)
+        n, last = np.zeros((2, 1), np.int64)
+        steps = np.zeros(self.task_set.target.time_limit or 0)
+        ended = np.zeros(1, np.bool_)
+        record = EpisodeRecord(np.full(1, -1), n, steps, steps.copy(), last, ended)
         lesson = self._lesson(settings.seed, record, raised)
         next(lesson)
         asked = lesson.send  # it must outlive its address
@@ -468,13 +456,10 @@ class _TaughtRun(Run):
                 if sampler.tasks:
                     n, last = int(record.length[0]), int(record.task[0])
                     reached = self.task_set.goals[last, record.last_state[0]]
-                    episode = Episode(
-                        last,
-                        frozen(record.rewards[:n].copy()),
-                        frozen(record.td_errors[:n].copy()),
-                        bool(record.terminated[0] and reached),
-                        self.task_set.target.discount,
-                    )
+                    paid, errors = (x[:n].copy() for x in (record.rewards, record.td_errors))
+                    success = bool(record.terminated[0] and reached)
+                    discount = self.task_set.target.discount
+                    episode = Episode(last, frozen(paid), frozen(errors), success, discount)
                     step += episode.length
                     sampler.memory = self.teacher.update(sampler.memory, episode)
                 task = sampler.draw(step)
