@@ -333,7 +333,7 @@ def test_the_schema_says_what_each_key_means():
     schema = json_schema()
     tables = [schema, *(one for one in schema["$defs"].values() if "properties" in one)]
     assert {"maze", "Transfer", "ArmPatch", "FamilyTask"} <= {table["title"] for table in tables}
-    assert {"deep", "ObservationTaskTable", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
+    assert {"deep", "observation_task", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
     assert {"families", "sweep"} <= schema["properties"].keys()
     for table in tables:
         # Their keys are the parameters of a family, or those of any setting.

@@ -50,7 +50,7 @@ from curricle.study.file import (
     path_text,
     toml_of,
 )
-from curricle.study.own_code import suggestion
+from curricle.study.own_code import suggestion, users_code
 from curricle.study.record import VariantRecord
 from curricle.study.schema import (
     AnyLearner,
@@ -84,6 +84,7 @@ from curricle.study.vary import (
 )
 from curricle.tasks.family import FamilyMember
 from curricle.text import counted, shortened
+from curricle.transfer.by_components import member_mappings
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
 Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key path
@@ -458,10 +459,14 @@ class _Builder:
         key = f"{fitted} {edge.model_dump_json(exclude=free)}"
         key += self._key(edge.target) + self._key(edge.source)
         if key not in self.made:
-            members = [self._member(edge.target), self._member(edge.source)]
-            self.made[key] = edge.mappings_in(
-                target, source, self.folder, members, fit_unmapped=fit, say=self.study._say
-            )
+            to, of = self._member(edge.target), self._member(edge.source)
+            if edge.mapping == "family" and to is not None and of is not None:
+                with users_code(f"the mapping of {to.family.name}"):
+                    mappings = member_mappings(to, of, target, source, edge.unmapped_value)
+            else:
+                of_search = {"fit_unmapped": fit, "say": self.study._say}
+                mappings = (edge.mapping_in(target, source, self.folder, **of_search),)
+            self.made[key] = mappings
         return self.made[key]  # type: ignore[no-any-return]
 
     def _tasks(self) -> dict[str, Any]:
