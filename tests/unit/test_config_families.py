@@ -189,42 +189,6 @@ def test_a_study_of_families_runs(read_family, tmp_path):
     assert len(results.record.arms["transfer"].transfers) == 2
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("torus = true", "tors = true", "line 8: families.ring.tors is unknown, did you mean"),
-        ("torus = true", "torus = 1", "line 8: families.ring.torus must be True or False: got 1"),
-        ('family = "pursuit"\n', "", "line 6: families.ring.family is missing"),
-        ("size = 3, predators = 1", "size = 2000", "line 12: tasks.chase.size must lie in [2"),
-        ("predators = 1", "predators = 1, capture = 2", "line 12: tasks.chase is refused: capture"),
-        (
-            'family = "ring", size = 3, predators = 1',
-            'type = "pursuit", size = 3, predators = 1, torus = true',
-            "line 18: transfers[0].mapping must map members of a family: chase is none",
-        ),
-        (
-            "[families.ring]",
-            '[families."a:b"]\nfamily = "maze"\n[families.ring]',
-            'line 6: families."a:b" must have a name without a colon, which functions have',
-        ),
-    ],
-)
-def test_a_mistake_in_a_family_is_one_sentence(complaints_of_family, old, new, sentence):
-    assert any(sentence in line for line in complaints_of_family(HUNT, (old, new)))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("length = 4", "length = 4, limit = 0.5", "line 10: tasks.short.limit must be a whole"),
-        ("length = 4", "length = 4, treasure = 13", "own:corridor failed: RuntimeError: no luck"),
-        ('family = "own:corridor"', 'family = "own:plain"', "own:plain must be a TaskFamily"),
-    ],
-)
-def test_mistakes_in_ones_own_families_are_sentences(complaints_of_family, old, new, sentence):
-    assert any(sentence in line for line in complaints_of_family(LANES, (old, new)))
-
-
 def test_a_crop_of_what_is_no_maze_is_refused(read_family):
     text = HUNT.replace('mapping = "family"', "project = {}").replace(
         'chase = { family = "ring", size = 3, predators = 1 }',
@@ -349,20 +313,6 @@ def test_rings_are_a_curriculum(read, tmp_path):
     starts = [study.curriculum(arm).tasks["near"].start for arm in ("near", "far")]
     assert starts[0] != starts[1]
     run_study(study, tmp_path / "results")
-
-
-@pytest.mark.parametrize(
-    ("new", "sentence"),
-    [
-        ('"reachble"', "line 12: tasks.near.start_states must be 'uniform', 'reachable', or a"),
-        ("{ distance = [1, 2, 3] }", "line 12: tasks.near.start_states.distance must be a number"),
-        ("{ distance = [3, 1] }", "line 12: tasks.near.start_states.distance must be steps from"),
-        ("{}", "line 12: tasks.near.start_states must have distance or visits: got neither"),
-        ('{ visits = "random", goal = { row = 1 } }', "line 12: tasks.near.start_states has a"),
-    ],
-)
-def test_a_mistake_in_start_states_is_one_sentence(complaints, new, sentence):
-    assert any(sentence in line for line in complaints(STARTS, ("{ distance = [1, 3] }", new)))
 
 
 def test_tasks_without_tables_are_refused(read, complaints):

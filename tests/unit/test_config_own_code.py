@@ -12,7 +12,7 @@ from curricle.errors import ConfigError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.study import StudyConfig
 from curricle.study.own_code import load
-from tests.studies import MAZE, complaints_of, only, reader
+from tests.studies import MAZE, only, reader
 from tests.worlds_to_tabulate import Corridor
 
 # Functions of the user's own.
@@ -281,13 +281,6 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "sentence"), MISTAKES)
-def test_a_mistake_in_an_environment_is_one_sentence(room_folder, old, new, sentence):
-    (said,) = complaints_of(ROOMS, (old, new))
-    assert said.startswith("line 6: ")
-    assert sentence in said
-
-
 PAIR = ROOMS + """
 small = { type = "gymnasium", factory = "own:Room", arguments = { size = 2 }, names = ["row", "x"] }
 [[transfers]]
@@ -467,22 +460,6 @@ def test_tables_are_encoded_too(read_level):
     text = text.replace('learner = { type = "deep" }', "")
     table = only_task(read_level("'MiniGridView'", text))
     assert table.observations.batch().shape == (table.states.size, 984)
-
-
-@pytest.mark.parametrize(
-    ("encode", "sentence"),
-    [
-        ("'MiniGridVew'", "line 7: tasks.level.encode must be one of MiniGridView"),
-        ("'MiniGridFullView'", "must be a table, as MiniGridFullView needs width and height"),
-        ("{ type = 'MiniGridView', pictur = 1 }", "encode.pictur is unknown, did you mean"),
-        ("{ type = 'MiniGridFullView', width = 4, height = 9 }", "must fit into its encoder's 4 x"),
-        ("{ type = 'FlatDict', leave_out = ['words'] }", "must name keys of the Dict"),
-        ("{ type = 'StackedFrames', of = 'MiniGridView' }", "encode.n is missing"),
-        ("'own:half'", "own:half failed with TypeError"),
-    ],
-)
-def test_a_mistake_in_an_encoder_is_one_sentence(complaint_of_level, encode, sentence):
-    assert sentence in complaint_of_level(encode)
 
 
 def test_what_a_network_cannot_take_is_told_when_the_file_is_checked(read_level):

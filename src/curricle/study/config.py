@@ -5,7 +5,6 @@ reads, and with every arm complete (:class:`StudyConfig`), which runs, is stored
 """
 
 import ast
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, wraps
@@ -192,8 +191,8 @@ def json_schema() -> dict[str, Any]:
     for kind in _subclasses(Table):
         # Not ``use_attribute_docstrings``: it reads the sources at each start, for half a second.
         properties = definitions.get(kind.__name__, {}).get("properties", {})
-        for base in kind.__mro__:
-            for key, text in _docstrings(base.__module__).get(base.__name__, {}).items():
+        for base in kind.__mro__ if properties else ():
+            for key, text in _docstrings(base):
                 if key in properties:
                     properties[key].setdefault("description", " ".join(text.split()))
     for definition in schema["$defs"].values():
@@ -210,23 +209,17 @@ def _subclasses(kind: Any) -> Iterator[type]:
 
 
 @cache
-def _docstrings(module: str) -> dict[str, dict[str, str]]:
-    """Return the docstrings below the fields of a module's classes: class -> field -> text."""
-    if not module.startswith("curricle.study."):
-        return {}
-    return {
-        node.name: {
-            field.target.id: text.value.value
-            for field, text in pairwise(node.body)
-            if isinstance(field, ast.AnnAssign)
-            and isinstance(field.target, ast.Name)
-            and isinstance(text, ast.Expr)
-            and isinstance(text.value, ast.Constant)
-            and isinstance(text.value.value, str)
-        }
-        for node in ast.walk(ast.parse(getsource(sys.modules[module])))
-        if isinstance(node, ast.ClassDef)
-    }
+def _docstrings(kind: type) -> list[tuple[str, str]]:
+    """Return the fields of a table that is written by hand, and the docstrings below them."""
+    if not kind.__module__.startswith("curricle.study.") or "makes" in vars(kind):
+        return []
+    (table,) = ast.parse(getsource(kind)).body
+    texts = list[tuple[str, str]]()
+    for field, below in pairwise(getattr(table, "body", ())):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(id=key)), ast.Expr(ast.Constant(str(text))):
+                texts.append((key, text))
+    return texts
 
 
 # -- What a study file says, complete and checked, and the curricula that it describes -------------
