@@ -297,26 +297,27 @@ class Curriculum:
         return Node.of(name, self.tasks[name], **settings)
 
     def _repr_html_(self) -> str:
-        tasks = []
-        for name, task in ((name, self.tasks[name]) for name in self.order):
-            learner, budget = type(self.setting("learner", name)).__name__, self.node(name).budget
-            steps = counted(budget, "step") if isinstance(budget, int) else str(budget)
-            words = brief_value(task)
-            if not is_observation_task(task):
-                model = generative_model(task)
-                size = (model.states.size, "state"), (model.actions.size, "action")
-                words = ", ".join([type(task).__name__, *(counted(*n) for n in size)])
-            tasks.append((name, words, learner, steps))
+        tasks = [
+            (
+                node.name,
+                brief_value(node.task)
+                if node.deep
+                else ", ".join([type(node.task).__name__, *node.sizes]),
+                type(node.learner).__name__,
+                node.budget_text,
+            )
+            for node in map(self.node, self.order)
+        ]
         transfers = [
             (
-                edge.source,
-                edge.target,
-                brief_value(edge.mapping),
-                edge.scale,
-                edge.shift,
-                "yes" if edge.calibrate else "no",
+                e.source,
+                e.target,
+                brief_value(e.mapping),
+                e.scale,
+                e.shift,
+                "no" if not e.calibrate else "yes",
             )
-            for edge in self.transfers
+            for e in self.transfers
         ]
         head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
         return block(

@@ -36,7 +36,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluat
 from curricle.progress import Progress
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr
+from curricle.text import brief_repr, counted
 from curricle.transfer.aggregate import Aggregate, mean
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.rollouts import target_of
@@ -125,6 +125,17 @@ class Node:
             return 0
         episodes = (self.most_steps // self.eval_freq + 1) * self.evaluation.rollouts(self.task)
         return episodes * self.evaluation.horizon(self.task)
+
+    @property
+    def sizes(self) -> tuple[str, str]:
+        """How many states and actions the task has, in words."""
+        model = generative_model(self.task)
+        return counted(model.states.size, "state"), counted(model.actions.size, "action")
+
+    @property
+    def budget_text(self) -> str:
+        """The budget in words."""
+        return counted(self.budget, "step") if isinstance(self.budget, int) else str(self.budget)
 
     @property
     def deep(self) -> bool:

@@ -606,39 +606,39 @@ def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
     """Yield what is wrong with arms, and further learners from scratch, as they are written."""
     tasks, transfers = table(study.get("tasks")), study.get("transfers")
     transfers = transfers if isinstance(transfers, list) else []
-    targets: dict[str, str] = {}
+    learners = table(study.get("scratch_learners"))
+    targets = {arm: NameGraph.of(curriculum).targets for arm, curriculum in complete.items()}
     for arm, written in table(study.get("arms")).items():
-        here, patch = ("arms", arm), table(written)
+        here, patch, silent = ("arms", arm), table(written), True
         if why := unfit_name(arm):
             yield here, f"has a name that {why}"
         if arm == SCRATCH:
             yield here, "must have another name: it is the arm without sources"
-        strange = [name for name in table(patch.get("tasks")) if name not in tasks]
-        yield from (((*here, "tasks", name), unknown(name, tasks)) for name in strange)
-        chosen, refused = patch.get("transfers"), False
+        if arm in {f"{SCRATCH}, {name}" for name in learners}:
+            yield here, "must have another name: a learner has it"
+        for name in table(patch.get("tasks")):
+            if name not in tasks:
+                silent = False
+                yield (*here, "tasks", name), unknown(name, tasks)
+        chosen = patch.get("transfers")
         for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
             number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
             if isinstance(entry, dict) or (type(number) is int and 0 <= number < len(transfers)):
                 continue
+            silent, path = False, (*here, "transfers")
             text = f"must name transfers of the study by number, below {len(transfers)}: got "
-            path = (*here, "transfers")
             yield (*path, index) if isinstance(chosen, list) else path, text + shown(entry)
-            refused = True
-        if patch and complete[arm] == complete_curriculum(study) and not strange and not refused:
+        if patch and silent and complete[arm] == complete_curriculum(study):
             yield here, "changes nothing: its settings are the study's, or a task has its own"
-        if len(last := NameGraph.of(complete[arm]).targets) == 1:
-            targets[arm] = last[0]
-    if len({*targets.values()}) > 1:
-        by_arm = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
+    known = {arm: last[0] for arm, last in targets.items() if len(last) == 1}
+    if len({*known.values()}) > 1:
+        by_arm = ", ".join(f"{arm} has {target}" for arm, target in known.items())
         yield ("arms",), f"must all have the same target: {by_arm}"
-    learners = table(study.get("scratch_learners"))
     if learners and study.get("scratch") is False:
         yield ("scratch_learners",), "are compared with the target's own: leave out scratch = false"
     for name in learners:
         if why := unfit_name(name):
             yield ("scratch_learners", name), f"has a name that {why}"
-        if f"{SCRATCH}, {name}" in table(study.get("arms")):
-            yield ("arms", f"{SCRATCH}, {name}"), "must have another name: a learner has it"
 
 
 DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")  # what a crop may be a part of
@@ -672,11 +672,9 @@ def _wrong_names(plan: dict[str, Any]) -> Messages:
             whole = whole and isinstance(wanted, str) and wanted in graph.parts
     if not whole:
         return
-    before: dict[str, list[str]] = {}
-    for source, target in graph.edges:
-        before.setdefault(target, []).append(source)
+    sources = {name: [s for s, target in graph.edges if target == name] for name in graph.parts}
     try:
-        TopologicalSorter(before).prepare()
+        TopologicalSorter(sources).prepare()
     except CycleError as error:
         yield ("transfers",), f"must have no cycle: got {' -> '.join(error.args[1])}"
         return

@@ -307,8 +307,9 @@ def _variants(study: Raw, arm: str, patch: Any, *, alone: bool = False) -> dict[
         for setting, value in pairs:
             stated = stating(stated, setting, value)
         curriculum = complete_curriculum(stated, patch)
-        curriculum = target_alone(curriculum) if alone else curriculum
-        variants[label] = Variant(arm, {s.name: v for s, v in pairs}, stated, curriculum)
+        values = {setting.name: value for setting, value in pairs}
+        whole = target_alone(curriculum) if alone else curriculum
+        variants[label] = Variant(arm, values, stated, whole)
     return variants
 
 
@@ -350,7 +351,7 @@ def _places(
     def is_free(place: KeyPath) -> bool:
         node: Any = sets
         for part in place[3:]:
-            node = table(node).get(part)
+            node = table(node).get(str(part))
         return (
             place[:2] == ("tasks", target) and place[2] in ("learner", "storage") and node is None
         )
