@@ -123,15 +123,14 @@ def run_with_bars(
     **settings: Any,
 ) -> StudyResults:
     """Run a study, show its progress, with a `page` the report so far too; return its results."""
-    pace = Pace()
+    pace, report = Pace(), None
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
-        report = None
         if page:
             from curricle.show.report import InterimReport  # with Matplotlib
 
-            settings_of_page = path, pace.line_in, _complain, open_page
-            report = ending.enter_context(InterimReport(*settings_of_page))
+            interim = InterimReport(path, pace.line_in, _complain, open_page)
+            report = ending.enter_context(interim)
         show_units = ending.enter_context(shown_units(progress, pace, and_compilation(pace.line)))
 
         def show(progress: Progress) -> None:
@@ -139,14 +138,12 @@ def run_with_bars(
             if report is not None:  # not before: a folder that a run is refused stays as it is
                 report.begin()
 
-        pool: WorkerProcesses | None = None
         if on is None and (
             processes or any(arms.live for arms in with_trials(study, Arms.of(study)))
         ):
-            pool = WorkerProcesses(workers)
+            settings["executor"] = pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        how: dict[str, Any] = {"workers": workers, "executor": pool, "on": on, "progress": show}
-        return run_study(study, path, **how, **settings)
+        return run_study(study, path, workers=workers, on=on, progress=show, **settings)
 
 
 def watch_results(folder: str, out: Path | None) -> None:
@@ -155,8 +152,8 @@ def watch_results(folder: str, out: Path | None) -> None:
 
     if out is None:
         out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name
-    words = Pace().line_of, _complain, open_page
-    InterimReport(folder, *words, path=out, elsewhere=True).watch()
+    said = Pace().line_of, _complain, open_page
+    InterimReport(folder, *said, path=out, elsewhere=True).watch()
     typer.echo(f"The run is over: {out}")
 
 
