@@ -138,34 +138,26 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
     assert [arm.tasks["corner"].states.size for arm in study.curricula.values()] == [2, 6]
 
 
-@pytest.mark.parametrize(
-    ("base", "patch", "expected"),
-    [
-        ({"budget": 5}, {"budget": {"episodes": 3}}, {"budget": {"episodes": 3}}),
-        (
-            {"budget": {"max_steps": 9, "threshold": 1}},
-            {"budget": {"episodes": 3}},
-            {"budget": {"episodes": 3}},
-        ),
-        ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
-        ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
-        (
-            {"type": "pursuit", "size": 4, "budget": 9},
-            {"type": "maze", "map": "S.T"},
-            {"type": "maze", "map": "S.T", "budget": 9},
-        ),
-        (
-            {"learner": {"type": "QLearning", "learning_rate": 0.3}},
-            {"learner": {"type": "SARSA"}},
-            {"learner": {"type": "SARSA", "learning_rate": 0.3}},
-        ),
-        (
-            {"learner": {"type": "OptimisticQLearning", "value_range": [0, 9], "epsilon": 0.3}},
-            {"learner": {"type": "QLearning"}},
-            {"learner": {"type": "QLearning", "epsilon": 0.3}},
-        ),
-    ],
-)
+RULE, EPISODES = {"max_steps": 9, "threshold": 1}, {"episodes": 3}
+HUNTING, DRAWN = {"type": "pursuit", "size": 4, "budget": 9}, {"type": "maze", "map": "S.T"}
+WIDE = {"type": "OptimisticQLearning", "value_range": [0, 9], "epsilon": 0.3}
+PLAIN = {"type": "QLearning", "learning_rate": 0.3}
+MERGED = [
+    ({"budget": 5}, {"budget": EPISODES}, {"budget": EPISODES}),
+    ({"budget": RULE}, {"budget": EPISODES}, {"budget": EPISODES}),
+    ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
+    ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
+    (HUNTING, DRAWN, {**DRAWN, "budget": 9}),
+    ({"learner": PLAIN}, {"learner": {"type": "SARSA"}}, {"learner": {**PLAIN, "type": "SARSA"}}),
+    (
+        {"learner": WIDE},
+        {"learner": {"type": "SARSA"}},
+        {"learner": {"type": "SARSA", "epsilon": 0.3}},
+    ),
+]
+
+
+@pytest.mark.parametrize(("base", "patch", "expected"), MERGED)
 def test_merging(base, patch, expected):
     assert merged(base, patch) == expected
 
@@ -226,18 +218,6 @@ def test_what_is_set_is_read_as_toml_or_else_as_text(read):
 # As plain data.
 
 
-def test_a_configuration_is_plain_data_and_comes_back_equal(read):
-    study = read(
-        HUNT
-        + "[arms.a]\n[arms.b]\naggregate = 'mean'\n[arms.c]\nshaping.guard = { share_behind = 0.2 }"
-    )
-    words = json.dumps(study.to_data())
-    again = StudyConfig.from_data(json.loads(words), study.folder)
-    assert again == study
-    assert json.dumps(again.to_data()) == words
-    assert again.curricula["b"].tasks == study.curricula["b"].tasks
-
-
 def test_two_ways_to_write_a_study_are_one_configuration(read):
     short = read(HUNT)
     long = read(
@@ -277,24 +257,6 @@ def test_a_configuration_holds_its_maps(read, tmp_path):
     assert by_file == read(MAZE)
     again = StudyConfig.from_data(by_file.to_data(), Path("elsewhere"))
     assert only(again).tasks["maze"] == GridWorld(["....T", ".PPP.", "S...."])
-
-
-def test_an_arm_s_file_takes_the_place_of_the_study_s_map(read, tmp_path):
-    (tmp_path / "line.txt").write_text("S.T")
-    study = read(
-        MAZE
-        + """
-        [tasks]
-        line = { type = "maze", map = "ST" }
-        [[transfers]]
-        source = "line"
-        target = "maze"
-        mapping = "relative_objects"
-        [arms.line]
-        tasks.line.file = "line.txt"
-        """
-    )
-    assert only(study, "line").tasks["line"] == GridWorld("S.T")
 
 
 SMALL = st.fixed_dictionaries(

@@ -247,35 +247,28 @@ def test_a_maze_starts_in_a_ring(read):
     assert again.curriculum("transfer").tasks["near"] == tasks["near"]
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (
-            'type = "pursuit", size = 3, predators = 1, start_states = { distance = 2 }',
-            with_start(Pursuit(3, 1), GoalDistance(2)),
-        ),
-        (
-            'family = "taxi", size = 3, start_states = "reachable"',
-            with_start(taxi_family(size=3).task, "reachable"),
-        ),
-        (
-            'type = "four_rooms", size = 9, start_states = { visits = "random" }',
-            with_start(FourRooms(9), visit_distribution(FourRooms(9))),
-        ),
-        (
-            'type = "four_rooms", size = 9, start_states = { visits = "optimal" }',
-            with_start(FourRooms(9), visit_distribution(FourRooms(9), solve(FourRooms(9)).policy)),
-        ),
-        (
-            'type = "four_rooms", size = 9, start_states = { distance = 1, goal = { row = 5, '
-            "column = [1, 2] } }",
-            with_start(FourRooms(9), GoalDistance(1, 1, {"row": 5, "column": [1, 2]})),
-        ),
-        ('type = "four_rooms", start_states = "uniform"', FourRooms(start="uniform")),
-    ],
-)
-def test_tasks_of_every_type_start_where_they_are_told(read, text, expected):
-    assert task_of(read, text) == expected
+ROOMS = FourRooms(9)
+STARTED = [
+    ('"pursuit", size = 3, predators = 1', "{ distance = 2 }", (Pursuit(3, 1), GoalDistance(2))),
+    ('"family", family = "taxi", size = 3', '"reachable"', (taxi_family(size=3).task, "reachable")),
+    ('"four_rooms", size = 9', '{ visits = "random" }', (ROOMS, visit_distribution(ROOMS))),
+    (
+        '"four_rooms", size = 9',
+        '{ visits = "optimal" }',
+        (ROOMS, visit_distribution(ROOMS, solve(ROOMS).policy)),
+    ),
+    (
+        '"four_rooms", size = 9',
+        "{ distance = 1, goal = { row = 5, column = [1, 2] } }",
+        (ROOMS, GoalDistance(1, 1, {"row": 5, "column": [1, 2]})),
+    ),
+    ('"four_rooms"', '"uniform"', (FourRooms(), "uniform")),
+]
+
+
+@pytest.mark.parametrize(("kind", "said", "expected"), STARTED)
+def test_tasks_of_every_type_start_where_they_are_told(read, kind, said, expected):
+    assert task_of(read, f"type = {kind}, start_states = {said}") == with_start(*expected)
 
 
 def test_tables_of_gymnasium_start_in_a_ring(read):

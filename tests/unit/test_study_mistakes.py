@@ -3,15 +3,12 @@
 import re
 import textwrap
 import tomllib
-from pathlib import Path
 
 import pytest
-from hypothesis import given, strategies as st
 
 from curricle.errors import ConfigError
 from curricle.study import read_study
-from curricle.study.config import configured
-from curricle.study.file import Positions, line_numbers
+from curricle.study.file import line_numbers
 from curricle.study.own_code import load
 from tests.studies import (
     NUMBERED_HUNT as HUNT,
@@ -373,137 +370,70 @@ def test_an_arm_that_is_not_there(tmp_path):
         read_study(tmp_path / "study.toml").curriculum("trasfer")
 
 
-# Nothing that TOML can say ends in anything but a configuration or a ConfigError.
-
-# fmt: off
-WORDS = st.sampled_from([
-    "a", "b", "type", "maze", "crop", "pursuit", "map", "file", "of", "rows", "size", "tasks",
-    "transfers", "arms", "learner", "epsilon", "budget", "episodes", "max_steps", "source",
-    "target", "project", "mapping", "identity", "calibrate", "shaping", "guard", "seeds", "name",
-    "0", "1",
-])
-# fmt: on
-VALUES = st.recursive(
-    WORDS | st.integers(-2, 9) | st.booleans() | st.floats() | st.just("S.T"),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=4),
-    max_leaves=12,
-)
-TABLES = st.dictionaries(WORDS, VALUES, max_size=4)
-STUDIES = st.fixed_dictionaries(
-    {},
-    optional={
-        "name": VALUES,
-        "seeds": VALUES,
-        "learner": VALUES,
-        "budget": VALUES,
-        "shaping": VALUES,
-        "tasks": VALUES | st.dictionaries(WORDS, TABLES, max_size=3),
-        "transfers": VALUES | st.lists(TABLES, max_size=3),
-        "arms": VALUES | st.dictionaries(WORDS, TABLES, max_size=2),
-    },
-)
-
-
-@given(STUDIES)
-def test_no_study_however_odd_is_worse_than_refused(study):
-    sentences = []
-    try:
-        configured(study, Path("nowhere"), Positions("x.toml"))
-    except ConfigError as error:
-        sentences = str(error).splitlines()
-    assert all(line.startswith("x.toml: ") for line in sentences)
-
-
 # -- the line of each key, whatever stands in comments and strings -------------------------
 
 
-def lines(text):
+LINES = [
+    """\
+    k1 = "x" # k9 = 3
+    [k2."5 x 5 k2"]
+    k3 = '''
+    k4 = 4
+    [k5]
+    '''
+    k7.k7 = 1
+    k8 = { k8 = 1, "a.b k8" = { k8 = 1.5 } }
+    [[k9]]
+    k10 = 1
+    [[k11]]
+
+      k13 = 2
+    [k11.k14]
+    k15 = "column"
+    """,
+    '''\
+    k1 = """
+    k2 = 1
+    \\""" k3 = 1
+    """
+    k5 = [
+      { k6 = 1 }, # ]
+      "k7 = 1",
+    ]
+    k9.k9 = 2024-01-01T00:00:00.5
+    k10 = 1.5
+    ''',
+    "k1 = 1 # drawn in '''\nk2 = 2",
+    'k1 = 1 # or """\nk2 = 2',
+    "k1 = \"'''\"\nk2 = 2",
+    'k1 = \'"""\'\nk2 = 2',
+    'k1 = "# no comment"\nk2 = 2',
+    'k1 = "\\"# still inside"\nk2 = 2',
+    "k1 = '''one line'''\nk2 = 2",
+    'k1 = """"quoted""""\nk2 = 2',
+    "k1 = [1, 2] # [\nk2 = 2",
+    "# '''\nk2 = 2",
+]
+"""Each key says its line; what is text or comment is none."""
+
+
+def keys_in(node):
+    for key, value in node.items() if isinstance(node, dict) else ():
+        yield key
+        for inner in value if isinstance(value, list) else [value]:
+            yield from keys_in(inner)
+
+
+@pytest.mark.parametrize("text", LINES)
+def test_each_key_has_its_line(text):
     text = textwrap.dedent(text)
-    tomllib.loads(text)  # valid, as it is when lines are asked for
-    return line_numbers(text)
+    lines = line_numbers(text)
+    keys = {path: line for path, line in lines.items() if isinstance(path[-1], str)}
+    assert all(path[-1].endswith(f"k{line}") for path, line in keys.items())
+    assert {path[-1] for path in keys} == {*keys_in(tomllib.loads(text))}
 
 
-def test_lines_of_tables_keys_and_entries():
-    assert lines(
-        """\
-        name = "x" # size = 3
-        [tasks."5 x 5"]
-        map = '''
-        size = 4
-        [nothing]
-        '''
-        rewards.step = 1
-        learner = { epsilon = 1, "a.b" = { c = 1.5 } }
-        [[transfers]]
-        scale = 1
-        [[transfers]]
-
-          scale = 2
-        [transfers.project]
-        row = "column"
-        """
-    ) == {
-        ("name",): 1,
-        ("tasks",): 2,
-        ("tasks", "5 x 5"): 2,
-        ("tasks", "5 x 5", "map"): 3,
-        ("tasks", "5 x 5", "rewards"): 7,
-        ("tasks", "5 x 5", "rewards", "step"): 7,
-        ("tasks", "5 x 5", "learner"): 8,
-        ("tasks", "5 x 5", "learner", "epsilon"): 8,
-        ("tasks", "5 x 5", "learner", "a.b"): 8,
-        ("tasks", "5 x 5", "learner", "a.b", "c"): 8,
-        ("transfers",): 9,
-        ("transfers", 0): 9,
-        ("transfers", 0, "scale"): 10,
-        ("transfers", 1): 11,
-        ("transfers", 1, "scale"): 13,
-        ("transfers", 1, "project"): 14,
-        ("transfers", 1, "project", "row"): 15,
-    }
-
-
-@pytest.mark.parametrize(
-    "first",
-    [
-        "a = 1 # drawn in '''",
-        'a = 1 # or """',
-        "a = \"'''\"",
-        'a = \'"""\'',
-        'a = "# no comment"',
-        'a = "\\"# still inside"',
-        "a = '''one line'''",
-        'a = """"quoted""""',
-        "a = [1, 2] # [",
-        "# '''",
-    ],
-)
-def test_quotes_in_comments_and_strings_hide_no_key(first):
-    assert lines(f"{first}\nb = 2\n")[("b",)] == 2
-
-
-def test_keys_after_strings_and_lists_of_several_lines():
-    found = lines(
-        '''\
-        a = """
-        b = 1
-        \\""" c = 1
-        """
-        list = [
-          { d = 1 }, # ]
-          "e = 1",
-        ]
-        f.g = 2024-01-01T00:00:00.5
-        h = 1.5
-        '''
-    )
-    assert found == {
-        ("a",): 1,
-        ("list",): 5,
-        ("list", 0): 6,
-        ("list", 0, "d"): 6,
-        ("list", 1): 7,
-        ("f",): 9,
-        ("f", "g"): 9,
-        ("h",): 10,
-    }
+def test_each_entry_of_a_list_has_its_line():
+    lines = line_numbers("a = [\n  { b = 1 }, # ]\n  2,\n]\n[[c]]\n[[c]]\nd = 1\n")
+    assert [lines[path] for path in (("a", 0), ("a", 0, "b"), ("a", 1))] == [2, 2, 3]
+    assert [lines[path] for path in (("c", 0), ("c", 1), ("c", 1, "d"))] == [5, 6, 7]
