@@ -11,7 +11,7 @@ from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
 from curricle.tasks import FourRooms, GoalDistance, maze_family, taxi_family, with_start
 from curricle.tasks.built_in import BUILT_IN
-from tests.studies import OBSERVED_HUNT, complaints_of, reader
+from tests.studies import OBSERVED_HUNT, reader
 
 NAMES = ", ".join(BUILT_IN)
 HUNT = """\
@@ -75,13 +75,6 @@ mapping = "family"
 def read_family(tmp_path):
     (tmp_path / "own.py").write_text(OWN_FAMILY)
     return reader(tmp_path)
-
-
-@pytest.fixture
-def complaints_of_family(tmp_path, monkeypatch):
-    (tmp_path / "own.py").write_text(OWN_FAMILY)
-    monkeypatch.chdir(tmp_path)
-    return complaints_of
 
 
 def test_members_are_tasks_with_their_familys_defaults(read_family):

@@ -232,26 +232,18 @@ def test_a_class_of_ones_own_is_a_task_with_named_components(built_room):
     assert walked.states.tolist() == [*range(12)]
 
 
-def test_a_class_takes_arguments_of_any_name(built_room):
-    task = built_room(
-        'room = { type = "gymnasium", factory = "own:Room", actions = ["stay", "east"], '
-        "arguments = { size = 5, discount = 3 } }"
-    )
-    assert (task.states.size, task.discount, task.make().discount) == (20, 0.99, 3)
-    assert task.actions.label(1) == "action=east"
-
-
-def test_a_function_of_ones_own_and_one_number_split(built_room):
-    task = built_room('room = { type = "gymnasium", factory = "own:numbered", '
-                 'names = ["row", "column"], sizes = [3, 4], time_limit = "none" }')  # fmt: skip
-    assert task.states.label(7) == "row=1 column=3"
-    assert task.time_limit is None
-
-
-def test_ids_have_names_and_limits_too(built_room):
-    lake = built_room('room = { type = "gymnasium", id = "FrozenLake-v1", names = ["y", "x"], '
-                 'arguments = { map_name = "8x8" }, time_limit = 9 }')  # fmt: skip
-    assert (lake.states.names, lake.states.size, lake.time_limit) == (("y", "x"), 64, 9)
+@pytest.mark.parametrize(
+    ("said", "size", "label"),
+    [
+        ('factory = "own:Room", arguments = { size = 5, discount = 3 }', 20, "state_1=0 state_2=1"),
+        ('factory = "own:numbered", names = ["y", "x"], sizes = [3, 4]', 12, "y=0 x=1"),
+        ('id = "FrozenLake-v1", names = ["y", "x"], time_limit = 9', 16, "y=0 x=1"),
+    ],
+)
+def test_arguments_and_names_are_those_of_the_file(built_room, said, size, label):
+    task = built_room(f'room = {{ type = "gymnasium", {said} }}')
+    assert (task.states.size, task.states.label(1), task.discount) == (size, label, 0.99)
+    assert task.time_limit == (9 if "time_limit" in said else None)
 
 
 def test_tables_and_networks_take_a_class_too(built_room):
@@ -266,19 +258,6 @@ def test_tables_and_networks_take_a_class_too(built_room):
     seen = built_room(observed)
     assert seen.observations.shape == (7,)
     assert str(seen.make) == "own:Room(encode=own:seen)"  # as the file names them
-
-
-MISTAKES = [
-    ('factory = "own:Room"', 'id = "own:Room"', "; a class or function of your own is named by"),
-    ('factory = "own:Room"', 'id = "a", factory = "own:Room"', "id or factory: got both"),
-    ("own:Room", "owm:Room", "owm is neither beside the study file nor on Python's"),
-    ("own:Room", "own:Rom", "own has no Rom to call, did you mean 'Room'?"),
-    ("time_limit", "arguments = { sise = 3 }, time_limit", "own:Room failed: TypeError:"),
-    (', "column"', "", "in the order of state_1, state_2: got 1, row"),
-    ('["row", "column"]', '"row"', "tasks.room.names must be a list: got 'row'"),
-    ('"column"', '""', "tasks.room.names[1] must have 1 to 100 characters: got ''"),
-    ("names", "nmaes", "tasks.room.nmaes is unknown, did you mean 'names'?"),
-]
 
 
 PAIR = ROOMS + """
@@ -405,16 +384,6 @@ def read_level(tmp_path):
     pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
     (tmp_path / "own.py").write_text(OWN_LEVEL)
     return lambda encode, text=ENCODED: reader(tmp_path)(text.replace("ENCODE", encode))
-
-
-@pytest.fixture
-def complaint_of_level(read_level, tmp_path):
-    def collect(encode):
-        with pytest.raises(ConfigError) as caught:
-            _ = read_level(encode).curricula
-        return str(caught.value).replace(f"{tmp_path}/study.toml, ", "")
-
-    return collect
 
 
 def only_task(study):

@@ -104,12 +104,3 @@ def test_a_swept_study_is_plain_data(read):
 
 def test_a_study_without_them_is_as_it_was(read):
     assert not {"scratches", "variants", "tune", "total"} & read(MAZES).to_data().keys()
-
-
-# -- mistakes ----------------------------------------------------------------------------------
-
-SPACE = """
-[tune.space]
-learner.epsilon = { low = 0.1, high = 0.3 }
-"""
-NEW_SPACES = ("tune.space", "tune.space.learner.epsilon", "tune.space.learner.epslon")
