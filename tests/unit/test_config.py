@@ -19,8 +19,8 @@ from curricle.learning import (
 )
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
-from curricle.study import schema as settings, task_tables as tasks
-from curricle.study.schema import table_of
+from curricle.study_file import schema as settings, task_tables as tasks
+from curricle.study_file.schema import table_of
 from curricle.transfer import Calibrate, aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 

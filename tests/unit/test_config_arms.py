@@ -14,8 +14,8 @@ import curricle as cr
 from curricle import GridWorld
 from curricle.study import StudyConfig, read_study
 from curricle.study.config import configured, json_schema
-from curricle.study.file import Positions, located, merged
 from curricle.study.templates import KINDS, template
+from curricle.study_file.file import Positions, located, merged
 from curricle.transfer import aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 

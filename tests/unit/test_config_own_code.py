@@ -11,7 +11,7 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.study import StudyConfig
-from curricle.study.own_code import load
+from curricle.study_file.own_code import load
 from tests.studies import MAZE, only, reader
 from tests.worlds_to_tabulate import Corridor
 

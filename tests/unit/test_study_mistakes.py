@@ -8,8 +8,8 @@ import pytest
 
 from curricle.errors import ConfigError
 from curricle.study import read_study
-from curricle.study.file import line_numbers
-from curricle.study.own_code import load
+from curricle.study_file.file import line_numbers
+from curricle.study_file.own_code import load
 from tests.studies import (
     NUMBERED_HUNT as HUNT,
     NUMBERED_MAZES as MAZES,

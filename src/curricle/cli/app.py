@@ -93,7 +93,7 @@ def _announce_imports() -> None:
     """Print which modules a study names before they are imported."""
     import logging
 
-    from curricle.study.own_code import LOGGER
+    from curricle.study_file.own_code import LOGGER
 
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())

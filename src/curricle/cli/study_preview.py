@@ -22,7 +22,7 @@ from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_w
 from curricle.study.running import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore, bytes_a_seed, holds_study, seeds_per_file
 from curricle.study.tuning import check_tuning, number_of_trials
-from curricle.study.vary import value_text
+from curricle.study_file.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted

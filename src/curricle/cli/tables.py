@@ -19,7 +19,7 @@ from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
 from curricle.study.tuning import BY_TUNING, effects_of, read_tuning, tuning_words
-from curricle.study.vary import value_text
+from curricle.study_file.vary import value_text
 from curricle.text import UNBOUNDED, counted, text_table
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----

@@ -30,7 +30,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import dependencies_of, key_of
 from curricle.study.store import DECISION_SCHEMA, StoredSource, UnitResult
-from curricle.study.vary import target_alone
+from curricle.study_file.vary import target_alone
 
 
 class Arms(Plan):

@@ -36,7 +36,8 @@ from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
-from curricle.study.file import (
+from curricle.study.record import VariantRecord
+from curricle.study_file.file import (
     SETTINGS,
     Positions,
     Problems,
@@ -49,9 +50,8 @@ from curricle.study.file import (
     path_text,
     toml_of,
 )
-from curricle.study.own_code import suggestion, users_code
-from curricle.study.record import VariantRecord
-from curricle.study.schema import (
+from curricle.study_file.own_code import suggestion, users_code
+from curricle.study_file.schema import (
     AnyLearner,
     Count,
     Flag,
@@ -71,8 +71,8 @@ from curricle.study.schema import (
     unknown,
     wrong_at,
 )
-from curricle.study.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
-from curricle.study.vary import (
+from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
+from curricle.study_file.vary import (
     SWEEP_HOME,
     SweepTable,
     TuneTable,
@@ -211,7 +211,7 @@ def _subclasses(kind: Any) -> Iterator[type]:
 @cache
 def _docstrings(kind: type) -> list[tuple[str, str]]:
     """Return the fields of a table that is written by hand, and the docstrings below them."""
-    if not kind.__module__.startswith("curricle.study.") or "makes" in vars(kind):
+    if not kind.__module__.startswith("curricle.study") or "makes" in vars(kind):
         return []
     (table,) = ast.parse(getsource(kind)).body
     texts = list[tuple[str, str]]()

@@ -13,8 +13,8 @@ from gymnasium.spaces import Box, Dict, Discrete
 
 from curricle.errors import ConfigError
 from curricle.interop.spaces import has_table, is_discrete
-from curricle.study.own_code import suggestion
-from curricle.study.schema import unknown
+from curricle.study_file.own_code import suggestion
+from curricle.study_file.schema import unknown
 
 KINDS = {
     "maze": "a maze learnt from its corner",

@@ -13,8 +13,17 @@ from pydantic import ValidationError
 
 from curricle.curriculum.node import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
-from curricle.study.schema import DEEP, LEARNERS, SHOWN, KeyPath, NameGraph, Settings, shown, table
-from curricle.study.task_tables import text_of
+from curricle.study_file.schema import (
+    DEEP,
+    LEARNERS,
+    SHOWN,
+    KeyPath,
+    NameGraph,
+    Settings,
+    shown,
+    table,
+)
+from curricle.study_file.task_tables import text_of
 from curricle.text import shortened
 
 # -- TOML, read without trust: bounded in size and in depth ----------------------------------------

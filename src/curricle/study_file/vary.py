@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 from curricle.curriculum.node import OF_TARGETS
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.statistics.curves import SCRATCH
-from curricle.study.file import (
+from curricle.study_file.file import (
     SETTINGS,
     Located,
     complete_curriculum,
@@ -25,7 +25,7 @@ from curricle.study.file import (
     nested,
     path_text,
 )
-from curricle.study.schema import (
+from curricle.study_file.schema import (
     Count,
     Flag,
     KeyPath,

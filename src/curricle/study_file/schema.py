@@ -77,7 +77,7 @@ from curricle.learning.shaping import (
 from curricle.learning.stopping import Episodes, StoppingRule
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.study.own_code import load, suggestion, users_code
+from curricle.study_file.own_code import load, suggestion, users_code
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import aggregate, by_components, mapping
 from curricle.transfer.by_components import check_same_observations, identity

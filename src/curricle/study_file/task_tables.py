@@ -22,8 +22,8 @@ from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import solve, visit_distribution
-from curricle.study.own_code import load, suggestion, users_code
-from curricle.study.schema import (
+from curricle.study_file.own_code import load, suggestion, users_code
+from curricle.study_file.schema import (
     SHAPINGS,
     AnyEncoder,
     Choice,
