@@ -394,11 +394,8 @@ class Curriculum:
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for node in map(self.node, wanted - set(sources)):
             if node.deep:
-                node.learner.algorithm_class()  # ImportError without Stable-Baselines3
-                from curricle.deep.models import check_learner  # with torch
-
-                shaped = self.in_edges(node.name) and not node.takes_no_steps
-                check_learner(node.learner, node.shaping if shaped else None)
+                shaped = bool(self.in_edges(node.name)) and not node.takes_no_steps
+                node.check_network(shaped=shaped)
         with shown(progress) as bars:
             for name in (name for name in self.order if name in wanted and name not in given):
                 potentials[name] = self.potentials(name, sources)

@@ -147,6 +147,13 @@ class Node:
         """Whether a network learns the task from exact answers, and not by steps."""
         return isinstance(self.task, Miniatures)
 
+    def check_network(self, *, shaped: bool, tables: Sequence[str] = ()) -> None:
+        """Check a network's learner with Stable-Baselines3; ImportError where that is missing."""
+        self.learner.algorithm_class()
+        from curricle.deep.models import check_learner  # with torch, an extra
+
+        check_learner(self.learner, self.shaping if shaped else None, tables)
+
     def train(
         self,
         seeds: Sequence[int],

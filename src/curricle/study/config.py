@@ -31,7 +31,6 @@ from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.comparison.plan import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
-from curricle.deep.learner import DeepLearner
 from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
@@ -375,19 +374,14 @@ class StudyConfig(RunTable):
         """
         problems = Problems(self._positions)
         for arm, curriculum in self.curricula.items():
-            for name in curriculum.order:
-                learner, shaping = (curriculum.setting(s, name) for s in ("learner", "shaping"))
-                if not isinstance(learner, DeepLearner):
+            for node in map(curriculum.node, curriculum.order):
+                if not node.deep:
                     continue
+                sources = dict.fromkeys(edge.source for edge in curriculum.in_edges(node.name))
+                tables = [name for name in sources if not curriculum.node(name).deep]
                 try:
-                    with problems.at("arms", arm, "tasks", name, "learner"):
-                        learner.algorithm_class()
-                        from curricle.deep.models import check_learner  # with torch, an extra
-
-                        edges = curriculum.in_edges(name)
-                        sources = dict.fromkeys(edge.source for edge in edges)
-                        tables = [task for task in sources if not curriculum.node(task).deep]
-                        check_learner(learner, shaping if edges else None, tables)
+                    with problems.at("arms", arm, "tasks", node.name, "learner"):
+                        node.check_network(shaped=bool(sources), tables=tables)
                 except ImportError as error:  # it names what to install
                     raise SettingError(f"a task is learnt by a network: {error}") from None
         problems.raise_any()

@@ -393,25 +393,23 @@ def wrong_sweep(study: Raw, complete: Mapping[str, Any]) -> Messages:
             why = f"must be a list of different values: {twice[0]} is there twice"
         else:
             why = _wrong_key(study, complete, setting)
-        why = why or "is given twice" * (setting.name in names[:number])
-        if why:
+        if why := why or "is given twice" * (setting.name in names[:number]):
             refused = True
             yield setting.home, why
     if not settings or refused:
         return
     lengths = [len(setting.values) for setting in settings]
-    paired = study["sweep"].get(MODE) == PAIRED
-    for setting, length in zip(settings, lengths, strict=True):
-        if paired and length != lengths[0]:
-            first = path_text(settings[0].home)
-            text = f"must have as many values as {first}, with which it is paired: got "
-            yield setting.home, f"{text}{length} and {lengths[0]}"
-    number = len(complete) * (lengths[0] if paired else prod(lengths))
-    if number > MOST_ARMS:
-        values = f"{' x '.join(map(str, lengths))} values"
-        values = counted(lengths[0], "value") if paired else values
+    number, values = prod(lengths), f"{' x '.join(map(str, lengths))} values"
+    if study["sweep"].get(MODE) == PAIRED:
+        number, values = lengths[0], counted(lengths[0], "value")
+        text = f"must have as many values as {path_text(settings[0].home)}, with which it is paired"
+        for setting, length in zip(settings, lengths, strict=True):
+            if length != number:
+                yield setting.home, f"{text}: got {length} and {number}"
+    if number * len(complete) > MOST_ARMS:
         arms = f" of each of {len(complete)} arms" if len(complete) > 1 else ""
-        yield SWEEP_HOME, f"must make at most {MOST_ARMS} arms: got {values}{arms}, {number:,} arms"
+        made = f"{number * len(complete):,} arms"
+        yield SWEEP_HOME, f"must make at most {MOST_ARMS} arms: got {values}{arms}, {made}"
 
 
 def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
@@ -420,31 +418,29 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
     if not settings and isinstance(table(study.get("tune")).get("space"), dict):
         yield TUNE_HOME, "must name a setting to tune: got none"
     if "tune" in study and study.get("scratch") is False:
-        yield (
-            ("tune",),
-            "needs learning from scratch, which is tuned as every arm: leave out scratch = false",
-        )
+        text = "needs learning from scratch, which is tuned as every arm: leave out scratch = false"
+        yield ("tune",), text
     names, swept = [s.name for s in settings], {s.name for s in swept_in(study)}
     for number, setting in enumerate(settings):
+        values, why = setting.values, ""
         if setting.name in names[:number]:
-            yield setting.home, "is given twice"
+            why = "is given twice"
         elif setting.name in swept:
-            yield setting.home, "is swept already: leave out one of the two"
-        else:
-            texts = [*map(value_text, setting.values)] if isinstance(setting.values, list) else []
-            if isinstance(setting.values, dict):
-                try:
-                    RangeTable.model_validate(setting.values)
-                except ValidationError as error:
-                    for detail in error.errors(include_url=False):
-                        yield (*setting.home, *detail["loc"]), detail["msg"]
-                    continue
-            elif len(texts) < 2 or len(set(texts)) < len(texts):
-                text = "must be a list of two or more different values, or { low, high }: got "
-                yield setting.home, text + shown(setting.values)
+            why = "is swept already: leave out one of the two"
+        elif isinstance(values, dict):
+            try:
+                RangeTable.model_validate(values)
+            except ValidationError as error:
+                details = error.errors(include_url=False)
+                yield from (((*setting.home, *of["loc"]), of["msg"]) for of in details)
                 continue
-            if why := _wrong_key(study, complete, setting):
-                yield setting.home, why
+        else:
+            texts = [*map(value_text, values)] if isinstance(values, list) else []
+            if len({*texts}) < max(2, len(texts)):
+                why = "must be a list of two or more different values, or { low, high }: got "
+                why += shown(values)
+        if why := why or _wrong_key(study, complete, setting):
+            yield setting.home, why
 
 
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
