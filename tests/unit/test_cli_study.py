@@ -128,12 +128,10 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tm
 @pytest.mark.parametrize("command", ["check", "run"])
 def test_a_misspelt_key_is_named_with_its_place(refused, study_file, tmp_path, command):
     file = tmp_path / "wrong.toml"
-    text = study_file.read_text().replace('shaping = "StateShaping"', 'shapping = "StateShaping"')
-    file.write_text(text)
-    line = 1 + text[: text.index("shapping")].count("\n")
-    words = f"curricle: {file}, line {line}: arms.state.shapping"
-    refused(1, words, command, file)
-    refused(1, "shaping", command, file)  # what was meant
+    file.write_text(study_file.read_text().replace("shaping = ", "shapping = ", 1))
+    line = 1 + file.read_text().partition("shapping")[0].count("\n")
+    refused(1, f"curricle: {file}, line {line}: ", command, file)
+    refused(1, "shapping is unknown, did you mean 'shaping'?", command, file)
     assert [path.name for path in tmp_path.iterdir()] == ["wrong.toml"]
 
 
@@ -370,15 +368,12 @@ def test_commands_with_spaces_can_be_pasted(curricle, tmp_path):
     assert "±" not in out
 
 
-def test_a_report_that_would_be_refused_is_not_offered(curricle):
+def test_a_report_that_would_be_refused_is_not_offered(curricle, refused):
     curricle("new", "maze")
     small = ("--seeds", "1", "--set", "tasks.maze.budget=400", "--set", "scratch=false")
-    code, out, complaint = curricle("run", "maze.toml", *small)
-    assert code == 0, complaint
+    _, out, _ = curricle("run", "maze.toml", *small)
     assert out == "Stored in maze-results: curricle show maze-results\n"
-    code, _, complaint = curricle("report", "maze-results")
-    assert code == 1
-    assert "a comparison needs the target learnt from scratch" in complaint
+    refused(1, "a comparison needs the target learnt from scratch", "report", "maze-results")
 
 
 def test_show_before_the_first_unit_has_no_empty_table(curricle, finished, tmp_path):

@@ -50,31 +50,14 @@ tasks.near = { type = 'maze', map = 'S..T', budget = { max_steps = 100 } }
 tasks.far = { type = 'maze', map = 'S...T', budget = 200 }
 transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
 """
-CURVES = {
-    "arm": "VARCHAR",
-    "task": "VARCHAR",
-    "seed": "BIGINT",
-    "checkpoint": "BIGINT",
-    "steps": "BIGINT",
-    "source_steps": "BIGINT",
-    "training_return": "DOUBLE",
-    "greedy_return": "DOUBLE",
-    "guard_share": "DOUBLE",
-    "episodes": "BIGINT",
-}
-DECISIONS = {
-    "arm": "VARCHAR",
-    "task": "VARCHAR",
-    "seed": "BIGINT",
-    "steps": "BIGINT",
-    "ends": "BOOLEAN",
-    "criterion": "VARCHAR",
-    "lowest": "DOUBLE",
-    "level": "DOUBLE",
-    "rise": "DOUBLE",
-    "plateau": "DOUBLE",
-    "reason": "VARCHAR",
-}
+KINDS = {"VARCHAR": pl.String, "BIGINT": pl.Int64, "DOUBLE": pl.Float64, "BOOLEAN": pl.Boolean}
+CURVES = dict.fromkeys(("arm", "task"), "VARCHAR")
+CURVES |= dict.fromkeys(("seed", "checkpoint", "steps", "source_steps"), "BIGINT")
+CURVES |= dict.fromkeys(("training_return", "greedy_return", "guard_share"), "DOUBLE")
+CURVES |= {"episodes": "BIGINT"}
+DECISIONS = {"arm": "VARCHAR", "task": "VARCHAR", "seed": "BIGINT", "steps": "BIGINT"}
+DECISIONS |= {"ends": "BOOLEAN", "criterion": "VARCHAR"}
+DECISIONS |= dict.fromkeys(("lowest", "level", "rise", "plateau"), "DOUBLE") | {"reason": "VARCHAR"}
 FINALS = """
 SELECT arm, avg(greedy_return) AS final FROM (
     SELECT *, row_number() OVER (PARTITION BY arm, seed ORDER BY checkpoint DESC) AS back
@@ -112,8 +95,7 @@ def test_columns_and_their_types(finished, name, columns):
     assert {row[0]: row[1] for row in described} == columns
     frame, other = pd.read_parquet(finished / name), pl.read_parquet(finished / name)
     assert list(frame.columns) == list(other.columns) == list(columns)
-    kinds = {"VARCHAR": pl.String, "BIGINT": pl.Int64, "DOUBLE": pl.Float64, "BOOLEAN": pl.Boolean}
-    assert other.schema == {column: kinds[kind] for column, kind in columns.items()}
+    assert other.schema == {column: KINDS[kind] for column, kind in columns.items()}
     plain = {"BIGINT": "int64", "DOUBLE": "float64", "BOOLEAN": "bool"}
     for column, kind in columns.items():
         if kind in plain:  # what pandas calls text depends on its version
