@@ -105,16 +105,9 @@ def test_an_environment_is_seen_as_it_is(read):
     plan = read(CART).curriculum("transfer")
     assert plan.tasks["cart"] == cr.observation_task("CartPole-v1", discount=0.98)
     assert plan.tasks["short"] == cr.observation_task("CartPole-v1", time_limit=50)
-    assert plan.setting("learner", "cart") == cr.deep.DeepLearner(
-        "PPO",
-        envs=2,
-        threads=2,
-        settings={
-            "n_steps": 64,
-            "train_freq": (1, "episode"),
-            "policy_kwargs": {"net_arch": [8, 8]},
-        },
-    )
+    settings = {"n_steps": 64, "train_freq": (1, "episode"), "policy_kwargs": {"net_arch": [8, 8]}}
+    expected = cr.deep.DeepLearner("PPO", envs=2, threads=2, settings=settings)
+    assert plan.setting("learner", "cart") == expected
     assert plan.transfers[0].mapping.observations is None
 
 
