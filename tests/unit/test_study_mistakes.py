@@ -300,7 +300,7 @@ def test_what_cannot_be_read_is_refused_in_a_sentence(tmp_path, monkeypatch, cal
     Path("hunt.toml").write_text(HUNT)
     with pytest.raises(ConfigError) as caught:
         call()
-    assert str(caught.value).lstrip("a").startswith(words.lstrip("a"))
+    assert words in str(caught.value)
 
 
 @pytest.mark.parametrize(

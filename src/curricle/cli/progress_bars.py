@@ -43,7 +43,7 @@ class Compilation(event.Listener):
     """Says on standard error what is compiled: each loop in a terminal, elsewhere once."""
 
     def __init__(self) -> None:
-        self.loops, self.words, self.silent = 0, "", False
+        self.loops, self.line, self.silent = 0, "", False
         self._depth = 0  # Numba compiles in one thread at a time
         self._collects = gc.isenabled()
 
@@ -55,12 +55,12 @@ class Compilation(event.Listener):
         self.loops += 1
         gc.disable()
         unkept = isinstance(event.data["dispatcher"]._cache, NullCache)
-        self.words = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
+        self.line = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
         if not sys.stderr.isatty():
             if self.loops == 1:
                 print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
         elif not self.silent:
-            print(f"\r{self.words}", end="", file=sys.stderr, flush=True)
+            print(f"\r{self.line}", end="", file=sys.stderr, flush=True)
 
     def on_end(self, event: Any) -> None:
         """Take the words away when a loop is compiled."""
@@ -70,8 +70,8 @@ class Compilation(event.Listener):
         if self._collects:
             gc.enable()
         if sys.stderr.isatty() and not self.silent:
-            print(f"\r{' ' * len(self.words)}\r", end="", file=sys.stderr, flush=True)
-        self.words = ""
+            print(f"\r{' ' * len(self.line)}\r", end="", file=sys.stderr, flush=True)
+        self.line = ""
 
 
 @cache
@@ -179,13 +179,13 @@ def _complain(sentence: str) -> None:
 @contextmanager
 def bars_with_words() -> Iterator[Bars]:
     """Yield bars, below which stands what they were told last, and what is being compiled."""
-    words = ""
+    last = ""
 
     def say(part: str) -> None:
-        nonlocal words
-        words = part
+        nonlocal last
+        last = part
 
-    with shown(True, and_compilation(lambda: words)) as bars:
+    with shown(True, and_compilation(lambda: last)) as bars:
         yield replace(bars, call=say)
 
 
@@ -193,4 +193,4 @@ def and_compilation(line: Callable[[], str]) -> Callable[[], str]:
     """Return a line below bars that also says what is compiled, which nothing else says then."""
     compilation = announce_compilation()
     compilation.silent = Console(stderr=True).is_terminal
-    return lambda: ", ".join(filter(None, [line(), compilation.words]))
+    return lambda: ", ".join(filter(None, [line(), compilation.line]))

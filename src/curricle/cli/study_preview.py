@@ -234,11 +234,11 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
         return
     tried, seconds = _trials(curricula.values(), a_seed, target)
     quick = seconds <= LONGEST_TRIAL
-    words = f"training {names} for {counted(len(seeds), 'seed')}"
-    words += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
+    work = f"training {names} for {counted(len(seeds), 'seed')}"
+    work += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
     took = duration(len(seeds) * a_seed + seconds * quick)
     took += " after tabulating what is distilled" * distilled
-    print_text(f"{words}, for the forecast: about {took}")
+    print_text(f"{work}, for the forecast: about {took}")
     if not quick:
         print_text(f"trials would take about {duration(seconds)} and are left out")
     sys.stdout.flush()

@@ -384,8 +384,8 @@ class Curriculum:
                     f"a trained result must have the seeds asked for, {numbers}: {name!r} has "
                     f"{result.seeds}"
                 )
-        given = {name: SourceValues.of(result) for name, result in trained.items()}
-        sources = dict(given)
+        known = {name: SourceValues.of(result) for name, result in trained.items()}
+        sources = dict(known)
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
@@ -397,7 +397,7 @@ class Curriculum:
                 shaped = bool(self.in_edges(node.name)) and not node.takes_no_steps
                 node.check_network(shaped=shaped)
         with shown(progress) as bars:
-            for name in (name for name in self.order if name in wanted and name not in given):
+            for name in (name for name in self.order if name in wanted and name not in known):
                 potentials[name] = self.potentials(name, sources)
                 spent = self._spent(name, sources) if name == paying else None
                 node = self.node(name)
@@ -424,7 +424,7 @@ class Curriculum:
                 )
                 sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
-        return CurriculumResult(self, results, potentials, calibrations, given)
+        return CurriculumResult(self, results, potentials, calibrations, known)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
         """Return the steps of each seed in all tasks before `name` and in mapping searches."""

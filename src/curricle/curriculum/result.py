@@ -226,15 +226,15 @@ class CurriculumResult:
                 f"a result is loaded with the Curriculum that was trained: got {curriculum!r}"
             )
         with as_saved(saved):
-            return cls(curriculum, *_from_words(saved, saved.about, curriculum))
+            return cls(curriculum, *_from_file(saved, saved.about, curriculum))
 
 
 def _in_words(fitted: list[Calibration]) -> str:
     """Return how many seeds could be calibrated, and to which scale."""
     refused = sum(bool(calibration.refusal) for calibration in fitted)
     scale = np.mean([calibration.scale for calibration in fitted])
-    words = f"calibrated to scale {scale:.3g} on average over {counted(len(fitted), 'seed')}"
-    return f"{words}, of which {refused} could not be" if refused else words
+    sentence = f"calibrated to scale {scale:.3g} on average over {counted(len(fitted), 'seed')}"
+    return f"{sentence}, of which {refused} could not be" if refused else sentence
 
 
 # -- files -----------------------------------------------------------------------------------------
@@ -273,59 +273,59 @@ def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
     }
 
 
-def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> tuple[Any, ...]:
+def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> tuple[Any, ...]:
     """Return the fields of a result but its curriculum."""
-    if (stored := {*words["tasks"]}) != {*curriculum.tasks}:
+    if (stored := {*about["tasks"]}) != {*curriculum.tasks}:
         raise CurriculumError(
             f"a result must be loaded with its own curriculum: {saved.path} has the tasks "
             f"{', '.join(sorted(stored))}, the curriculum {', '.join(sorted(curriculum.tasks))}"
         )
 
     def parts(part: str) -> Iterator[tuple[str, Any, Arrays]]:
-        for i, (name, about) in enumerate(words[part].items()):
+        for i, (name, said) in enumerate(about[part].items()):
             start, items = f"{part}/{i}/", saved.arrays.items()
             named = {key.removeprefix(start): x for key, x in items if key.startswith(start)}
-            yield name, about, named
+            yield name, said, named
 
-    nodes, given = dict[str, LearningResult](), dict[str, SourceValues]()
-    for name, about, arrays in parts("nodes"):
-        node = KINDS[about["kind"]].of_file(saved, arrays, about, curriculum.tasks[name])
+    nodes, known = dict[str, LearningResult](), dict[str, SourceValues]()
+    for name, said, arrays in parts("nodes"):
+        node = KINDS[said["kind"]].of_file(saved, arrays, said, curriculum.tasks[name])
         nodes[name] = replace(node, learner=node.learner or curriculum.setting("learner", name))
     for name, own_rewards, arrays in parts("given"):
         task, seeds = curriculum.tasks[name], tuple(arrays["seeds"].tolist())
-        check_value_arrays(arrays, len(seeds), pairs_of(saved, words["tasks"][name], task))
+        check_value_arrays(arrays, len(seeds), pairs_of(saved, about["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
-        given[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
+        known[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
     fitted = dict[str, list[Calibration]]()  # without their potentials
-    for name, about, arrays in parts("calibrations"):
+    for name, of_fits, arrays in parts("calibrations"):
         fitted[name] = []
-        for k, scalars in enumerate(about):
+        for k, scalars in enumerate(of_fits):
             warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
             scalars = {key: scalars[key] for key in SCALARS}
             fitted[name].append(Calibration(None, warm_up=warm_up, **scalars))
-    nodes, given = _with_networks(curriculum, nodes, given, fitted)
+    _build_networks(curriculum, nodes, known, fitted)
     # Potentials follow from the sources' values, as they did in training.
-    sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **given}
-    potentials = {name: curriculum.potentials(name, sources) for name in words["trained"]}
+    sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **known}
+    potentials = {name: curriculum.potentials(name, sources) for name in about["trained"]}
     for name, of_seeds in fitted.items():
         fitted[name] = [
             replace(of_seed, potential=phi if of_seed.refusal else phi.rescaled(of_seed.scale))
             for of_seed, phi in zip(of_seeds, potentials[name], strict=True)
         ]
         potentials[name] = [calibration.potential for calibration in fitted[name]]
-    return nodes, potentials, fitted, given
+    return nodes, potentials, fitted, known
 
 
-def _with_networks(
+def _build_networks(
     curriculum: Any,
     nodes: dict[str, LearningResult],
-    given: dict[str, SourceValues],
+    known: dict[str, SourceValues],
     fitted: Mapping[str, list[Calibration]],
-) -> tuple[dict[str, LearningResult], dict[str, SourceValues]]:
-    """Return the same with networks built from their parameters, sources first."""
-    learnt: dict[str, Learnt] = {**given, **nodes}
+) -> None:
+    """Put networks in the place of their parameters, sources first."""
+    learnt: dict[str, Learnt] = {**known, **nodes}
     if not any(curriculum.node(name).deep for name in learnt):
-        return nodes, given
+        return
     stored = {
         name: StoredValues(
             result.values, result.steps_used, [c.scale for c in fitted.get(name, ())]
@@ -340,11 +340,10 @@ def _with_networks(
             f"{' '.join(str(error).split())}"
         ) from None
 
-    everything: Any = nodes, given
+    everything: Any = nodes, known
     for results in everything:
         for name in results.keys() & built.keys():
             results[name] = replace(results[name], values=built[name].values)
-    return nodes, given
 
 
 # -- stored values, as plain data ------------------------------------------------------------------

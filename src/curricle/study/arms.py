@@ -156,7 +156,7 @@ def train_unit(sent: UnitInput) -> UnitResult:
     arrays["source_steps"] = trained.source_steps
     if trained.calibrations:
         for part in ("scale", "refusal"):
-            arrays[part] = np.array([getattr(one, part) for one in trained.calibrations])
+            arrays[part] = np.array([getattr(fit, part) for fit in trained.calibrations])
     if trained.level is not None:
         arrays |= trained.level.arrays
     rows = _decisions(trained, arm.curriculum, unit)

@@ -447,18 +447,18 @@ def _without_margins(drawing: str) -> str:
     return "\n".join(line.strip() for line in drawing.strip().splitlines())
 
 
-def _cells_or(*words: str) -> Any:
+def _cells_or(*known: str) -> Any:
     """Return the type of some words, or of a list of cells that stands for a set."""
-    rule = f"be {', '.join(map(repr, words))} or a list of cells"
+    rule = f"be {', '.join(map(repr, known))} or a list of cells"
     cells = tuple[Pair, ...]
     return Annotated[
-        Literal[words] | cells, word(rule, words, lists=cells), AfterValidator(_in_order)
+        Literal[known] | cells, word(rule, known, lists=cells), AfterValidator(_in_order)
     ]
 
 
-def _listed_or(rule: str, lists: Any, *words: str) -> Any:
+def _listed_or(rule: str, lists: Any, *known: str) -> Any:
     """Return the type of some words, or of lists."""
-    return Annotated[Literal[words] | lists, word(rule, words, lists=lists)]
+    return Annotated[Literal[known] | lists, word(rule, known, lists=lists)]
 
 
 class _MazeTask(TaskTable):
