@@ -38,7 +38,9 @@ finally: assert not {'numba', 'matplotlib', 'pyarrow'} & set(sys.modules)
 """Runs a command, which must not import what takes long."""
 
 
-@pytest.mark.parametrize("command", [one.callback.__name__ for one in app.registered_commands])
+@pytest.mark.parametrize(
+    "command", [registered.callback.__name__ for registered in app.registered_commands]
+)
 def test_nothing_is_cut_in_the_help_at_80_columns(command):
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout
     assert f" {command} [OPTIONS]" in shown
@@ -90,15 +92,15 @@ def test_what_compiles_says_so_once(tmp_path, monkeypatch):
 @pytest.fixture
 def opened(monkeypatch):
     """The addresses that a browser was told to open, once there is one."""
-    addresses, told = [], Event()
+    addresses, asked = [], Event()
 
     def note(address):
         addresses.append(address)
-        told.set()
+        asked.set()
 
     monkeypatch.setattr(webbrowser, "open", note)
     monkeypatch.setattr(progress_bars, "has_windows", lambda: True)
-    return lambda: told.wait(60) and addresses
+    return lambda: asked.wait(60) and addresses
 
 
 def test_a_run_opens_its_report_and_writes_it_to_the_end(

@@ -82,8 +82,8 @@ def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
     defaults = settings.Settings()
     for which, value in SETTINGS.items():  # an unknown_value that is stated counts as given
         assert defaults.setting(which, tmp_path) == (None if which == "unknown_value" else value)
-    given = set(inspect.signature(cr.Transfer).parameters) - {"mapping"}
-    assert given == set(settings.TransferTable.parameters)
+    parameters = set(inspect.signature(cr.Transfer).parameters) - {"mapping"}
+    assert parameters == set(settings.TransferTable.parameters)
     assert set(inspect.signature(cr.GridWorld.crop).parameters) - {"self"} == (
         tasks.CropTask.model_fields.keys()
         - settings.Settings.model_fields.keys()
@@ -93,21 +93,24 @@ def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
 
 def test_choices_are_those_of_the_library():
     def public(base):
-        derived, found = [base], set()
+        derived, kinds = [base], set()
         while derived:
             more = derived.pop().__subclasses__()
             derived += more
-            found |= {one for one in more if one.__module__.startswith("curricle.")}
+            kinds |= {kind for kind in more if kind.__module__.startswith("curricle.")}
         # ShapingReward is for certify: no learner takes it.
-        used = {one for one in found if base is not Shaping or one.for_tables or one.for_networks}
-        return {one.__name__ for one in used if used.isdisjoint(one.__subclasses__())}
+        used = {
+            kind for kind in kinds if base is not Shaping or kind.for_tables or kind.for_networks
+        }
+        return {kind.__name__ for kind in used if used.isdisjoint(kind.__subclasses__())}
 
-    assert {one.makes.__name__ for one in settings.LEARNERS} == public(Learner)
-    assert {one.makes.__name__ for one in settings.SHAPINGS} == public(Shaping)
+    assert {kind.makes.__name__ for kind in settings.LEARNERS} == public(Learner)
+    assert {kind.makes.__name__ for kind in settings.SHAPINGS} == public(Shaping)
     assert set(settings.AGGREGATES) == {
         name
-        for name, one in vars(aggregation).items()
-        if inspect.isfunction(one) and list(inspect.signature(one).parameters) == ["potentials"]
+        for name, function in vars(aggregation).items()
+        if inspect.isfunction(function)
+        and list(inspect.signature(function).parameters) == ["potentials"]
     }
 
 

@@ -89,9 +89,9 @@ def test_an_arm_changes_what_it_says_and_nothing_else(read):
 
 def test_what_says_how_potentials_enter_is_of_tasks_with_sources_only(read):
     study = read(HUNT + "[arms.a]\n[arms.b]\naggregate = 'mean'\nshaping = 'StateShaping'")
-    one, other = study.arms.values()
-    assert one.tasks["chase"] == other.tasks["chase"]
-    assert one.tasks["hunt"] != other.tasks["hunt"]
+    first, second = study.arms.values()
+    assert first.tasks["chase"] == second.tasks["chase"]
+    assert first.tasks["hunt"] != second.tasks["hunt"]
 
 
 def test_an_arm_without_a_source_is_without_its_task(read):
@@ -171,9 +171,9 @@ TABLES = st.dictionaries(st.sampled_from("abcd"), TREES, max_size=4)
 
 
 @given(TABLES, TABLES)
-def test_merging_twice_is_merging_once_and_nothing_changes_nothing(one, other):
-    assert merged(one, {}) == merged({}, one) == merged(one, one) == one
-    assert merged(merged(one, other), other) == merged(one, other)
+def test_merging_twice_is_merging_once_and_nothing_changes_nothing(first, second):
+    assert merged(first, {}) == merged({}, first) == merged(first, first) == first
+    assert merged(merged(first, second), second) == merged(first, second)
 
 
 def entries(node, path=()):
@@ -183,8 +183,8 @@ def entries(node, path=()):
 
 
 @given(TABLES, TABLES)
-def test_a_merged_table_knows_where_each_entry_stands(one, other):
-    files = {"one": one, "other": other}
+def test_a_merged_table_knows_where_each_entry_stands(first, second):
+    files = {"one": first, "other": second}
     both = merged(*(located(table, (file,)) for file, table in files.items()))
     positions = Positions("x.toml", arms={"both": both})
     for path, value in entries(both):
@@ -293,7 +293,10 @@ def test_any_configuration_comes_back_equal(source, target, calibrate):
 
 def test_the_schema_says_what_each_key_means():
     schema = json_schema()
-    tables = [schema, *(one for one in schema["$defs"].values() if "properties" in one)]
+    tables = [
+        schema,
+        *(definition for definition in schema["$defs"].values() if "properties" in definition),
+    ]
     assert {"maze", "Transfer", "ArmPatch", "FamilyTask"} <= {table["title"] for table in tables}
     assert {"deep", "observation_task", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
     assert {"families", "sweep"} <= schema["properties"].keys()

@@ -88,9 +88,9 @@ def test_members_are_tasks_with_their_familys_defaults(read_family):
 def test_a_familys_mappings_are_transfers_of_their_own(read_family):
     curriculum = read_family(HUNT).curriculum("transfer")
     hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
-    assert [one.scale for one in curriculum.transfers] == [0.5, 0.5]
-    for one, name in zip(curriculum.transfers, hunt.predator_names, strict=True):
-        assert (one.mapping.index == project(hunt, chase, predator=name).index).all()
+    assert [edge.scale for edge in curriculum.transfers] == [0.5, 0.5]
+    for edge, name in zip(curriculum.transfers, hunt.predator_names, strict=True):
+        assert (edge.mapping.index == project(hunt, chase, predator=name).index).all()
 
 
 def test_a_built_in_family_needs_no_table(read_family):
@@ -103,8 +103,8 @@ def test_a_built_in_family_needs_no_table(read_family):
 def test_a_family_of_ones_own(read_family):
     curriculum = read_family(LANES).curriculum("transfer")
     assert curriculum.tasks["long"] == GridWorld("S......T", time_limit=None)
-    (one,) = curriculum.transfers
-    assert one.mapping.coverage().mapped > 0.3
+    (edge,) = curriculum.transfers
+    assert edge.mapping.coverage().mapped > 0.3
     direct = LANES.replace('family = "lane", length = 4', 'family = "own:corridor", length = 4')
     assert read_family(direct).curriculum("transfer").tasks["short"] == GridWorld(
         "S..T", time_limit=50
@@ -134,17 +134,17 @@ def test_plain_data_hold_every_parameter(read_family, text):
     assert "families" not in plain
     again = StudyConfig.from_data(plain, study.folder)
     assert again == study
-    one, other = (config.curriculum("transfer").tasks for config in (again, study))
-    assert list(one.values()) == list(other.values())
+    first, second = (config.curriculum("transfer").tasks for config in (again, study))
+    assert list(first.values()) == list(second.values())
     task = plain["arms"]["transfer"]["tasks"].get("hunt")
     if task:
         assert (task["family"], task["moves"], task["time_limit"]) == ("pursuit", 5, "none")
 
 
 def test_two_ways_to_write_a_member_are_one_study(read_family):
-    own = "torus = true, discount = 0.95"
+    settings = "torus = true, discount = 0.95"
     assert read_family(
-        HUNT.replace('{ family = "ring"', f'{{ family = "pursuit", {own}')
+        HUNT.replace('{ family = "ring"', f'{{ family = "pursuit", {settings}')
     ) == read_family(HUNT)
 
 
@@ -166,7 +166,9 @@ transfers = [{ source = "chase", target = "hunt", factory = "own:by_cells" }]
     )
     study = read_family(text)
     tasks = {arm: study.arms[arm].tasks["chase"] for arm in study.arms}
-    members = {arm: str(one.member(study.folder)) for arm, one in tasks.items() if arm != "maze"}
+    members = {
+        arm: str(table.member(study.folder)) for arm, table in tasks.items() if arm != "maze"
+    }
     assert members == {
         "same": "pursuit(size=3, predators=1, torus=True, discount=0.95)",
         "small": "pursuit(size=2, predators=1, torus=True, discount=0.95)",
@@ -305,8 +307,8 @@ def test_tasks_without_tables_are_refused(read, complaints):
     text = OBSERVED_HUNT.replace(
         'type = "observation_task"', 'type = "observation_task"\nstart_states = "uniform"'
     )
-    found = complaints(text)
-    assert any("tasks.hunt.start_states must be left out for hunt" in one for one in found)
+    lines = complaints(text)
+    assert any("tasks.hunt.start_states must be left out for hunt" in line for line in lines)
     live = 'type = "gymnasium", id = "Blackjack-v1", start_states = "uniform"'
     with pytest.raises(ConfigError, match="has no tables"):
         task_of(read, live)

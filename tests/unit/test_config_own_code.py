@@ -83,10 +83,10 @@ def test_functions_are_found_beside_the_file(read, own):
 
 def test_modules_of_one_name_in_two_folders_stay_apart(read, own):
     own("a", 5), own("b", 6)
-    one, other = read(LINES, name="a/study.toml"), read(LINES, name="b/study.toml")
-    assert [only(study).tasks["long"].states.size for study in (one, other, one)] == [5, 6, 5]
+    first, second = read(LINES, name="a/study.toml"), read(LINES, name="b/study.toml")
+    assert [only(study).tasks["long"].states.size for study in (first, second, first)] == [5, 6, 5]
     assert "own" not in sys.modules
-    again = StudyConfig.from_data(one.to_data(), other.folder)
+    again = StudyConfig.from_data(first.to_data(), second.folder)
     assert only(again).tasks["long"].states.size == 6
 
 
@@ -104,11 +104,11 @@ def test_a_prey_may_be_a_function(read, own):
 
 
 def test_other_mappings(read):
-    words = MAZE + "[tasks.near]\ntype='crop'\nof='maze'\nrows=[0,3]\ncolumns=[0,5]\nstart='map'\n"
+    text = MAZE + "[tasks.near]\ntype='crop'\nof='maze'\nrows=[0,3]\ncolumns=[0,5]\nstart='map'\n"
     edge = "[[transfers]]\nsource='near'\ntarget='maze'\n"
     maze = cr.GridWorld(["....T", ".PPP.", "S...."])
     for name in ("identity", "same_position", "relative_objects"):
-        curriculum = only(read(f"{words}{edge}mapping='{name}'"))
+        curriculum = only(read(f"{text}{edge}mapping='{name}'"))
         expected = cr.same_position(maze, maze).index
         np.testing.assert_array_equal(curriculum.transfers[0].mapping.index, expected)
 
@@ -333,10 +333,10 @@ def built_lamp(lamp_folder, name):
     return only(study, *study.arms).tasks[name]
 
 
-def assert_same(one, other):
-    assert one.states == other.states
+def assert_same(first, second):
+    assert first.states == second.states
     for name in ("next_state", "reward", "terminal", "start"):
-        np.testing.assert_array_equal(getattr(one.mdp, name), getattr(other.mdp, name))
+        np.testing.assert_array_equal(getattr(first.mdp, name), getattr(second.mdp, name))
 
 
 def test_a_tabulated_environment_is_what_python_makes(lamp_folder):
@@ -418,8 +418,8 @@ def test_a_function_of_environments_is_one(read_level):
     text = ENCODED.replace('type = "deep"', 'type = "deep", policy = "MultiInputPolicy"')
     with pytest.raises(ConfigError, match="reads pictures by NatureCNN"):
         _ = read_level("'own:image'", text).curricula
-    own = ENCODED.replace(f'id = "{LEVEL}"', "factory = 'own:level'\narguments = { size = 6 }")
-    task = only_task(read_level("'MiniGridView'", own))
+    text = ENCODED.replace(f'id = "{LEVEL}"', "factory = 'own:level'\narguments = { size = 6 }")
+    task = only_task(read_level("'MiniGridView'", text))
     assert task.observations.shape == (984,)
     assert task.environment().unwrapped.width == 6
 

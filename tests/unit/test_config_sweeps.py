@@ -14,7 +14,10 @@ RATES = "sweep.learner.learning_rate=[0.1, 0.3]"
 
 
 def rates(curricula, task="maze"):
-    return {name: one.setting("learner", task).learning_rate for name, one in curricula.items()}
+    return {
+        name: curriculum.setting("learner", task).learning_rate
+        for name, curriculum in curricula.items()
+    }
 
 
 # -- arms --------------------------------------------------------------------------------------
@@ -44,9 +47,11 @@ def test_each_value_makes_an_arm_of_every_arm_and_of_scratch(read, written):
 def test_a_setting_that_does_not_touch_scratch_leaves_one_scratch(read):
     study = read(MAZES, set=["sweep.tasks.corner.budget=[100, 200]"])
     assert list(study.scratch_curricula()) == ["scratch"]
-    budgets = {name: one.setting("budget", "corner") for name, one in study.curricula.items()}
+    budgets = {
+        name: curriculum.setting("budget", "corner") for name, curriculum in study.curricula.items()
+    }
     assert list(budgets) == ["transfer, corner.budget=100", "transfer, corner.budget=200"]
-    assert [one.max_steps for one in budgets.values()] == [100, 200]
+    assert [budget.max_steps for budget in budgets.values()] == [100, 200]
 
 
 def test_what_arms_share_is_trained_once(read):
@@ -76,12 +81,15 @@ def test_an_arm_that_sets_the_key_itself_is_there_once(read):
 
 def test_tables_and_transfers_are_swept_by_number(read):
     study = read(MAZES, set=["sweep.transfers.0.scale=[1.0, 2.0]"])
-    scales = [one.transfers[0].scale for one in study.curricula.values()]
+    scales = [curriculum.transfers[0].scale for curriculum in study.curricula.values()]
     assert scales == [1.0, 2.0]
     assert list(study.arms)[1] == "transfer, transfers.0.scale=2.0"
     kinds = read(MAZES, set=["sweep.learner=[{ type = 'SARSA' }, { type = 'QLearning' }]"])
-    found = [type(one.setting("learner", "maze")).__name__ for one in kinds.curricula.values()]
-    assert found == ["SARSA", "QLearning"]
+    learners = [
+        type(curriculum.setting("learner", "maze")).__name__
+        for curriculum in kinds.curricula.values()
+    ]
+    assert learners == ["SARSA", "QLearning"]
     assert next(iter(kinds.arms)) == "transfer, learner={type=SARSA}"
 
 

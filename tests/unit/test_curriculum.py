@@ -34,11 +34,11 @@ def build(pairs, **settings):
     return cr.Curriculum(**{"tasks": tasks, "transfers": edges(pairs), **plain, **settings})
 
 
-def same(one, other):
+def same(first, second):
     return (
-        np.array_equal(one.values, other.values)
-        and np.array_equal(one.greedy_return, other.greedy_return)
-        and np.array_equal(one.training_return, other.training_return, equal_nan=True)
+        np.array_equal(first.values, second.values)
+        and np.array_equal(first.greedy_return, second.greedy_return)
+        and np.array_equal(first.training_return, second.training_return, equal_nan=True)
     )
 
 
@@ -134,7 +134,7 @@ def test_the_end_is_worth_nothing_whatever_is_handed_on():
 
 
 def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
-    one = build(DIAMOND).train(seeds=2)
+    straight = build(DIAMOND).train(seeds=2)
     turned = cr.Curriculum(
         dict(reversed(TASKS.items())),
         list(reversed(edges(DIAMOND))),
@@ -142,7 +142,7 @@ def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
         shaping=cr.QInitialisation(),
     ).train(seeds=2)
     for name in TASKS:
-        assert same(one[name], turned[name])
+        assert same(straight[name], turned[name])
 
 
 def test_trained_results_and_their_values_are_reused_bit_for_bit():
@@ -251,10 +251,10 @@ def test_only_some_tasks_are_trained_with_what_they_build_on():
 def test_potentials_are_those_that_training_starts_from():
     plan = cr.Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=200, aggregate=cr.minimum)
     result = plan.train(seeds=2)
-    for given, used in zip(
+    for expected, used in zip(
         plan.potentials("far", result.nodes), result.potentials["far"], strict=True
     ):
-        np.testing.assert_array_equal(given.values, used.values)
+        np.testing.assert_array_equal(expected.values, used.values)
     alone = plan.potentials("far", result.nodes, transfers=plan.in_edges("far")[:1])
     doubled = replace(plan, aggregate=cr.total).potentials("far", result.nodes)
     single = plan.in_edges("far")[0].potential(result["left"].values[0])
@@ -269,8 +269,8 @@ def test_potentials_are_those_that_training_starts_from():
 )
 def test_values_that_contain_what_shaping_added_are_not_handed_on(kind, learner):
     """The task in the middle of a chain is refused when it is made, and so is its result."""
-    words = f"own rewards: {kind.__name__} changes those of 'left', which 'far' reads"
-    with pytest.raises(CurriculumError, match=words):
+    message = f"own rewards: {kind.__name__} changes those of 'left', which 'far' reads"
+    with pytest.raises(CurriculumError, match=message):
         build(CHAIN, learner=learner, shaping={"left": kind()})
     shaped = cr.learn(TASKS["left"], learner, 300, shaping=kind(np.ones((8, 4))))
     alone = build([("left", "far")])

@@ -113,8 +113,8 @@ def test_an_environment_is_seen_as_it_is(read):
 
 def test_environments_of_ones_own_are_made_again_and_again(read):
     def corridor(length):
-        own = f"factory = 'own:corridor'\narguments = {{ length = {length} }}"
-        study = read(CART, ('id = "CartPole-v1"\ntime_limit = 50', own))
+        factory = f"factory = 'own:corridor'\narguments = {{ length = {length} }}"
+        study = read(CART, ('id = "CartPole-v1"\ntime_limit = 50', factory))
         return study.curriculum("transfer").tasks["short"]
 
     task = corridor(7)
