@@ -65,14 +65,14 @@ MUTATIONS = [
     ),
     Mutation(
         "a study file names Python's own library",
-        "study/own_code.py",
+        "study_file/own_code.py",
         "    if first in sys.stdlib_module_names:",
         "    if not first:",
         ("tests/unit/test_untrusted_files.py::test_pythons_own_library_is_refused",),
     ),
     Mutation(
         "a study file names any installed package",
-        "study/own_code.py",
+        "study_file/own_code.py",
         "    if name not in SAFE and not any(",
         "    if not name and not any(",
         (
@@ -271,7 +271,7 @@ MUTATIONS = [
     ),
     Mutation(
         "scratch not swept",
-        "study/vary.py",
+        "study_file/vary.py",
         'place[2] in ("learner", "storage")',
         "not place",
         ("tests/unit/test_config_sweeps.py",),

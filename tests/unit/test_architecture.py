@@ -14,7 +14,7 @@ LAYERS = [
     *["errors", "arrays", "checks", "text", "display", "progress", "files"],
     *["tasks", "show/views", "show/scenes"],
     *["statistics", "planning", "learning", "teaching", "transfer", "certificate"],
-    *["interop", "deep", "curriculum", "comparison", "design", "study"],
+    *["interop", "deep", "curriculum", "comparison", "design", "study_file", "study"],
     *["show", "paper", "cli"],
 ]
 """The packages, each of which imports only from those before it. Two modules of `show` have a place

@@ -21,87 +21,69 @@ from curricle.study import StudyResults
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
 
-def in_a_process(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", "curricle", *arguments], cwd=cwd, capture_output=True, text=True
-    )
+def python(*arguments, **environment):
+    """Return a finished process of Python; it does not import what is slow to import."""
+    env = {**os.environ, **environment}
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, env=env)
 
 
-@pytest.mark.parametrize("command", [one.callback.__name__ for one in app.registered_commands])
+LIGHT = """
+import sys
+from curricle.cli import main
+sys.argv = ['curricle', *sys.argv[1:]]
+try: main()
+except SystemExit: pass
+finally: assert not {'numba', 'matplotlib', 'pyarrow'} & set(sys.modules)
+"""
+"""Runs a command, which must not import what takes long."""
+
+
+@pytest.mark.parametrize(
+    "command", [registered.callback.__name__ for registered in app.registered_commands]
+)
 def test_nothing_is_cut_in_the_help_at_80_columns(command):
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout
     assert f" {command} [OPTIONS]" in shown
     assert "…" not in shown
 
 
-def test_help_imports_neither_numba_nor_matplotlib(tmp_path):
-    code = (
-        "import sys; sys.argv = ['curricle', '--help']\n"
-        "from curricle.cli import main\n"
-        "try: main()\n"
-        "except SystemExit: pass\n"
-        "assert not {'numba', 'matplotlib', 'pyarrow'} & set(sys.modules)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
-    )
+def test_help_imports_neither_numba_nor_matplotlib():
+    done = python("-c", LIGHT, "--help")
     assert done.returncode == 0, done.stderr
+    assert "Exit codes" in done.stdout
 
 
-def test_the_version_is_the_packages(tmp_path):
-    done = in_a_process("--version", cwd=tmp_path)
+def test_the_version_is_the_packages():
+    done = python("-m", "curricle", "--version")
     assert (done.returncode, done.stdout) == (0, f"curricle {version('curricle')}\n")
 
 
-def test_a_shell_completes_commands_and_kinds(tmp_path):
-    def completed(*words):
-        asked = {
-            "_CURRICLE_COMPLETE": "complete_bash",
-            "COMP_WORDS": " ".join(("curricle", *words)),
-            "COMP_CWORD": str(len(words)),
-        }
-        code = (
-            "import sys; sys.argv = ['curricle']\n"
-            "from curricle.cli import main\n"
-            "try: main()\n"
-            "finally: assert not {'numba', 'matplotlib', 'pyarrow'} & set(sys.modules)"
-        )
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            cwd=tmp_path,
-            env={**os.environ, **asked},
-            capture_output=True,
-            text=True,
-        )
-        return done.stdout.split()
-
-    assert completed("che") == ["check"]
-    assert completed("new", "ma") == ["maze"]
+@pytest.mark.parametrize(("typed", "expected"), [("che", "check"), ("new ma", "maze")])
+def test_a_shell_completes_commands_and_kinds(typed, expected):
+    asked = {"COMP_WORDS": f"curricle {typed}", "COMP_CWORD": str(len(typed.split()))}
+    done = python("-c", LIGHT, _CURRICLE_COMPLETE="complete_bash", **asked)
+    assert done.stdout.split() == [expected]
+    assert "AssertionError" not in done.stderr
 
 
-def test_what_compiles_says_so_once(tmp_path):
+def test_what_compiles_says_so_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     code = (
-        "import sys\n"
         "from curricle.cli.progress_bars import announce_compilation\n"
-        "found = announce_compilation()\n"
-        "from tests_loops import one, other\n"
-        "one(1); other(1)\n"
-        "print(found.loops)"
+        "listener = announce_compilation()\n"
+        "from tests_loops import first, second\n"
+        "first(1); second(1)\n"
+        "print(listener.loops)"
     )
     (tmp_path / "tests_loops.py").write_text(
         "from numba import njit\n"
         "@njit\ndef part(n): return n + 1\n"
-        "@njit(cache=True)\ndef one(n): return part(n)\n"
-        "@njit(cache=True)\ndef other(n): return part(n) + 1\n"
+        "@njit(cache=True)\ndef first(n): return part(n)\n"
+        "@njit(cache=True)\ndef second(n): return part(n) + 1\n"
     )
-    cache = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    told = []
-    for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-c", code], cwd=tmp_path, env=cache, capture_output=True, text=True
-        )
-        told.append((done.stdout, done.stderr.count("curricle: compiling, once")))
-    assert told == [("2\n", 1), ("0\n", 0)]
+    done = [python("-c", code, NUMBA_CACHE_DIR=str(tmp_path / "cache")) for _ in range(2)]
+    said = [(run.stdout, run.stderr.count("curricle: compiling, once")) for run in done]
+    assert said == [("2\n", 1), ("0\n", 0)]
 
 
 # -- run --open, watch ------------------------------------------------------------
@@ -110,15 +92,15 @@ def test_what_compiles_says_so_once(tmp_path):
 @pytest.fixture
 def opened(monkeypatch):
     """The addresses that a browser was told to open, once there is one."""
-    addresses, told = [], Event()
+    addresses, asked = [], Event()
 
     def note(address):
         addresses.append(address)
-        told.set()
+        asked.set()
 
     monkeypatch.setattr(webbrowser, "open", note)
     monkeypatch.setattr(progress_bars, "has_windows", lambda: True)
-    return lambda: told.wait(60) and addresses
+    return lambda: asked.wait(60) and addresses
 
 
 def test_a_run_opens_its_report_and_writes_it_to_the_end(

@@ -19,8 +19,8 @@ from curricle.learning import (
 )
 from curricle.learning.schedules import Schedule
 from curricle.learning.shaping import Shaping
-from curricle.study import schema as settings, task_tables as tasks
-from curricle.study.schema import table_of
+from curricle.study_file import schema as settings, task_tables as tasks
+from curricle.study_file.schema import table_of
 from curricle.transfer import Calibrate, aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 
@@ -82,8 +82,8 @@ def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
     defaults = settings.Settings()
     for which, value in SETTINGS.items():  # an unknown_value that is stated counts as given
         assert defaults.setting(which, tmp_path) == (None if which == "unknown_value" else value)
-    given = set(inspect.signature(cr.Transfer).parameters) - {"mapping"}
-    assert given == set(settings.TransferTable.parameters)
+    parameters = set(inspect.signature(cr.Transfer).parameters) - {"mapping"}
+    assert parameters == set(settings.TransferTable.parameters)
     assert set(inspect.signature(cr.GridWorld.crop).parameters) - {"self"} == (
         tasks.CropTask.model_fields.keys()
         - settings.Settings.model_fields.keys()
@@ -93,21 +93,24 @@ def test_settings_and_transfers_are_those_of_a_curriculum(tmp_path):
 
 def test_choices_are_those_of_the_library():
     def public(base):
-        derived, found = [base], set()
+        derived, kinds = [base], set()
         while derived:
             more = derived.pop().__subclasses__()
             derived += more
-            found |= {one for one in more if one.__module__.startswith("curricle.")}
+            kinds |= {kind for kind in more if kind.__module__.startswith("curricle.")}
         # ShapingReward is for certify: no learner takes it.
-        used = {one for one in found if base is not Shaping or one.for_tables or one.for_networks}
-        return {one.__name__ for one in used if used.isdisjoint(one.__subclasses__())}
+        used = {
+            kind for kind in kinds if base is not Shaping or kind.for_tables or kind.for_networks
+        }
+        return {kind.__name__ for kind in used if used.isdisjoint(kind.__subclasses__())}
 
-    assert {one.makes.__name__ for one in settings.LEARNERS} == public(Learner)
-    assert {one.makes.__name__ for one in settings.SHAPINGS} == public(Shaping)
+    assert {kind.makes.__name__ for kind in settings.LEARNERS} == public(Learner)
+    assert {kind.makes.__name__ for kind in settings.SHAPINGS} == public(Shaping)
     assert set(settings.AGGREGATES) == {
         name
-        for name, one in vars(aggregation).items()
-        if inspect.isfunction(one) and list(inspect.signature(one).parameters) == ["potentials"]
+        for name, function in vars(aggregation).items()
+        if inspect.isfunction(function)
+        and list(inspect.signature(function).parameters) == ["potentials"]
     }
 
 
@@ -201,61 +204,49 @@ def test_a_task_is_the_one_described(read, table, made):
     assert only(read(f"name = 'x'\n[tasks.it]\n{table}")).tasks["it"] == made
 
 
-LEARNER, SHAPING, EVALUATION = "tasks.hunt.learner", "tasks.hunt.shaping", "tasks.hunt.evaluation"
+LEARNER, SHAPING = "tasks.hunt.learner", "tasks.hunt.shaping"
+STORAGE = cr.Storage(dtype="float32", memory_limit="1 GiB")
+FALLING = "{ type = 'linear', first = 1, last = 0, steps = 1e3 }"
+HALVED = "{ type = 'exponential', first = 1, half_life = 9.5 }"
+SAID = [
+    (LEARNER, "{ type = 'SARSA', epsilon = 0.3 }", cr.SARSA(0.2, 0.3)),
+    (LEARNER, f"{{ epsilon = {FALLING} }}", cr.QLearning(0.2, linear(1, 0, steps=1000))),
+    (LEARNER, f"{{ epsilon = {HALVED} }}", cr.QLearning(0.2, exponential(1, half_life=9.5))),
+    (LEARNER, "{ learning_rate = { type = 'harmonic' } }", cr.QLearning(harmonic(), 0.1)),
+    (
+        LEARNER,
+        "{ type = 'OptimisticQLearning', value_range = [-3, 2.5], learning_rate = 0.5 }",
+        OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
+    ),
+    (SHAPING, "'StateShaping'", cr.StateShaping()),
+    ("shaping", "{ guard = true }", cr.QInitialisation(guard=cr.Guard())),
+    (
+        "shaping",
+        "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
+        cr.DecayingAdvice(weight=harmonic(half=9)),
+    ),
+    (
+        SHAPING,
+        "{ type = 'LookAheadAdvice', guard = { share_behind = 0.2 } }",
+        cr.LookAheadAdvice(guard=cr.Guard(share_behind=0.2)),
+    ),
+    (
+        "tasks.hunt.evaluation",
+        "{ method = 'rollouts', episodes = 7, discounted = false }",
+        cr.GreedyEvaluation("rollouts", 7, False),
+    ),
+    ("storage", "{ dtype = 'float32', memory_limit = '1 GiB' }", STORAGE),
+    ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
+    (
+        "tasks.hunt.budget",
+        "{ max_steps = 5000, min_steps = 10, threshold = -3.5, when = 'all' }",
+        cr.StoppingRule(5000, min_steps=10, threshold=-3.5, when="all"),
+    ),
+    ("tasks.hunt.eval_freq", "50", 50),
+]
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "made"),
-    [
-        (LEARNER, "{ type = 'SARSA', epsilon = 0.3 }", cr.SARSA(0.2, 0.3)),
-        (
-            LEARNER,
-            "{ learning_rate = { type = 'harmonic' }, "
-            "epsilon = { type = 'linear', first = 1, last = 0.1, steps = 1e3 } }",
-            cr.QLearning(learning_rate=harmonic(), epsilon=linear(1, 0.1, steps=1000)),
-        ),
-        (
-            LEARNER,
-            "{ type = 'DoubleQLearning', "
-            "epsilon = { type = 'exponential', first = 1, half_life = 9.5 } }",
-            cr.DoubleQLearning(0.2, epsilon=exponential(1, half_life=9.5)),
-        ),
-        (
-            LEARNER,
-            "{ type = 'OptimisticQLearning', value_range = [-3, 2.5], learning_rate = 0.5 }",
-            OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
-        ),
-        (SHAPING, "'StateShaping'", cr.StateShaping()),
-        ("shaping", "{ guard = true }", cr.QInitialisation(guard=cr.Guard())),
-        (
-            "shaping",
-            "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
-            cr.DecayingAdvice(weight=harmonic(half=9)),
-        ),
-        (
-            SHAPING,
-            "{ type = 'LookAheadAdvice', guard = { share_behind = 0.2 } }",
-            cr.LookAheadAdvice(guard=cr.Guard(share_behind=0.2)),
-        ),
-        (
-            EVALUATION,
-            "{ method = 'rollouts', episodes = 7, discounted = false }",
-            cr.GreedyEvaluation("rollouts", 7, False),
-        ),
-        (
-            "storage",
-            "{ kind = 'dense', dtype = 'float32', memory_limit = '1 GiB' }",
-            cr.Storage("dense", "float32", "1 GiB"),
-        ),
-        ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
-        (
-            "tasks.hunt.budget",
-            "{ max_steps = 5000, min_steps = 10, threshold = -3.5, when = 'all' }",
-            cr.StoppingRule(5000, min_steps=10, threshold=-3.5, when="all"),
-        ),
-        ("tasks.hunt.eval_freq", "50", 50),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "made"), SAID)
 def test_a_setting_is_the_one_described(read, key, value, made):
     assert only(read(HUNT, set=[f"{key}={value}"])).setting(key.split(".")[-1], "hunt") == made
 

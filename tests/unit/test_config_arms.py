@@ -14,8 +14,8 @@ import curricle as cr
 from curricle import GridWorld
 from curricle.study import StudyConfig, read_study
 from curricle.study.config import configured, json_schema
-from curricle.study.file import Positions, located, merged
 from curricle.study.templates import KINDS, template
+from curricle.study_file.file import Positions, located, merged
 from curricle.transfer import aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 
@@ -89,9 +89,9 @@ def test_an_arm_changes_what_it_says_and_nothing_else(read):
 
 def test_what_says_how_potentials_enter_is_of_tasks_with_sources_only(read):
     study = read(HUNT + "[arms.a]\n[arms.b]\naggregate = 'mean'\nshaping = 'StateShaping'")
-    one, other = study.arms.values()
-    assert one.tasks["chase"] == other.tasks["chase"]
-    assert one.tasks["hunt"] != other.tasks["hunt"]
+    first, second = study.arms.values()
+    assert first.tasks["chase"] == second.tasks["chase"]
+    assert first.tasks["hunt"] != second.tasks["hunt"]
 
 
 def test_an_arm_without_a_source_is_without_its_task(read):
@@ -138,34 +138,26 @@ def test_arms_may_fill_in_what_the_study_leaves_open(read):
     assert [arm.tasks["corner"].states.size for arm in study.curricula.values()] == [2, 6]
 
 
-@pytest.mark.parametrize(
-    ("base", "patch", "expected"),
-    [
-        ({"budget": 5}, {"budget": {"episodes": 3}}, {"budget": {"episodes": 3}}),
-        (
-            {"budget": {"max_steps": 9, "threshold": 1}},
-            {"budget": {"episodes": 3}},
-            {"budget": {"episodes": 3}},
-        ),
-        ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
-        ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
-        (
-            {"type": "pursuit", "size": 4, "budget": 9},
-            {"type": "maze", "map": "S.T"},
-            {"type": "maze", "map": "S.T", "budget": 9},
-        ),
-        (
-            {"learner": {"type": "QLearning", "learning_rate": 0.3}},
-            {"learner": {"type": "SARSA"}},
-            {"learner": {"type": "SARSA", "learning_rate": 0.3}},
-        ),
-        (
-            {"learner": {"type": "OptimisticQLearning", "value_range": [0, 9], "epsilon": 0.3}},
-            {"learner": {"type": "QLearning"}},
-            {"learner": {"type": "QLearning", "epsilon": 0.3}},
-        ),
-    ],
-)
+RULE, EPISODES = {"max_steps": 9, "threshold": 1}, {"episodes": 3}
+HUNTING, DRAWN = {"type": "pursuit", "size": 4, "budget": 9}, {"type": "maze", "map": "S.T"}
+WIDE = {"type": "OptimisticQLearning", "value_range": [0, 9], "epsilon": 0.3}
+PLAIN = {"type": "QLearning", "learning_rate": 0.3}
+MERGED = [
+    ({"budget": 5}, {"budget": EPISODES}, {"budget": EPISODES}),
+    ({"budget": RULE}, {"budget": EPISODES}, {"budget": EPISODES}),
+    ({"map": "S.T"}, {"file": "x.txt"}, {"file": "x.txt"}),
+    ({"epsilon": 0.1}, {"inverse_temperature": 1}, {"inverse_temperature": 1}),
+    (HUNTING, DRAWN, {**DRAWN, "budget": 9}),
+    ({"learner": PLAIN}, {"learner": {"type": "SARSA"}}, {"learner": {**PLAIN, "type": "SARSA"}}),
+    (
+        {"learner": WIDE},
+        {"learner": {"type": "SARSA"}},
+        {"learner": {"type": "SARSA", "epsilon": 0.3}},
+    ),
+]
+
+
+@pytest.mark.parametrize(("base", "patch", "expected"), MERGED)
 def test_merging(base, patch, expected):
     assert merged(base, patch) == expected
 
@@ -179,9 +171,9 @@ TABLES = st.dictionaries(st.sampled_from("abcd"), TREES, max_size=4)
 
 
 @given(TABLES, TABLES)
-def test_merging_twice_is_merging_once_and_nothing_changes_nothing(one, other):
-    assert merged(one, {}) == merged({}, one) == merged(one, one) == one
-    assert merged(merged(one, other), other) == merged(one, other)
+def test_merging_twice_is_merging_once_and_nothing_changes_nothing(first, second):
+    assert merged(first, {}) == merged({}, first) == merged(first, first) == first
+    assert merged(merged(first, second), second) == merged(first, second)
 
 
 def entries(node, path=()):
@@ -191,8 +183,8 @@ def entries(node, path=()):
 
 
 @given(TABLES, TABLES)
-def test_a_merged_table_knows_where_each_entry_stands(one, other):
-    files = {"one": one, "other": other}
+def test_a_merged_table_knows_where_each_entry_stands(first, second):
+    files = {"one": first, "other": second}
     both = merged(*(located(table, (file,)) for file, table in files.items()))
     positions = Positions("x.toml", arms={"both": both})
     for path, value in entries(both):
@@ -224,18 +216,6 @@ def test_what_is_set_is_read_as_toml_or_else_as_text(read):
 
 
 # As plain data.
-
-
-def test_a_configuration_is_plain_data_and_comes_back_equal(read):
-    study = read(
-        HUNT
-        + "[arms.a]\n[arms.b]\naggregate = 'mean'\n[arms.c]\nshaping.guard = { share_behind = 0.2 }"
-    )
-    words = json.dumps(study.to_data())
-    again = StudyConfig.from_data(json.loads(words), study.folder)
-    assert again == study
-    assert json.dumps(again.to_data()) == words
-    assert again.curricula["b"].tasks == study.curricula["b"].tasks
 
 
 def test_two_ways_to_write_a_study_are_one_configuration(read):
@@ -279,24 +259,6 @@ def test_a_configuration_holds_its_maps(read, tmp_path):
     assert only(again).tasks["maze"] == GridWorld(["....T", ".PPP.", "S...."])
 
 
-def test_an_arm_s_file_takes_the_place_of_the_study_s_map(read, tmp_path):
-    (tmp_path / "line.txt").write_text("S.T")
-    study = read(
-        MAZE
-        + """
-        [tasks]
-        line = { type = "maze", map = "ST" }
-        [[transfers]]
-        source = "line"
-        target = "maze"
-        mapping = "relative_objects"
-        [arms.line]
-        tasks.line.file = "line.txt"
-        """
-    )
-    assert only(study, "line").tasks["line"] == GridWorld("S.T")
-
-
 SMALL = st.fixed_dictionaries(
     {"type": st.just("pursuit"), "size": st.integers(2, 4), "predators": st.integers(1, 3)},
     optional={
@@ -331,9 +293,12 @@ def test_any_configuration_comes_back_equal(source, target, calibrate):
 
 def test_the_schema_says_what_each_key_means():
     schema = json_schema()
-    tables = [schema, *(one for one in schema["$defs"].values() if "properties" in one)]
+    tables = [
+        schema,
+        *(definition for definition in schema["$defs"].values() if "properties" in definition),
+    ]
     assert {"maze", "Transfer", "ArmPatch", "FamilyTask"} <= {table["title"] for table in tables}
-    assert {"deep", "ObservationTaskTable", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
+    assert {"deep", "observation_task", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
     assert {"families", "sweep"} <= schema["properties"].keys()
     for table in tables:
         # Their keys are the parameters of a family, or those of any setting.

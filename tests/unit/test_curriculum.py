@@ -34,11 +34,11 @@ def build(pairs, **settings):
     return cr.Curriculum(**{"tasks": tasks, "transfers": edges(pairs), **plain, **settings})
 
 
-def same(one, other):
+def same(first, second):
     return (
-        np.array_equal(one.values, other.values)
-        and np.array_equal(one.greedy_return, other.greedy_return)
-        and np.array_equal(one.training_return, other.training_return, equal_nan=True)
+        np.array_equal(first.values, second.values)
+        and np.array_equal(first.greedy_return, second.greedy_return)
+        and np.array_equal(first.training_return, second.training_return, equal_nan=True)
     )
 
 
@@ -88,14 +88,8 @@ def test_a_target_starts_from_its_source_seed_by_seed():
         read = edge.mapping.read(result["near"].values[k])
         assert np.isnan(read).any()  # states outside of the source
         assert (result.potentials["far"][k].values == np.nan_to_num(read)).all()
-    by_hand = cr.learn(
-        TASKS["far"],
-        budget=300,
-        seeds=[4, 2],
-        shaping=one_each(cr.QInitialisation, result, "far"),
-        stream="far",
-    )
-    assert same(by_hand, result["far"])
+    started = {"shaping": one_each(cr.QInitialisation, result, "far"), "stream": "far"}
+    assert same(cr.learn(MAZE, budget=300, seeds=[4, 2], **started), result["far"])
 
 
 def test_knowledge_passes_through_an_intermediate_task():
@@ -114,13 +108,9 @@ def test_one_source_serves_through_two_mappings():
         cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator=p), scale=scale)
         for p, scale in (("predator_1", 1), ("predator_2", 3))
     ]
-    seen = []
-    result = cr.Curriculum(
-        {"hunt": hunt, "chase": chase},
-        both,
-        aggregate=lambda p: seen.append(p) or p[1],
-        budget=cr.StoppingRule(200),
-    ).train()
+    seen, settings = [], {"budget": cr.StoppingRule(200)}
+    settings["aggregate"] = lambda p: seen.append(p) or p[1]
+    result = cr.Curriculum({"hunt": hunt, "chase": chase}, both, **settings).train()
     q = result["chase"].values[0]
     assert [p.shape for p in seen] == [(2, 64, 25)]
     assert (seen[0][0] == both[0].mapping.read(q)).all()
@@ -144,7 +134,7 @@ def test_the_end_is_worth_nothing_whatever_is_handed_on():
 
 
 def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
-    one = build(DIAMOND).train(seeds=2)
+    straight = build(DIAMOND).train(seeds=2)
     turned = cr.Curriculum(
         dict(reversed(TASKS.items())),
         list(reversed(edges(DIAMOND))),
@@ -152,30 +142,25 @@ def test_results_do_not_depend_on_the_order_of_the_tasks_or_edges():
         shaping=cr.QInitialisation(),
     ).train(seeds=2)
     for name in TASKS:
-        assert same(one[name], turned[name])
+        assert same(straight[name], turned[name])
 
 
-def test_trained_results_are_reused_bit_for_bit():
+def test_trained_results_and_their_values_are_reused_bit_for_bit():
     fresh = build(DIAMOND).train(seeds=2)
     before = {name: fresh[name].values.copy() for name in TASKS}
     kept = {name: fresh[name] for name in ("near", "right")}
     again = build(DIAMOND).train(seeds=2, trained=kept)
     assert again["near"] is fresh["near"]
     assert set(again.potentials) == {"left", "far"}
-    for name in TASKS:
-        assert same(fresh[name], again[name])
-        assert (before[name] == fresh[name].values).all()
-    assert again.source_steps("far").tolist() == fresh.source_steps("far").tolist()
+    assert all(same(fresh[name], again[name]) for name in TASKS)
+    assert all((before[name] == fresh[name].values).all() for name in TASKS)
     assert set(kept) == {"near", "right"}
-
-
-def test_values_are_all_that_later_tasks_need_of_a_source():
-    fresh = build(DIAMOND).train(seeds=2)
-    given = {name: fresh.sources[name] for name in ("near", "right")}
-    again = build(DIAMOND).train(seeds=2, trained=given)
-    assert set(again.nodes) == {"left", "far"}
-    assert all(same(fresh[name], again[name]) for name in again.nodes)
-    assert again.source_steps("far").tolist() == fresh.source_steps("far").tolist()
+    # Values are all that later tasks need of a source.
+    read = build(DIAMOND).train(seeds=2, trained={name: fresh.sources[name] for name in kept})
+    assert set(read.nodes) == {"left", "far"}
+    assert all(same(fresh[name], read[name]) for name in read.nodes)
+    for result in (again, read):
+        assert result.source_steps("far").tolist() == fresh.source_steps("far").tolist()
 
 
 # -- settings for each task ----------------------------------------------------------------------
@@ -214,12 +199,11 @@ def test_state_shaping_uses_the_largest_action_value_of_a_state():
 
 
 def test_look_back_advice_shapes_the_target_and_leaves_the_source_alone():
-    result = build([("near", "far")], learner=cr.SARSA(), shaping=cr.LookBackAdvice()).train()
-    by_hand = cr.learn(
-        MAZE, cr.SARSA(), 300, shaping=one_each(cr.LookBackAdvice, result, "far"), stream="far"
-    )
-    assert same(by_hand, result["far"])
-    assert same(result["near"], cr.learn(TASKS["near"], cr.SARSA(), 300, stream="near"))
+    learner = cr.SARSA()
+    result = build([("near", "far")], learner=learner, shaping=cr.LookBackAdvice()).train()
+    shaping = one_each(cr.LookBackAdvice, result, "far")
+    assert same(cr.learn(MAZE, learner, 300, shaping=shaping, stream="far"), result["far"])
+    assert same(result["near"], cr.learn(TASKS["near"], learner, 300, stream="near"))
 
 
 def test_a_curriculum_does_not_change_with_the_callers_containers():
@@ -231,33 +215,20 @@ def test_a_curriculum_does_not_change_with_the_callers_containers():
 
 
 def test_equal_tasks_are_one_task():
-    def hunt():
-        return cr.Pursuit(size=2, predators=2)
-
-    def chase():
-        return cr.Pursuit(size=2, predators=1)
-
-    curriculum = cr.Curriculum(
-        tasks={"hunt": hunt(), "chase": chase()},
-        transfers=[
-            cr.Transfer("chase", "hunt", cr.project(hunt(), chase(), predator="predator_1"))
-        ],
-        budget=200,
-    )
+    hunts, chases = ([cr.Pursuit(size=2, predators=n) for _ in range(2)] for n in (2, 1))
+    edge = cr.Transfer("chase", "hunt", cr.project(hunts[0], chases[0], predator="predator_1"))
+    curriculum = cr.Curriculum({"hunt": hunts[1], "chase": chases[1]}, [edge], budget=200)
     assert curriculum.train()["hunt"].steps_used.tolist() == [200]
 
 
-def test_a_guard_watches_over_the_tasks_that_have_sources():
-    tasks = {name: TASKS[name] for name in ("near", "left", "far")}
-    plan = {"tasks": tasks, "transfers": edges(CHAIN), "budget": 2000}
-    result = cr.Curriculum(**plan, shaping=cr.QInitialisation(guard=cr.Guard())).train()
+@pytest.mark.parametrize(
+    ("shaping", "learner"), [(cr.QInitialisation, cr.QLearning()), (cr.StateShaping, cr.SARSA())]
+)
+def test_a_guard_watches_over_the_tasks_that_have_sources(shaping, learner):
+    guarded = {"shaping": shaping(guard=cr.Guard()), "learner": learner}
+    result = build(CHAIN, budget=2000, **guarded).train()
     assert np.isnan(result["near"].guard_share).all()
     assert (result["far"].guard_share > 0).all()
-    shaped = cr.Curriculum(
-        **plan, shaping=cr.StateShaping(guard=cr.Guard()), learner=cr.SARSA()
-    ).train()
-    assert np.isnan(shaped["near"].guard_share).all()
-    assert (shaped["far"].guard_share > 0).all()
 
 
 def test_a_curriculum_fills_the_potential_in():
@@ -280,10 +251,10 @@ def test_only_some_tasks_are_trained_with_what_they_build_on():
 def test_potentials_are_those_that_training_starts_from():
     plan = cr.Curriculum(tasks=TASKS, transfers=edges(DIAMOND), budget=200, aggregate=cr.minimum)
     result = plan.train(seeds=2)
-    for given, used in zip(
+    for expected, used in zip(
         plan.potentials("far", result.nodes), result.potentials["far"], strict=True
     ):
-        np.testing.assert_array_equal(given.values, used.values)
+        np.testing.assert_array_equal(expected.values, used.values)
     alone = plan.potentials("far", result.nodes, transfers=plan.in_edges("far")[:1])
     doubled = replace(plan, aggregate=cr.total).potentials("far", result.nodes)
     single = plan.in_edges("far")[0].potential(result["left"].values[0])
@@ -298,8 +269,8 @@ def test_potentials_are_those_that_training_starts_from():
 )
 def test_values_that_contain_what_shaping_added_are_not_handed_on(kind, learner):
     """The task in the middle of a chain is refused when it is made, and so is its result."""
-    words = f"own rewards: {kind.__name__} changes those of 'left', which 'far' reads"
-    with pytest.raises(CurriculumError, match=words):
+    message = f"own rewards: {kind.__name__} changes those of 'left', which 'far' reads"
+    with pytest.raises(CurriculumError, match=message):
         build(CHAIN, learner=learner, shaping={"left": kind()})
     shaped = cr.learn(TASKS["left"], learner, 300, shaping=kind(np.ones((8, 4))))
     alone = build([("left", "far")])

@@ -50,31 +50,14 @@ tasks.near = { type = 'maze', map = 'S..T', budget = { max_steps = 100 } }
 tasks.far = { type = 'maze', map = 'S...T', budget = 200 }
 transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
 """
-CURVES = {
-    "arm": "VARCHAR",
-    "task": "VARCHAR",
-    "seed": "BIGINT",
-    "checkpoint": "BIGINT",
-    "steps": "BIGINT",
-    "source_steps": "BIGINT",
-    "training_return": "DOUBLE",
-    "greedy_return": "DOUBLE",
-    "guard_share": "DOUBLE",
-    "episodes": "BIGINT",
-}
-DECISIONS = {
-    "arm": "VARCHAR",
-    "task": "VARCHAR",
-    "seed": "BIGINT",
-    "steps": "BIGINT",
-    "ends": "BOOLEAN",
-    "criterion": "VARCHAR",
-    "lowest": "DOUBLE",
-    "level": "DOUBLE",
-    "rise": "DOUBLE",
-    "plateau": "DOUBLE",
-    "reason": "VARCHAR",
-}
+KINDS = {"VARCHAR": pl.String, "BIGINT": pl.Int64, "DOUBLE": pl.Float64, "BOOLEAN": pl.Boolean}
+CURVES = dict.fromkeys(("arm", "task"), "VARCHAR")
+CURVES |= dict.fromkeys(("seed", "checkpoint", "steps", "source_steps"), "BIGINT")
+CURVES |= dict.fromkeys(("training_return", "greedy_return", "guard_share"), "DOUBLE")
+CURVES |= {"episodes": "BIGINT"}
+DECISIONS = {"arm": "VARCHAR", "task": "VARCHAR", "seed": "BIGINT", "steps": "BIGINT"}
+DECISIONS |= {"ends": "BOOLEAN", "criterion": "VARCHAR"}
+DECISIONS |= dict.fromkeys(("lowest", "level", "rise", "plateau"), "DOUBLE") | {"reason": "VARCHAR"}
 FINALS = """
 SELECT arm, avg(greedy_return) AS final FROM (
     SELECT *, row_number() OVER (PARTITION BY arm, seed ORDER BY checkpoint DESC) AS back
@@ -112,8 +95,7 @@ def test_columns_and_their_types(finished, name, columns):
     assert {row[0]: row[1] for row in described} == columns
     frame, other = pd.read_parquet(finished / name), pl.read_parquet(finished / name)
     assert list(frame.columns) == list(other.columns) == list(columns)
-    kinds = {"VARCHAR": pl.String, "BIGINT": pl.Int64, "DOUBLE": pl.Float64, "BOOLEAN": pl.Boolean}
-    assert other.schema == {column: kinds[kind] for column, kind in columns.items()}
+    assert other.schema == {column: KINDS[kind] for column, kind in columns.items()}
     plain = {"BIGINT": "int64", "DOUBLE": "float64", "BOOLEAN": "bool"}
     for column, kind in columns.items():
         if kind in plain:  # what pandas calls text depends on its version
@@ -210,18 +192,18 @@ def test_the_smallest_total_must_leave_steps_for_every_target(corner):
 def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
     together = compare_studies([small, large])
-    one, other = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
-    np.testing.assert_array_equal(one.values, other.values)
-    np.testing.assert_array_equal(one.source_steps, other.source_steps)
+    first, second = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
+    np.testing.assert_array_equal(first.values, second.values)
+    np.testing.assert_array_equal(first.source_steps, second.source_steps)
 
 
 def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
-    for why, words in (("a schedule", "a schedule"), (None, "did not note whether")):
+    for why, ending in (("a schedule", "a schedule"), (None, "did not note whether")):
         arms = large.record.arms
         other = arms["transfer"].model_copy(update={"depends_on_total": why})
         large.record = large.record.model_copy(update={"arms": {**arms, "transfer": other}})
-        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{words}"
+        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{ending}"
         with pytest.raises(CurriculumError, match=message):
             compare_studies([small, large])
         large.record = large.record.model_copy(update={"arms": arms})
@@ -229,7 +211,7 @@ def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
 
 
 def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
-    file, words = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
+    file, interim = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
     file.write_text(LINES)
     study, pages = read_study(file), []
     for shard in ((1, 2), (2, 2)):
@@ -237,9 +219,9 @@ def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
         print_results(part, None, None)
         saved = write_report(part.store.path)
         pages.append(capsys.readouterr().out + saved.read_text() + part._repr_html_())
-        assert part.comparison.interim == words
-        assert words in pages[-1]
-        assert words.capitalize() in pages[-1]
+        assert part.comparison.interim == interim
+        assert interim in pages[-1]
+        assert interim.capitalize() in pages[-1]
     whole = merge(tmp_path / "whole", [tmp_path / "1", tmp_path / "2"])
     assert whole.comparison.interim == ""
     print_results(whole, None, None)

@@ -12,8 +12,6 @@ import pytest
 from curricle.errors import LONGEST, ConfigError, LostStoreError, StoreError, TaskError
 from curricle.files import RemotePath, opened_archive, read_npy
 from curricle.study import StudyConfig, read_study, run_study
-from curricle.study.file import parsed
-from curricle.study.own_code import ALLOW, load
 from curricle.study.store import (
     CHECKPOINTS,
     DECISION_SCHEMA,
@@ -26,6 +24,8 @@ from curricle.study.store import (
     read_parquet,
 )
 from curricle.study.tuning import TRIALS
+from curricle.study_file.file import parsed
+from curricle.study_file.own_code import ALLOW, load
 
 
 @pytest.mark.parametrize("name", ["os:system", "subprocess:run", "builtins:exec", "posix:system"])

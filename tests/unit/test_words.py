@@ -15,12 +15,12 @@ from curricle.show.findings import signed
 from curricle.show.style import rounded, without_seeds
 from curricle.statistics import Interval
 from curricle.study.cost import duration, total_words
-from curricle.study.file import path_text
 from curricle.study.results import parquet_of
-from curricle.study.schema import unknown
 from curricle.study.store import place_of, seeds_in
 from curricle.study.tuning import short
-from curricle.study.vary import short_names, value_text, varied_in
+from curricle.study_file.file import path_text
+from curricle.study_file.schema import unknown
+from curricle.study_file.vary import short_names, value_text, varied_in
 from curricle.tasks.observation_task import made_by
 from curricle.tasks.spaces import action_name, state_name
 

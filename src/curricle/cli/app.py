@@ -93,7 +93,7 @@ def _announce_imports() -> None:
     """Print which modules a study names before they are imported."""
     import logging
 
-    from curricle.study.own_code import LOGGER
+    from curricle.study_file.own_code import LOGGER
 
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())
@@ -320,11 +320,11 @@ def play(
     else:
         _announce_imports()
         seed, episode = played_episode(results, _read(study, None, changes), arm, task, seed)
-    words = f"{arm}: {task}, learnt by seed {seed}"
+    title = f"{arm}: {task}, learnt by seed {seed}"
     if out is None:
-        echo(f"{words}\n\n{episode}")
+        echo(f"{title}\n\n{episode}")
     else:
-        echo(f"{words}: {episode!r}\nOpen {episode.save(out)}")
+        echo(f"{title}: {episode!r}\nOpen {episode.save(out)}")
 
 
 @app.command()

@@ -43,7 +43,7 @@ class Compilation(event.Listener):
     """Says on standard error what is compiled: each loop in a terminal, elsewhere once."""
 
     def __init__(self) -> None:
-        self.loops, self.words, self.silent = 0, "", False
+        self.loops, self.line, self.silent = 0, "", False
         self._depth = 0  # Numba compiles in one thread at a time
         self._collects = gc.isenabled()
 
@@ -55,12 +55,12 @@ class Compilation(event.Listener):
         self.loops += 1
         gc.disable()
         unkept = isinstance(event.data["dispatcher"]._cache, NullCache)
-        self.words = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
+        self.line = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
         if not sys.stderr.isatty():
             if self.loops == 1:
                 print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
         elif not self.silent:
-            print(f"\r{self.words}", end="", file=sys.stderr, flush=True)
+            print(f"\r{self.line}", end="", file=sys.stderr, flush=True)
 
     def on_end(self, event: Any) -> None:
         """Take the words away when a loop is compiled."""
@@ -70,8 +70,8 @@ class Compilation(event.Listener):
         if self._collects:
             gc.enable()
         if sys.stderr.isatty() and not self.silent:
-            print(f"\r{' ' * len(self.words)}\r", end="", file=sys.stderr, flush=True)
-        self.words = ""
+            print(f"\r{' ' * len(self.line)}\r", end="", file=sys.stderr, flush=True)
+        self.line = ""
 
 
 @cache
@@ -123,15 +123,14 @@ def run_with_bars(
     **settings: Any,
 ) -> StudyResults:
     """Run a study, show its progress, with a `page` the report so far too; return its results."""
-    pace = Pace()
+    pace, report = Pace(), None
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
-        report = None
         if page:
             from curricle.show.report import InterimReport  # with Matplotlib
 
-            settings_of_page = path, pace.line_in, _complain, open_page
-            report = ending.enter_context(InterimReport(*settings_of_page))
+            interim = InterimReport(path, pace.line_in, _complain, open_page)
+            report = ending.enter_context(interim)
         show_units = ending.enter_context(shown_units(progress, pace, and_compilation(pace.line)))
 
         def show(progress: Progress) -> None:
@@ -139,14 +138,12 @@ def run_with_bars(
             if report is not None:  # not before: a folder that a run is refused stays as it is
                 report.begin()
 
-        pool: WorkerProcesses | None = None
         if on is None and (
             processes or any(arms.live for arms in with_trials(study, Arms.of(study)))
         ):
-            pool = WorkerProcesses(workers)
+            settings["executor"] = pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        how: dict[str, Any] = {"workers": workers, "executor": pool, "on": on, "progress": show}
-        return run_study(study, path, **how, **settings)
+        return run_study(study, path, workers=workers, on=on, progress=show, **settings)
 
 
 def watch_results(folder: str, out: Path | None) -> None:
@@ -155,8 +152,8 @@ def watch_results(folder: str, out: Path | None) -> None:
 
     if out is None:
         out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name
-    words = Pace().line_of, _complain, open_page
-    InterimReport(folder, *words, path=out, elsewhere=True).watch()
+    said = Pace().line_of, _complain, open_page
+    InterimReport(folder, *said, path=out, elsewhere=True).watch()
     typer.echo(f"The run is over: {out}")
 
 
@@ -182,13 +179,13 @@ def _complain(sentence: str) -> None:
 @contextmanager
 def bars_with_words() -> Iterator[Bars]:
     """Yield bars, below which stands what they were told last, and what is being compiled."""
-    words = ""
+    last = ""
 
     def say(part: str) -> None:
-        nonlocal words
-        words = part
+        nonlocal last
+        last = part
 
-    with shown(True, and_compilation(lambda: words)) as bars:
+    with shown(True, and_compilation(lambda: last)) as bars:
         yield replace(bars, call=say)
 
 
@@ -196,4 +193,4 @@ def and_compilation(line: Callable[[], str]) -> Callable[[], str]:
     """Return a line below bars that also says what is compiled, which nothing else says then."""
     compilation = announce_compilation()
     compilation.silent = Console(stderr=True).is_terminal
-    return lambda: ", ".join(filter(None, [line(), compilation.words]))
+    return lambda: ", ".join(filter(None, [line(), compilation.line]))

@@ -1,7 +1,8 @@
 """What ``curricle check`` and ``run --dry-run`` print: tasks, cost, forecast, what is left."""
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 from curricle.cli.tables import line_width, print_table, print_text, wrapped
@@ -21,7 +22,7 @@ from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_w
 from curricle.study.running import Done, arms_in, tuned_before, usable_units
 from curricle.study.store import StudyStore, bytes_a_seed, holds_study, seeds_per_file
 from curricle.study.tuning import check_tuning, number_of_trials
-from curricle.study.vary import value_text
+from curricle.study_file.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
@@ -104,11 +105,8 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         if node.deep:
             task, learner = node.task.shapes, node.learner.algorithm
         else:
-            sizes = (node.task.states.size, "state"), (node.task.actions.size, "action")
-            task = " x ".join(counted(*size) for size in sizes)
-            learner = type(node.learner).__name__
-        steps = counted(node.budget, "step") if isinstance(node.budget, int) else node.budget
-        steps = "no steps, by exact answers" if node.takes_no_steps else steps
+            task, learner = " x ".join(node.sizes), type(node.learner).__name__
+        steps = "no steps, by exact answers" if node.takes_no_steps else node.budget_text
         yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
@@ -200,58 +198,72 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
     }
     if len(first) < len(study.arms):
         print("\nforecasts are for the first settings of each arm")
-    sources = {
-        arms.keys[name, source]: source
+    keys = {
+        name: {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
         for name, curriculum in curricula.items()
-        for source in curriculum.ancestors(curriculum.target)
     }
+    sources = {key: source for of_arm in keys.values() for source, key in of_arm.items()}
     if not sources:
         return
     print()
+    most_seeds = min(SEEDS, len(study.seeds))
     target = next(cost for cost in costing if cost.task == arms.target)
     comparing = sum(_comparing_seconds(c, target.step_seconds) for c in curricula.values())
-    comparing *= min(SEEDS, len(study.seeds))
-    if comparing > LONGEST_COMPARING:
+    if comparing * most_seeds > LONGEST_COMPARING:
         print_text(
             f"no forecast: to compare the potentials in {arms.target} could take "
-            f"{duration(comparing)}; curricle.forecast does it, also with fewer episodes"
+            f"{duration(comparing * most_seeds)}; curricle.forecast does it, also with fewer "
+            "episodes"
         )
         return
     by_key = {arms.keys[cost.arm, cost.task]: cost.seconds / cost.seeds for cost in costing}
-    a_seed = sum(by_key[key] for key in sources)
+    a_seed, judged = sum(by_key[key] for key in sources), JudgedPotentials()
     names = ", ".join(dict.fromkeys(sources.values()))
-    nodes = [c.node(name) for c in curricula.values() for name in c.ancestors(c.target)]
-    distilled = any(node.takes_no_steps for node in nodes)
+    distilled = any(
+        curricula[name].node(source).takes_no_steps for name in keys for source in keys[name]
+    )
     longest = LONGEST_DISTILLED if distilled else LONGEST
-    counts = [n for n in (min(SEEDS, len(study.seeds)), 1) if n * a_seed <= longest]
-    if not counts:
+    seeds = next((study.seeds[:n] for n in (most_seeds, 1) if n * a_seed <= longest), None)
+    if seeds is None:
         print_text(
             f"training {names} for one seed would take about {duration(a_seed)}, so these "
             "forecasts are for sources learnt perfectly; curricle.forecast trains them"
         )
-        judged = JudgedPotentials()
         for name, curriculum in curricula.items():
-            _print(name, _forecast(judged, curriculum, perfect=True))
+            _print_forecast(name, judged, curriculum, perfect=True)
         return
-    seeds = study.seeds[: counts[0]]
-    tried, seconds = _trials(curricula, a_seed, target)
+    tried, seconds = _trials(curricula.values(), a_seed, target)
     quick = seconds <= LONGEST_TRIAL
-    words = f"training {names} for {counted(len(seeds), 'seed')}"
-    words += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
+    work = f"training {names} for {counted(len(seeds), 'seed')}"
+    work += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
     took = duration(len(seeds) * a_seed + seconds * quick)
     took += " after tabulating what is distilled" * distilled
-    print_text(f"{words}, for the forecast: about {took}")
+    print_text(f"{work}, for the forecast: about {took}")
     if not quick:
         print_text(f"trials would take about {duration(seconds)} and are left out")
     sys.stdout.flush()
-    trial = None if quick else False
-    _print_trained(curricula, arms, seeds, trial=trial, threshold=study.threshold)
+    known = dict[str, SourceValues]()  # sources that several arms share are trained once
+    settings: dict[str, Any] = {"trial": None if quick else False, "threshold": study.threshold}
+    for name, curriculum in curricula.items():
+        trained = {source: known[key] for source, key in keys[name].items() if key in known}
+        printed = _print_forecast(
+            name, judged, curriculum, seeds=seeds, trained=trained, **settings
+        )
+        if printed is None:
+            continue
+        known |= {keys[name][source]: values for source, values in printed.trained.items()}
+        if not curriculum.setting("shaping", arms.target).reads_values:
+            continue  # perfect values would change nothing
+        with suppress(CurricleError, ImportError):
+            perfect = forecast(curriculum, judged=judged, perfect=True, only_used=True)
+            used = perfect.used  # in a line: the potential that is used
+            print_text(f"{perfect.computed_from}: {used.name} {used.verdict}")
 
 
-def _trials(curricula: Mapping[str, Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
+def _trials(curricula: Iterable[Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
     """Return the most seeds of trials, and their seconds; sources take `a_seed` seconds a seed."""
     most, seconds = 0, 0.0
-    for curriculum in curricula.values():
+    for curriculum in curricula:
         if not hindrance(curriculum):
             some, seeds = affordable(candidates_of(curriculum, curriculum.target))
             most = max(most, seeds)
@@ -286,38 +298,15 @@ def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
     return solving + potentials * (pairs * PAIR_SECONDS + rollouts)
 
 
-def _print_trained(
-    curricula: Mapping[str, Curriculum], arms: Arms, seeds: Sequence[int], **settings: Any
-) -> None:
-    """Print the forecast of each arm, sources trained once, and a line for perfect sources."""
-    judged, known = JudgedPotentials(), dict[str, SourceValues]()
-    for name, curriculum in curricula.items():
-        keys = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
-        trained = {source: known[key] for source, key in keys.items() if key in known}
-        forecast = _forecast(judged, curriculum, seeds=seeds, trained=trained, **settings)
-        _print(name, forecast)
-        if isinstance(forecast, Forecast):
-            known |= {keys[source]: values for source, values in forecast.trained.items()}
-            if not curriculum.setting("shaping", arms.target).reads_values:
-                continue  # perfect values would change nothing
-            perfect = _forecast(judged, curriculum, perfect=True, only_used=True)
-            if isinstance(perfect, Forecast):
-                used = perfect.used  # in a line: the potential that is used
-                print_text(f"{perfect.computed_from}: {used.name} {used.verdict}")
-
-
-def _print(arm: str, forecast: Forecast | str) -> None:
-    """Print the forecast of an arm, or why there is none."""
+def _print_forecast(
+    arm: str, judged: JudgedPotentials, curriculum: Curriculum, **settings: Any
+) -> Forecast | None:
+    """Print and return the forecast of an arm, or print why there is none."""
     print(f"\narm {arm}")
-    if isinstance(forecast, Forecast):
-        print(forecast.text(line_width()))
-    else:
-        print_text(forecast)
-
-
-def _forecast(judged: JudgedPotentials, curriculum: Curriculum, **settings: Any) -> Forecast | str:
-    """Return a forecast, or why there is none."""
     try:
-        return forecast(curriculum, judged=judged, **settings)
+        made = forecast(curriculum, judged=judged, **settings)
     except (CurricleError, ImportError) as error:
-        return f"no forecast: {error}"
+        print_text(f"no forecast: {error}")
+        return None
+    print(made.text(line_width()))
+    return made

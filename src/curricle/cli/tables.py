@@ -19,7 +19,7 @@ from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
 from curricle.study.tuning import BY_TUNING, effects_of, read_tuning, tuning_words
-from curricle.study.vary import value_text
+from curricle.study_file.vary import value_text
 from curricle.text import UNBOUNDED, counted, text_table
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
@@ -124,14 +124,14 @@ def explained(wanted: bool) -> Iterator[None]:
 
 def used(text: str) -> dict[str, str]:
     """Return the words that a text has, and what each means."""
-    left, words = " ".join(text.split()), set[str]()
+    left, printed = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
         plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
         pattern = rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha()
         left, times = re.subn(r"\[[-+]?\d" if word == INTERVAL else pattern, " ", left)
         if times:
-            words.add(word)
-    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in words}
+            printed.add(word)
+    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in printed}
 
 
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
@@ -151,9 +151,9 @@ def print_effects(results: StudyResults) -> None:
         best = list[tuple[str, ...]]()
         for name, arm in tuning.arms.items():
             score, values = arm.best.score, arm.best.values
-            words = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
+            settings = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
             number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-            best.append((f"{name}: {words or 'nothing to tune'}", number, steps, _number(score)))
+            best.append((f"{name}: {settings or 'nothing to tune'}", number, steps, _number(score)))
         print_table(("best trial", "of", "tuning steps", "mean return"), best)
     for effects in effects_of(results.comparison, results.record, tuning):
         tuned = effects.kind == BY_TUNING

@@ -297,26 +297,27 @@ class Curriculum:
         return Node.of(name, self.tasks[name], **settings)
 
     def _repr_html_(self) -> str:
-        tasks = []
-        for name, task in ((name, self.tasks[name]) for name in self.order):
-            learner, budget = type(self.setting("learner", name)).__name__, self.node(name).budget
-            steps = counted(budget, "step") if isinstance(budget, int) else str(budget)
-            words = brief_value(task)
-            if not is_observation_task(task):
-                model = generative_model(task)
-                size = (model.states.size, "state"), (model.actions.size, "action")
-                words = ", ".join([type(task).__name__, *(counted(*n) for n in size)])
-            tasks.append((name, words, learner, steps))
+        tasks = [
+            (
+                node.name,
+                brief_value(node.task)
+                if node.deep
+                else ", ".join([type(node.task).__name__, *node.sizes]),
+                type(node.learner).__name__,
+                node.budget_text,
+            )
+            for node in map(self.node, self.order)
+        ]
         transfers = [
             (
-                edge.source,
-                edge.target,
-                brief_value(edge.mapping),
-                edge.scale,
-                edge.shift,
-                "yes" if edge.calibrate else "no",
+                e.source,
+                e.target,
+                brief_value(e.mapping),
+                e.scale,
+                e.shift,
+                "no" if not e.calibrate else "yes",
             )
-            for edge in self.transfers
+            for e in self.transfers
         ]
         head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
         return block(
@@ -383,8 +384,8 @@ class Curriculum:
                     f"a trained result must have the seeds asked for, {numbers}: {name!r} has "
                     f"{result.seeds}"
                 )
-        given = {name: SourceValues.of(result) for name, result in trained.items()}
-        sources = dict(given)
+        known = {name: SourceValues.of(result) for name, result in trained.items()}
+        sources = dict(known)
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
@@ -393,13 +394,10 @@ class Curriculum:
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for node in map(self.node, wanted - set(sources)):
             if node.deep:
-                node.learner.algorithm_class()  # ImportError without Stable-Baselines3
-                from curricle.deep.models import check_learner  # with torch
-
-                shaped = self.in_edges(node.name) and not node.takes_no_steps
-                check_learner(node.learner, node.shaping if shaped else None)
+                shaped = bool(self.in_edges(node.name)) and not node.takes_no_steps
+                node.check_network(shaped=shaped)
         with shown(progress) as bars:
-            for name in (name for name in self.order if name in wanted and name not in given):
+            for name in (name for name in self.order if name in wanted and name not in known):
                 potentials[name] = self.potentials(name, sources)
                 spent = self._spent(name, sources) if name == paying else None
                 node = self.node(name)
@@ -426,7 +424,7 @@ class Curriculum:
                 )
                 sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
-        return CurriculumResult(self, results, potentials, calibrations, given)
+        return CurriculumResult(self, results, potentials, calibrations, known)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
         """Return the steps of each seed in all tasks before `name` and in mapping searches."""

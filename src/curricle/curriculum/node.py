@@ -36,7 +36,7 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluat
 from curricle.progress import Progress
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr
+from curricle.text import brief_repr, counted
 from curricle.transfer.aggregate import Aggregate, mean
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.rollouts import target_of
@@ -127,6 +127,17 @@ class Node:
         return episodes * self.evaluation.horizon(self.task)
 
     @property
+    def sizes(self) -> tuple[str, str]:
+        """How many states and actions the task has, in words."""
+        model = generative_model(self.task)
+        return counted(model.states.size, "state"), counted(model.actions.size, "action")
+
+    @property
+    def budget_text(self) -> str:
+        """The budget in words."""
+        return counted(self.budget, "step") if isinstance(self.budget, int) else str(self.budget)
+
+    @property
     def deep(self) -> bool:
         """Whether the task is seen through observations, and learnt by a network."""
         return is_observation_task(self.task)
@@ -135,6 +146,13 @@ class Node:
     def takes_no_steps(self) -> bool:
         """Whether a network learns the task from exact answers, and not by steps."""
         return isinstance(self.task, Miniatures)
+
+    def check_network(self, *, shaped: bool, tables: Sequence[str] = ()) -> None:
+        """Check a network's learner with Stable-Baselines3; ImportError where that is missing."""
+        self.learner.algorithm_class()
+        from curricle.deep.models import check_learner  # with torch, an extra
+
+        check_learner(self.learner, self.shaping if shaped else None, tables)
 
     def train(
         self,

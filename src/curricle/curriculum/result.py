@@ -1,9 +1,8 @@
 """The result of training a curriculum: results of its tasks, and the values that targets read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -227,15 +226,15 @@ class CurriculumResult:
                 f"a result is loaded with the Curriculum that was trained: got {curriculum!r}"
             )
         with as_saved(saved):
-            return cls(curriculum, *_from_words(saved, saved.about, curriculum))
+            return cls(curriculum, *_from_file(saved, saved.about, curriculum))
 
 
 def _in_words(fitted: list[Calibration]) -> str:
     """Return how many seeds could be calibrated, and to which scale."""
     refused = sum(bool(calibration.refusal) for calibration in fitted)
     scale = np.mean([calibration.scale for calibration in fitted])
-    words = f"calibrated to scale {scale:.3g} on average over {counted(len(fitted), 'seed')}"
-    return f"{words}, of which {refused} could not be" if refused else words
+    sentence = f"calibrated to scale {scale:.3g} on average over {counted(len(fitted), 'seed')}"
+    return f"{sentence}, of which {refused} could not be" if refused else sentence
 
 
 # -- files -----------------------------------------------------------------------------------------
@@ -249,99 +248,84 @@ SCALARS = [f.name for f in fields(Calibration) if f.name not in ("potential", "w
 
 def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
     """Return the arrays and the JSON of a file; arrays are named ``part/number/name``."""
-    nodes = {name: node.parts_of_file() for name, node in result.nodes.items()}
-    kinds = {name: {"kind": type(node).__name__} for name, node in result.nodes.items()}
-    parts: dict[str, list[Arrays]] = {
-        "nodes": [arrays for arrays, _ in nodes.values()],
-        "given": [
-            {"seeds": np.array(source.seeds, dtype=np.int64), "steps_used": source.steps_used}
-            | arrays_of_values(source.values)
-            for source in result.given.values()
-        ],
-        "calibrations": [
-            {
-                f"{key}_{k}": getattr(calibration.warm_up, key)
-                for k, calibration in enumerate(fitted)
-                for key in ("lengths", "returns")
-            }
-            for fitted in result.calibrations.values()
-        ],
-    }
-    arrays = {
-        f"{part}/{i}/{name}": array
-        for part, of_tasks in parts.items()
-        for i, named in enumerate(of_tasks)
-        for name, array in named.items()
-    }
-    scalars = attrgetter(*SCALARS)
-    words = {
+    arrays, nodes = Arrays(), dict[str, Any]()
+    for i, (name, node) in enumerate(result.nodes.items()):
+        of_node, about = node.parts_of_file()
+        nodes[name] = {"kind": type(node).__name__, **about}
+        arrays |= {f"nodes/{i}/{key}": array for key, array in of_node.items()}
+    for i, source in enumerate(result.given.values()):
+        of_source = {"seeds": np.array(source.seeds, np.int64), "steps_used": source.steps_used}
+        of_source |= arrays_of_values(source.values)
+        arrays |= {f"given/{i}/{key}": array for key, array in of_source.items()}
+    for i, fitted in enumerate(result.calibrations.values()):
+        for k, calibration in enumerate(fitted):
+            for key in ("lengths", "returns"):
+                arrays[f"calibrations/{i}/{key}_{k}"] = getattr(calibration.warm_up, key)
+    return arrays, {
         "tasks": {name: task_record(task) for name, task in result.curriculum.tasks.items()},
-        "nodes": {name: kinds[name] | about for name, (_, about) in nodes.items()},
+        "nodes": nodes,
         "trained": list(result.potentials),
         "given": {name: source.own_rewards for name, source in result.given.items()},
         "calibrations": {
-            name: [dict(zip(SCALARS, scalars(fit), strict=True)) for fit in fitted]
+            name: [{key: getattr(fit, key) for key in SCALARS} for fit in fitted]
             for name, fitted in result.calibrations.items()
         },
     }
-    return arrays, words
 
 
-def _from_words(saved: SavedFile, words: Mapping[str, Any], curriculum: Any) -> tuple[Any, ...]:
+def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> tuple[Any, ...]:
     """Return the fields of a result but its curriculum."""
-    if (stored := {*words["tasks"]}) != {*curriculum.tasks}:
+    if (stored := {*about["tasks"]}) != {*curriculum.tasks}:
         raise CurriculumError(
             f"a result must be loaded with its own curriculum: {saved.path} has the tasks "
             f"{', '.join(sorted(stored))}, the curriculum {', '.join(sorted(curriculum.tasks))}"
         )
-    parts: dict[str, dict[str, tuple[Arrays, Any]]] = {}
-    for part in ("nodes", "given", "calibrations"):
-        parts[part] = {}
-        for i, (name, about) in enumerate(words[part].items()):
-            start = f"{part}/{i}/"
-            items = saved.arrays.items()
+
+    def parts(part: str) -> Iterator[tuple[str, Any, Arrays]]:
+        for i, (name, said) in enumerate(about[part].items()):
+            start, items = f"{part}/{i}/", saved.arrays.items()
             named = {key.removeprefix(start): x for key, x in items if key.startswith(start)}
-            parts[part][name] = named, about
-    nodes, given = dict[str, LearningResult](), dict[str, SourceValues]()
-    for name, (arrays, about) in parts["nodes"].items():
-        node = KINDS[about["kind"]].of_file(saved, arrays, about, curriculum.tasks[name])
+            yield name, said, named
+
+    nodes, known = dict[str, LearningResult](), dict[str, SourceValues]()
+    for name, said, arrays in parts("nodes"):
+        node = KINDS[said["kind"]].of_file(saved, arrays, said, curriculum.tasks[name])
         nodes[name] = replace(node, learner=node.learner or curriculum.setting("learner", name))
-    for name, (arrays, own_rewards) in parts["given"].items():
+    for name, own_rewards, arrays in parts("given"):
         task, seeds = curriculum.tasks[name], tuple(arrays["seeds"].tolist())
-        check_value_arrays(arrays, len(seeds), pairs_of(saved, words["tasks"][name], task))
+        check_value_arrays(arrays, len(seeds), pairs_of(saved, about["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
-        given[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
+        known[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
     fitted = dict[str, list[Calibration]]()  # without their potentials
-    for name, (arrays, about) in parts["calibrations"].items():
+    for name, of_fits, arrays in parts("calibrations"):
         fitted[name] = []
-        for k, scalars in enumerate(about):
+        for k, scalars in enumerate(of_fits):
             warm_up = WarmUp(frozen(arrays[f"lengths_{k}"]), frozen(arrays[f"returns_{k}"]))
             scalars = {key: scalars[key] for key in SCALARS}
             fitted[name].append(Calibration(None, warm_up=warm_up, **scalars))
-    nodes, given = _with_networks(curriculum, nodes, given, fitted)
+    _build_networks(curriculum, nodes, known, fitted)
     # Potentials follow from the sources' values, as they did in training.
-    sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **given}
-    potentials = {name: curriculum.potentials(name, sources) for name in words["trained"]}
-    calibrations = {}
+    sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **known}
+    potentials = {name: curriculum.potentials(name, sources) for name in about["trained"]}
     for name, of_seeds in fitted.items():
-        calibrations[name] = [
+        fitted[name] = [
             replace(of_seed, potential=phi if of_seed.refusal else phi.rescaled(of_seed.scale))
             for of_seed, phi in zip(of_seeds, potentials[name], strict=True)
         ]
-        potentials[name] = [calibration.potential for calibration in calibrations[name]]
-    return nodes, potentials, calibrations, given
+        potentials[name] = [calibration.potential for calibration in fitted[name]]
+    return nodes, potentials, fitted, known
 
 
-def _with_networks(
+def _build_networks(
     curriculum: Any,
     nodes: dict[str, LearningResult],
-    given: dict[str, SourceValues],
+    known: dict[str, SourceValues],
     fitted: Mapping[str, list[Calibration]],
-) -> tuple[dict[str, LearningResult], dict[str, SourceValues]]:
-    """Return the same with networks built from their parameters, sources first."""
-    learnt: dict[str, Learnt] = {**given, **nodes}
+) -> None:
+    """Put networks in the place of their parameters, sources first."""
+    learnt: dict[str, Learnt] = {**known, **nodes}
     if not any(curriculum.node(name).deep for name in learnt):
-        return nodes, given
+        return
     stored = {
         name: StoredValues(
             result.values, result.steps_used, [c.scale for c in fitted.get(name, ())]
@@ -356,13 +340,10 @@ def _with_networks(
             f"{' '.join(str(error).split())}"
         ) from None
 
-    def with_values(results: dict[str, Any]) -> dict[str, Any]:
-        return {
-            name: replace(result, values=built[name].values) if name in built else result
-            for name, result in results.items()
-        }
-
-    return with_values(nodes), with_values(given)
+    everything: Any = nodes, known
+    for results in everything:
+        for name in results.keys() & built.keys():
+            results[name] = replace(results[name], values=built[name].values)
 
 
 # -- stored values, as plain data ------------------------------------------------------------------

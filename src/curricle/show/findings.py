@@ -15,7 +15,7 @@ from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
 from curricle.study.tuning import Effects, TuningRecord, short
-from curricle.study.vary import value_text
+from curricle.study_file.vary import value_text
 from curricle.text import counted
 
 Row = Mapping[str, Any]  # of :meth:`Comparison.rows`

@@ -30,7 +30,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import dependencies_of, key_of
 from curricle.study.store import DECISION_SCHEMA, StoredSource, UnitResult
-from curricle.study.vary import target_alone
+from curricle.study_file.vary import target_alone
 
 
 class Arms(Plan):
@@ -159,7 +159,7 @@ def train_unit(sent: UnitInput) -> UnitResult:
     arrays["source_steps"] = trained.source_steps
     if trained.calibrations:
         for part in ("scale", "refusal"):
-            arrays[part] = np.array([getattr(one, part) for one in trained.calibrations])
+            arrays[part] = np.array([getattr(fit, part) for fit in trained.calibrations])
     if trained.level is not None:
         arrays |= trained.level.arrays
     rows = _decisions(trained, arm.curriculum, unit)

@@ -5,7 +5,6 @@ reads, and with every arm complete (:class:`StudyConfig`), which runs, is stored
 """
 
 import ast
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, wraps
@@ -32,12 +31,12 @@ from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.comparison.plan import from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
-from curricle.deep.learner import DeepLearner
 from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
-from curricle.study.file import (
+from curricle.study.record import VariantRecord
+from curricle.study_file.file import (
     SETTINGS,
     Positions,
     Problems,
@@ -50,9 +49,8 @@ from curricle.study.file import (
     path_text,
     toml_of,
 )
-from curricle.study.own_code import suggestion
-from curricle.study.record import VariantRecord
-from curricle.study.schema import (
+from curricle.study_file.own_code import suggestion, users_code
+from curricle.study_file.schema import (
     AnyLearner,
     Count,
     Flag,
@@ -72,8 +70,8 @@ from curricle.study.schema import (
     unknown,
     wrong_at,
 )
-from curricle.study.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
-from curricle.study.vary import (
+from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
+from curricle.study_file.vary import (
     SWEEP_HOME,
     SweepTable,
     TuneTable,
@@ -84,6 +82,7 @@ from curricle.study.vary import (
 )
 from curricle.tasks.family import FamilyMember
 from curricle.text import counted, shortened
+from curricle.transfer.by_components import member_mappings
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
 Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key path
@@ -193,8 +192,8 @@ def json_schema() -> dict[str, Any]:
     for kind in _subclasses(Table):
         # Not ``use_attribute_docstrings``: it reads the sources at each start, for half a second.
         properties = definitions.get(kind.__name__, {}).get("properties", {})
-        for base in kind.__mro__:
-            for key, text in _docstrings(base.__module__).get(base.__name__, {}).items():
+        for base in kind.__mro__ if properties else ():
+            for key, text in _docstrings(base):
                 if key in properties:
                     properties[key].setdefault("description", " ".join(text.split()))
     for definition in schema["$defs"].values():
@@ -211,23 +210,17 @@ def _subclasses(kind: Any) -> Iterator[type]:
 
 
 @cache
-def _docstrings(module: str) -> dict[str, dict[str, str]]:
-    """Return the docstrings below the fields of a module's classes: class -> field -> text."""
-    if not module.startswith("curricle.study."):
-        return {}
-    return {
-        node.name: {
-            field.target.id: text.value.value
-            for field, text in pairwise(node.body)
-            if isinstance(field, ast.AnnAssign)
-            and isinstance(field.target, ast.Name)
-            and isinstance(text, ast.Expr)
-            and isinstance(text.value, ast.Constant)
-            and isinstance(text.value.value, str)
-        }
-        for node in ast.walk(ast.parse(getsource(sys.modules[module])))
-        if isinstance(node, ast.ClassDef)
-    }
+def _docstrings(kind: type) -> list[tuple[str, str]]:
+    """Return the fields of a table that is written by hand, and the docstrings below them."""
+    if not kind.__module__.startswith("curricle.study") or "makes" in vars(kind):
+        return []
+    (table,) = ast.parse(getsource(kind)).body
+    texts = list[tuple[str, str]]()
+    for field, below in pairwise(getattr(table, "body", ())):
+        match field, below:
+            case ast.AnnAssign(target=ast.Name(id=key)), ast.Expr(ast.Constant(str(text))):
+                texts.append((key, text))
+    return texts
 
 
 # -- What a study file says, complete and checked, and the curricula that it describes -------------
@@ -385,19 +378,14 @@ class StudyConfig(RunTable):
         """
         problems = Problems(self._positions)
         for arm, curriculum in self.curricula.items():
-            for name in curriculum.order:
-                learner, shaping = (curriculum.setting(s, name) for s in ("learner", "shaping"))
-                if not isinstance(learner, DeepLearner):
+            for node in map(curriculum.node, curriculum.order):
+                if not node.deep:
                     continue
+                sources = dict.fromkeys(edge.source for edge in curriculum.in_edges(node.name))
+                tables = [name for name in sources if not curriculum.node(name).deep]
                 try:
-                    with problems.at("arms", arm, "tasks", name, "learner"):
-                        learner.algorithm_class()
-                        from curricle.deep.models import check_learner  # with torch, an extra
-
-                        edges = curriculum.in_edges(name)
-                        sources = dict.fromkeys(edge.source for edge in edges)
-                        tables = [task for task in sources if not curriculum.node(task).deep]
-                        check_learner(learner, shaping if edges else None, tables)
+                    with problems.at("arms", arm, "tasks", node.name, "learner"):
+                        node.check_network(shaped=bool(sources), tables=tables)
                 except ImportError as error:  # it names what to install
                     raise SettingError(f"a task is learnt by a network: {error}") from None
         problems.raise_any()
@@ -462,10 +450,14 @@ class _Builder:
         key = f"{fitted} {edge.model_dump_json(exclude=free)}"
         key += self._key(edge.target) + self._key(edge.source)
         if key not in self.made:
-            members = [self._member(edge.target), self._member(edge.source)]
-            self.made[key] = edge.mappings_in(
-                target, source, self.folder, members, fit_unmapped=fit, say=self.study._say
-            )
+            to, of = self._member(edge.target), self._member(edge.source)
+            if edge.mapping == "family" and to is not None and of is not None:
+                with users_code(f"the mapping of {to.family.name}"):
+                    mappings = member_mappings(to, of, target, source, edge.unmapped_value)
+            else:
+                of_search = {"fit_unmapped": fit, "say": self.study._say}
+                mappings = (edge.mapping_in(target, source, self.folder, **of_search),)
+            self.made[key] = mappings
         return self.made[key]  # type: ignore[no-any-return]
 
     def _tasks(self) -> dict[str, Any]:
@@ -612,39 +604,39 @@ def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
     """Yield what is wrong with arms, and further learners from scratch, as they are written."""
     tasks, transfers = table(study.get("tasks")), study.get("transfers")
     transfers = transfers if isinstance(transfers, list) else []
-    targets: dict[str, str] = {}
+    learners = table(study.get("scratch_learners"))
+    targets = {arm: NameGraph.of(curriculum).targets for arm, curriculum in complete.items()}
     for arm, written in table(study.get("arms")).items():
-        here, patch = ("arms", arm), table(written)
+        here, patch, silent = ("arms", arm), table(written), True
         if why := unfit_name(arm):
             yield here, f"has a name that {why}"
         if arm == SCRATCH:
             yield here, "must have another name: it is the arm without sources"
-        strange = [name for name in table(patch.get("tasks")) if name not in tasks]
-        yield from (((*here, "tasks", name), unknown(name, tasks)) for name in strange)
-        chosen, refused = patch.get("transfers"), False
+        if arm in {f"{SCRATCH}, {name}" for name in learners}:
+            yield here, "must have another name: a learner has it"
+        for name in table(patch.get("tasks")):
+            if name not in tasks:
+                silent = False
+                yield (*here, "tasks", name), unknown(name, tasks)
+        chosen = patch.get("transfers")
         for index, entry in enumerate(chosen if isinstance(chosen, list | dict) else []):
             number = int(entry) if isinstance(entry, str) and entry.isdecimal() else entry
             if isinstance(entry, dict) or (type(number) is int and 0 <= number < len(transfers)):
                 continue
+            silent, path = False, (*here, "transfers")
             text = f"must name transfers of the study by number, below {len(transfers)}: got "
-            path = (*here, "transfers")
             yield (*path, index) if isinstance(chosen, list) else path, text + shown(entry)
-            refused = True
-        if patch and complete[arm] == complete_curriculum(study) and not strange and not refused:
+        if patch and silent and complete[arm] == complete_curriculum(study):
             yield here, "changes nothing: its settings are the study's, or a task has its own"
-        if len(last := NameGraph.of(complete[arm]).targets) == 1:
-            targets[arm] = last[0]
-    if len({*targets.values()}) > 1:
-        by_arm = ", ".join(f"{arm} has {target}" for arm, target in targets.items())
+    known = {arm: last[0] for arm, last in targets.items() if len(last) == 1}
+    if len({*known.values()}) > 1:
+        by_arm = ", ".join(f"{arm} has {target}" for arm, target in known.items())
         yield ("arms",), f"must all have the same target: {by_arm}"
-    learners = table(study.get("scratch_learners"))
     if learners and study.get("scratch") is False:
         yield ("scratch_learners",), "are compared with the target's own: leave out scratch = false"
     for name in learners:
         if why := unfit_name(name):
             yield ("scratch_learners", name), f"has a name that {why}"
-        if f"{SCRATCH}, {name}" in table(study.get("arms")):
-            yield ("arms", f"{SCRATCH}, {name}"), "must have another name: a learner has it"
 
 
 DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")  # what a crop may be a part of
@@ -678,11 +670,9 @@ def _wrong_names(plan: dict[str, Any]) -> Messages:
             whole = whole and isinstance(wanted, str) and wanted in graph.parts
     if not whole:
         return
-    before: dict[str, list[str]] = {}
-    for source, target in graph.edges:
-        before.setdefault(target, []).append(source)
+    sources = {name: [s for s, target in graph.edges if target == name] for name in graph.parts}
     try:
-        TopologicalSorter(before).prepare()
+        TopologicalSorter(sources).prepare()
     except CycleError as error:
         yield ("transfers",), f"must have no cycle: got {' -> '.join(error.args[1])}"
         return

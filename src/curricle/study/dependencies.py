@@ -9,8 +9,8 @@ from typing import Any
 
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import SETTINGS
-from curricle.study.own_code import code_of
-from curricle.study.schema import NameGraph
+from curricle.study_file.own_code import code_of
+from curricle.study_file.schema import NameGraph
 from curricle.transfer.transfer import mappings_digest
 
 # -- In what two descriptions of results differ, so that their results may too ---------------------

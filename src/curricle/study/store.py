@@ -52,7 +52,7 @@ from curricle.study.record import (
     plain,
     read_record,
 )
-from curricle.study.schema import seeds_in_ranges
+from curricle.study_file.schema import seeds_in_ranges
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
 

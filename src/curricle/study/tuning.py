@@ -24,7 +24,7 @@ from curricle.study.config import StudyConfig
 from curricle.study.dependencies import Dependencies, key_of, settings_key_of
 from curricle.study.record import Count, CurriculaRecord, Plain
 from curricle.study.store import RUN, StoredUnit, StudyStore, of_seeds
-from curricle.study.vary import RangeTable, Tuning, value_text, with_values
+from curricle.study_file.vary import RangeTable, Tuning, value_text, with_values
 from curricle.text import counted
 
 # -- What a results folder says about a tuning: every trial, and the best of each arm --------------

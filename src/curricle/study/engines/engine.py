@@ -23,7 +23,6 @@ from typing import Any, TypeVar
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
 from curricle.study.arms import Arms, UnitInput, train_unit
-from curricle.study.own_code import PACKAGES, own_files
 from curricle.study.store import (
     StoredUnit,
     UnitResult,
@@ -32,6 +31,7 @@ from curricle.study.store import (
     stored_values,
     written_unit,
 )
+from curricle.study_file.own_code import PACKAGES, own_files
 
 # -- What a worker on another machine does: take the study's own modules, and train a unit ---------
 

@@ -13,8 +13,8 @@ from gymnasium.spaces import Box, Dict, Discrete
 
 from curricle.errors import ConfigError
 from curricle.interop.spaces import has_table, is_discrete
-from curricle.study.own_code import suggestion
-from curricle.study.schema import unknown
+from curricle.study_file.own_code import suggestion
+from curricle.study_file.schema import unknown
 
 KINDS = {
     "maze": "a maze learnt from its corner",
@@ -38,36 +38,25 @@ def new_study(kind: str) -> tuple[str, str]:
         why = " ".join(str(error).split())
         raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
     with closing(env):
-        form = files(__package__).joinpath("environment.txt").read_text(encoding="utf-8")
-        text = form.format(id=name, **_parts(name, env))
-    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", text
+        form, parts = _parts(name, env)
+    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml", _text(form).format(id=name, **parts)
 
 
 def template(kind: str) -> str:
     """Return a commented file of one of the :data:`KINDS` that runs as it is."""
     if kind not in KINDS:
         raise ConfigError(f"template {kind!r} {unknown(kind, KINDS)}")
-    return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
+    return _text(f"{kind}.toml")
+
+
+def _text(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
 # -- A study of an environment of Gymnasium's registry ---------------------------------------------
 
 SHOWN = 3  # ids that are named where one is unknown
-STEPS = "# steps, or { episodes = 800 }"
 LIMIT = 500  # steps of an episode in an environment that sets no limit of its own
-TABLE = """\
-[learner]
-type = "QLearning"          # or SARSA, ExpectedSARSA, DoubleQLearning
-learning_rate = 0.1
-epsilon = 0.1
-
-"""
-NETWORK = """\
-[tasks.target.learner]
-type = "deep"
-algorithm = "{algorithm}"           # of Stable-Baselines3 or sb3_contrib
-policy = "{policy}"
-"""
 
 
 def _known(name: str) -> str:
@@ -88,8 +77,8 @@ def _known(name: str) -> str:
     )
 
 
-def _parts(name: str, env: Any) -> dict[str, Any]:
-    """Return what the study of an environment says of it."""
+def _parts(name: str, env: Any) -> tuple[str, dict[str, Any]]:
+    """Return the form of an environment's study, and what the study says of it."""
     observed, acting = env.observation_space, env.action_space
     limited = env.spec is not None and env.spec.max_episode_steps is not None
     limited = limited or hasattr(env.unwrapped, "max_steps")
@@ -97,37 +86,22 @@ def _parts(name: str, env: Any) -> dict[str, Any]:
     minigrid = any(kind.__module__.startswith("minigrid.") for kind in type(env.unwrapped).__mro__)
     if is_discrete(acting) and (is_discrete(observed) or minigrid):
         quick = minigrid or has_table(env)  # others are played, a thousand times slower
-        budget = 100_000 if quick else 20_000
-        return {
-            "how": "in a table",
-            "note": "",
-            "seeds": 20 if quick else 5,
-            "learner": TABLE,
-            "type": "tabulated" if minigrid else "gymnasium",
-            "lines": f"# discount = 0.99\n{limit}{f'budget = {budget:_}':28}{STEPS}\n",
+        budget, seeds, kind = 100_000 if quick else 20_000, 20 if quick else 5, "gymnasium"
+        kind = "tabulated" if minigrid else kind
+        return "table.txt", {
+            "type": kind,
+            "seeds": seeds,
+            "limit": limit,
+            "budget": budget,
             "source_budget": budget // 10,
-            "mapping": "project = {}              # components of the same name correspond",
         }
     if not isinstance(acting, Box | Discrete):
         raise ConfigError(
             f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
             f"{acting}"
         )
-    budget, picture = 50_000, isinstance(observed, Box) and len(observed.shape) == 3
+    picture = isinstance(observed, Box) and len(observed.shape) == 3
     policy = "CnnPolicy" if picture else "MlpPolicy"
     policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
     algorithm = "PPO" if isinstance(acting, Box) else "DQN"
-    return {
-        "how": "by a network",
-        "note": '# Networks need an extra: pip install "curricle[deep]"\n',
-        "seeds": 3,
-        "learner": "",
-        "type": "observation_task",
-        "lines": (
-            f"{limit}budget = {budget:_}             # steps\neval_freq = {budget // 20:_}"
-            "           # steps between checkpoints\nevaluation = { episodes = 10 }\n\n"
-            f"{NETWORK.format(algorithm=algorithm, policy=policy)}"
-        ),
-        "source_budget": budget // 5,
-        "mapping": 'mapping = "identity"      # or observations = "module:function"',
-    }
+    return "network.txt", {"limit": limit, "algorithm": algorithm, "policy": policy}

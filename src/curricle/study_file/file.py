@@ -13,8 +13,17 @@ from pydantic import ValidationError
 
 from curricle.curriculum.node import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
-from curricle.study.schema import DEEP, LEARNERS, SHOWN, KeyPath, NameGraph, Settings, shown, table
-from curricle.study.task_tables import text_of
+from curricle.study_file.schema import (
+    DEEP,
+    LEARNERS,
+    SHOWN,
+    KeyPath,
+    NameGraph,
+    Settings,
+    shown,
+    table,
+)
+from curricle.study_file.task_tables import text_of
 from curricle.text import shortened
 
 # -- TOML, read without trust: bounded in size and in depth ----------------------------------------
@@ -214,7 +223,7 @@ def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> Located:
     tasks, families = plan.get("tasks"), table(study.get("families"))
     if isinstance(tasks, dict):
         complete = {
-            name: _with_settings(_of_family(task, families), for_all, name in with_sources)
+            name: _complete_task(task, families, for_all, has_sources=name in with_sources)
             if isinstance(task, dict)
             else task
             for name, task in tasks.items()
@@ -225,36 +234,31 @@ def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> Located:
 
 def _needed(plan: Located, base: NameGraph) -> Any:
     """Return the tasks that an arm's own transfers need, and the study's target."""
-    graph = NameGraph.of(plan)
+    graph, tasks = NameGraph.of(plan), plan.get("tasks")
     names = {name for edge in graph.edges for name in edge}
     names |= set(base.targets) if len(base.targets) == 1 else set()
-    needed = {drawing for name in names for drawing in graph.drawings(name)}
-    tasks = plan.get("tasks")
     if not isinstance(tasks, dict) or not names <= tasks.keys():
         return tasks  # something is wrong, and is reported elsewhere
+    needed = {drawing for name in names for drawing in graph.drawings(name)}
     return Located({name: task for name, task in tasks.items() if name in needed}, tasks)
 
 
-def _of_family(task: Mapping[str, Any], families: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a task with the table of the family that it names under it."""
-    name = task.get("family")
-    if not isinstance(name, str) or task.get("type", "family") != "family":
-        return task
-    family = table(families.get(name))
-    of_both = {**family, **task, "family": family.get("family", name), "type": "family"}
-    result = Located(of_both, task)
-    result.homes = {**getattr(family, "homes", {}), **result.homes}
-    return result
-
-
-def _with_settings(task: Mapping[str, Any], for_all: Located, has_sources: bool) -> Located:
-    """Return a task with the settings for all under its own."""
+def _complete_task(
+    task: Mapping[str, Any], families: Mapping[str, Any], for_all: Located, *, has_sources: bool
+) -> Located:
+    """Return a task over the family that it names, its settings over those for all tasks."""
+    name, result = task.get("family"), Located(task, task)
+    if isinstance(name, str) and task.get("type", "family") == "family":
+        family = table(families.get(name))
+        of_both = {**family, **task, "family": family.get("family", name), "type": "family"}
+        result = Located(of_both, task)
+        result.homes = {**getattr(family, "homes", {}), **result.homes}
     fitting = {w: value for w, value in for_all.items() if has_sources or w not in OF_TARGETS}
-    settings = {which: task[which] for which in SETTINGS if which in task}
-    both = merged(Located(fitting, for_all), Located(settings, task))
-    result = Located({**task, **both}, task)
-    result.homes |= {which: both.homes[which] for which in both if which in both.homes}
-    return result
+    settings = {which: result[which] for which in SETTINGS if which in result}
+    both = merged(Located(fitting, for_all), Located(settings, result))
+    complete = Located({**result, **both}, result)
+    complete.homes |= {which: both.homes[which] for which in both if which in both.homes}
+    return complete
 
 
 # -- Where in a study file each key is, and what is wrong there ------------------------------------
@@ -368,7 +372,15 @@ TOKEN = re.compile(
 
 def line_numbers(text: str) -> dict[KeyPath, int]:
     """Return the line on which each table, key and list entry of valid TOML begins, from 1."""
-    return _Scanner(text).lines
+    scanner, here = _Scanner(text), cast(KeyPath, ())
+    while scanner.sign != "end":
+        if scanner.sign == "\n":
+            scanner.tokens.pop()
+        elif scanner.sign == "[":
+            here = scanner.header()
+        else:
+            scanner.pair(here)
+    return scanner.lines
 
 
 class _Scanner:
@@ -384,14 +396,6 @@ class _Scanner:
         self.tokens = [("", "end", line), *reversed(self.tokens)]
         self.lines: dict[KeyPath, int] = {}
         self.arrays = Counter[KeyPath]()
-        here: KeyPath = ()
-        while self.sign != "end":
-            if self.sign == "\n":
-                self.tokens.pop()
-            elif self.sign == "[":
-                here = self.header()
-            else:
-                self.pair(here)
 
     @property
     def sign(self) -> str:

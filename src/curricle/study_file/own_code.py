@@ -170,11 +170,11 @@ def own_files(data: Any, folder: Path) -> dict[str, Path]:
     """Return the files of the own modules that plain data name, as in :func:`code_of`."""
     files = dict[str, Path]()
     modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
-    for words in (tuple(module.split(".")) for module in sorted(modules)):
-        root = folder if any(_files(folder, words)) else _other_folder(words)
+    for names in (tuple(module.split(".")) for module in sorted(modules)):
+        root = folder if any(_files(folder, names)) else _other_folder(names)
         if root is None:
             continue
-        closure, waiting = set[Path](), [words]  # the files of the module, and of all it imports
+        closure, waiting = set[Path](), [names]  # the files of the module, and of all it imports
         while waiting:
             for file in _files(root, waiting.pop()):
                 if file not in closure:
@@ -193,31 +193,31 @@ def _texts(data: Any) -> Iterator[str]:
             yield from _texts(value)
 
 
-def _other_folder(words: tuple[str, ...]) -> Path | None:
+def _other_folder(names: tuple[str, ...]) -> Path | None:
     """Return the folder on Python's path that holds a module; None if it is not the user's own."""
     try:
-        spec = importlib.util.find_spec(words[0])
+        spec = importlib.util.find_spec(names[0])
     except ValueError:  # __main__
         return None
-    if spec is None or words[0] == __name__.partition(".")[0]:  # Curricle has a version instead
+    if spec is None or names[0] == __name__.partition(".")[0]:  # Curricle has a version instead
         return None
     place, *_ = [*(spec.submodule_search_locations or []), spec.origin or ""]
     root = Path(place).resolve().parent
     installed = any(root.is_relative_to(path) for path in INSTALLED)
-    return root if any(_files(root, words)) and not installed else None
+    return root if any(_files(root, names)) and not installed else None
 
 
-def _files(root: Path, words: tuple[str, ...]) -> Iterator[Path]:
+def _files(root: Path, names: tuple[str, ...]) -> Iterator[Path]:
     """Yield the files of a module and of the packages that it is in."""
-    for n in range(1, len(words) + 1):
-        stem = root.joinpath(*words[:n])
+    for n in range(1, len(names) + 1):
+        stem = root.joinpath(*names[:n])
         for suffix in all_suffixes():
             files = (stem / f"__init__{suffix}", stem.with_name(stem.name + suffix))
             yield from (file for file in files if file.is_file())
 
 
 def _imports(file: Path, package: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Yield what a file of a package imports, as words; some name functions in modules."""
+    """Yield what a file of a package imports, as names; some name functions in modules."""
     try:
         tree = ast.parse(file.read_bytes() if file.suffix == ".py" else b"")
     except (SyntaxError, ValueError):  # importing it is an error, which is reported there

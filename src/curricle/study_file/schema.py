@@ -12,10 +12,9 @@ which hold what the file says, would become others with each such change. Nor ha
 
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, is_dataclass
-from functools import cache, reduce
-from operator import or_
+from functools import cache, cached_property
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import (
@@ -48,6 +47,7 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     ValidatorFunctionWrapHandler,
+    WrapValidator,
     create_model,
     model_validator,
 )
@@ -77,11 +77,10 @@ from curricle.learning.shaping import (
 from curricle.learning.stopping import Episodes, StoppingRule
 from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.study.own_code import load, suggestion, users_code
-from curricle.tasks.family import FamilyMember
+from curricle.study_file.own_code import load, suggestion, users_code
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer import aggregate, by_components, mapping
-from curricle.transfer.by_components import check_same_observations, identity, member_mappings
+from curricle.transfer.by_components import check_same_observations, identity
 from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.search import announced
 from curricle.transfer.transfer import Transfer
@@ -124,23 +123,19 @@ class Table(BaseModel):
         try:
             return handler(data if isinstance(data, cls) else as_table(data))
         except ValidationError as error:
-            details = [(detail["loc"], _message(detail, cls.known())) for detail in error.errors()]
-            raise wrong_at(*details) from None
-
-
-def _message(detail: Any, keys: Collection[str]) -> str:
-    """Return an error of Pydantic's as the end of a sentence; the table may have these keys."""
-    kind, value = detail["type"], detail["input"]
-    if kind == "wrong":
-        return str(detail["msg"])
-    if kind == "missing":
-        return "is missing"
-    if kind == "extra_forbidden":
-        return unknown(detail["loc"][-1], keys)
-    context = detail.get("ctx", {})
-    phrase = PHRASES.get(kind, "is not understood").format(**context)
-    words = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
-    return f"{phrase}: got {shown(value)}{suggestion(value, words)}"
+            messages = list[tuple[KeyPath, str]]()
+            for detail in error.errors():
+                kind, context = detail["type"], detail.get("ctx", {})
+                text = {"wrong": detail["msg"], "missing": "is missing"}.get(kind, "")
+                if kind == "extra_forbidden":
+                    text = unknown(detail["loc"][-1], cls.known())
+                elif not text:
+                    phrase = PHRASES.get(kind, "is not understood").format(**context)
+                    known = context["expected"].split("'")[1::2] if kind == "literal_error" else ()
+                    text = f"{phrase}: got {shown(detail['input'])}"
+                    text += suggestion(detail["input"], known)
+                messages.append((detail["loc"], text))
+            raise wrong_at(*messages) from None
 
 
 def wrong(text: str) -> PydanticCustomError:
@@ -196,32 +191,37 @@ def whole_number(value: Any) -> int:
     return int(value)
 
 
+class Function(str):
+    """A function of the user's, ``module:function``; :func:`built` loads it."""
+
+    __slots__ = ()
+
+
 def word(
     rule: str,
-    words: Collection[str] = (),
+    known: Collection[str] = (),
     *,
     function: bool = False,
     lists: Any = None,
-    other: Callable[[Any], Any] = lambda value: value,
-) -> BeforeValidator:
+    other: Callable[[Any], Any] | None = None,
+) -> WrapValidator:
     """Return the validator of a text among some words; `other` takes what is no text."""
-    if lists is not None:
-        # Not left to the union of both types, which would complain about a list that it is no word.
-        adapter = TypeAdapter[Any](lists)
+    # Not left to the union of both types, which would complain about a list that it is no word.
+    adapter = None if lists is None else TypeAdapter[Any](lists)
 
-        def other(value: Any) -> Any:
-            if not isinstance(value, list | tuple):
-                raise wrong(f"must {rule}: got {shown(value)}")
-            return adapter.validate_python(value)
-
-    def checked(value: Any) -> Any:
-        if not isinstance(value, str):
+    def checked(value: Any, _: Any) -> Any:
+        if isinstance(value, str):
+            if function and ":" in value:
+                return Function(value)
+            if value in known:
+                return value
+        elif other is not None:
             return other(value)
-        if value in words or (function and ":" in value):
-            return value
-        raise wrong(f"must {rule}: got {shown(value)}{suggestion(value, words)}")
+        elif adapter is not None and isinstance(value, list | tuple):
+            return adapter.validate_python(value)
+        raise wrong(f"must {rule}: got {shown(value)}{suggestion(value, known)}")
 
-    return BeforeValidator(checked)
+    return WrapValidator(checked)
 
 
 def _fit_name(text: str) -> str:
@@ -278,20 +278,23 @@ class Choice:
     default: str | None = None  # the ``type`` of a table that says none
     choose: Callable[[dict[str, Any]], Any] = lambda value: None
     """Returns the table that a dict is meant to be; None where its key ``type`` says it."""
-    simple: Callable[[Any], Any] = as_table  # validates what is not a table
-    simple_type: Any = None  # the type of what `simple` accepts, for the JSON Schema
+    simple: Any = None  # the type of what is no table, if the value may be such a thing
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        types = [*self.tables, *([] if self.simple_type is None else [self.simple_type])]
+        types = [*self.tables, *([] if self.simple is None else [self.simple])]
         return core_schema.with_info_wrap_validator_function(
-            self._validated, handler.generate_schema(reduce(or_, types))
+            self._validated, handler.generate_schema(Union[*types])
         )
+
+    @cached_property
+    def _of_simple(self) -> Callable[[Any], Any]:
+        return as_table if self.simple is None else TypeAdapter(self.simple).validate_python
 
     def _validated(self, value: Any, _: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         if not isinstance(value, dict):
-            return value if isinstance(value, Table) else self.simple(value)
+            return value if isinstance(value, Table) else self._of_simple(value)
         meant = self.tables[0] if len(self.tables) == 1 else self.choose(value)
         if meant is None:
             name, by_name = value.get("type", self.default), tags(self.tables)
@@ -318,8 +321,6 @@ class ObjectTable(Table):
     """The class or function that makes the object."""
     parameters: ClassVar[tuple[str, ...]] = ()
     """The parameters of `makes` that the table has."""
-    functions: ClassVar[tuple[str, ...]] = ()
-    """Those whose texts with a colon name functions of the user's."""
 
     def build(self, folder: Path = Path()) -> Any:
         """Return the object; the library's own error if the values make no sense."""
@@ -327,15 +328,13 @@ class ObjectTable(Table):
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
         """Return the arguments for what makes the object: inner tables built, functions loaded."""
-        arguments = {name: built(getattr(self, name), folder) for name in self.parameters}
-        for name in self.functions:
-            if isinstance(arguments[name], str) and ":" in arguments[name]:
-                arguments[name] = load(arguments[name], folder)
-        return arguments
+        return {name: built(getattr(self, name), folder) for name in self.parameters}
 
 
 def built(value: Any, folder: Path) -> Any:
-    """Return the object that a table stands for, and any other value as it is."""
+    """Return the object that a table stands for, or a function; any other value as it is."""
+    if isinstance(value, Function):
+        return load(value, folder)
     return value.build(folder) if isinstance(value, ObjectTable) else value
 
 
@@ -346,16 +345,21 @@ def table_of(
     *,
     tag: str | None = None,
     without: tuple[str, ...] = (),
-    functions: tuple[str, ...] = (),
     **annotations: Any,
 ) -> Any:
-    """Return the table of a dataclass or function; `tag` is the value of its key ``type``."""
+    """Return the table of a dataclass or function; `tag` is the value of its key ``type``.
+
+    `annotations` are the types of parameters in a file, or each with its default there.
+    """
     hints, texts = get_type_hints(makes), descriptions(makes)
     signature = inspect.signature(makes).parameters
     parameters = {name: of.default for name, of in signature.items() if name not in without}
     fields: dict[str, Any] = {} if tag is None else {"type": (Literal[tag], tag)}
     for name, default in parameters.items():
-        annotation, kind = annotations.get(name) or annotated(hints[name]), cast(Any, type(default))
+        annotation = annotations.get(name) or annotated(hints[name])
+        if isinstance(annotation, tuple):
+            annotation, default = annotation
+        kind = cast(Any, type(default))
         if default is inspect.Parameter.empty:
             default = ...
         elif _is_dataclass(kind):
@@ -365,7 +369,6 @@ def table_of(
         fields[name] = (annotation, Field(default, description=texts[name]))
     made = create_model(tag or makes.__name__, __base__=base, __doc__=summary(makes), **fields)
     made.makes, made.parameters = makes, tuple(parameters)
-    made.functions = functions or made.functions
     return made
 
 
@@ -381,13 +384,15 @@ def annotated(hint: Any) -> Any:
         if tables and (bool in members or NoneType in members):
             made, off = tables[0], False if bool in members else None
 
-            def flag(value: Any) -> Any:  # true stands for a table of defaults
+            def flag(value: Any, _: Any) -> Any:  # true stands for a table of defaults
                 if not isinstance(value, bool):
                     raise wrong(f"must be true, false or a table: got {shown(value)}")
                 return made() if value else off
 
-            return Annotated[Any, Choice((made,), simple=flag, simple_type=bool)]
+            return Annotated[Any, Choice((made,), simple=Annotated[bool, WrapValidator(flag)])]
         return Union[*tables, *(annotated(other) for other in members if not _is_dataclass(other))]
+    if get_origin(hint) is Callable:
+        return Reference
     if get_origin(hint) is tuple:
         return tuple[*map(annotated, members)]  # type: ignore[misc]
     return table_of(hint) if _is_dataclass(hint) else hint
@@ -425,19 +430,17 @@ def _plain(text: str) -> str:
 
 _PLAIN: dict[Any, Any] = {int: Whole, float: Number, bool: Flag, NoneType: None}
 _SCHEDULES = tuple(table_of(makes, tag=makes.__name__) for makes in (linear, exponential, harmonic))
-Rate = Annotated[
-    Any, Choice(_SCHEDULES, simple=TypeAdapter(Number).validate_python, simple_type=float)
-]
+Rate = Annotated[Any, Choice(_SCHEDULES, simple=Number)]
 """A number, or a table that says how it changes."""
 
 
-def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
-    """Return the validator of a table's name in its place, or of ``module:function``."""
+def named(*tables: Any, function: bool = False) -> Any:
+    """Return the type of a table's name in its place, or of ``module:function``."""
     known = tags(tables)
 
-    def simple(value: Any) -> Any:
+    def simple(value: Any, _: Any) -> Any:
         if function and isinstance(value, str) and ":" in value:
-            return value
+            return Function(value)
         if not isinstance(value, str) or value not in known:
             raise wrong(not_one_of(value, known) + " (or module:function)" * function)
         needed = [key for key, field in known[value].model_fields.items() if field.is_required()]
@@ -445,14 +448,14 @@ def named(*tables: Any, function: bool = False) -> Callable[[Any], Any]:
             raise wrong(f"must be a table, as {value} needs {' and '.join(needed)}: got {value!r}")
         return known[value]()
 
-    return simple
+    return Annotated[str, WrapValidator(simple)]
 
 
 # -- Encoders of observations: by name, as a table, or a function of the user's --------------------
 
 
 def _encoder_of(*tables: Any) -> Any:
-    return Annotated[Any, Choice(tables, simple=named(*tables, function=True), simple_type=str)]
+    return Annotated[Any, Choice(tables, simple=named(*tables, function=True))]
 
 
 _OF_A_FRAME = (
@@ -465,7 +468,6 @@ AnyEncoder: Any = _encoder_of(
     table_of(
         StackedFrames,
         tag="StackedFrames",
-        functions=("of",),
         of=_encoder_of(*_OF_A_FRAME) | None,
     ),
 )
@@ -535,21 +537,23 @@ SHAPINGS = tuple(
 )
 """The ways a potential or a network enters learning; the sources give the potential."""
 EvaluationTable = table_of(GreedyEvaluation)
-_OR_WHOLE = BeforeValidator(lambda limit: limit if isinstance(limit, str) else whole_number(limit))
-StorageTable = table_of(Storage, memory_limit=Annotated[int | str | None, _OR_WHOLE])
+StorageTable = table_of(
+    Storage,
+    memory_limit=Annotated[
+        int | str | None,
+        BeforeValidator(lambda limit: limit if isinstance(limit, str) else whole_number(limit)),
+    ],
+)
 AnyLearner = Annotated[Any, Choice((*LEARNERS, DeepLearnerTable), "QLearning")]
 AnyBudget = Annotated[
     Any,
     Choice(
         (EpisodesTable, StoppingTable),
         choose=lambda value: EpisodesTable if "episodes" in value else StoppingTable,
-        simple=whole_number,
-        simple_type=int,
+        simple=Whole,
     ),
 ]
-AnyShaping = Annotated[
-    Any, Choice(SHAPINGS, "QInitialisation", simple=named(*SHAPINGS), simple_type=str)
-]
+AnyShaping = Annotated[Any, Choice(SHAPINGS, "QInitialisation", simple=named(*SHAPINGS))]
 _AGGREGATE = f"be one of {', '.join(AGGREGATES)}, or a function as module:function"
 
 
@@ -580,14 +584,13 @@ class Settings(Table):
     def setting(self, which: str, folder: Path) -> Any:
         """Return a setting, such as ``"learner"``, as :class:`Curriculum` takes it."""
         value = getattr(self, which)
-        if which != "aggregate":
-            return built(value, folder)
-        return getattr(aggregate, value) if value in AGGREGATES else load(value, folder)
+        if which == "aggregate" and value in AGGREGATES:
+            return getattr(aggregate, value)
+        return built(value, folder)
 
 
 # -- Transfers: which mapping, how much of the source's values, calibrated or not ------------------
 
-MAPPINGS_BY_NAME = ("identity", "same_position", "relative_objects", "family", "auto")
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")  # a transfer has one
 OF_OBSERVATIONS = ("observations", "actions", "status")  # keys of targets seen by networks
 ACTIONS = (
@@ -664,37 +667,15 @@ class _TransferTable(ObjectTable):
         """Return the transfer, with a mapping that :meth:`mappings_in` returned."""
         return Transfer(mapping=f, **self.arguments_in(Path()))
 
-    def mappings_in(
-        self,
-        target: Any,
-        source: Any,
-        folder: Path,
-        members: Sequence[FamilyMember | None],
-        *,
-        fit_unmapped: bool,
-        say: Callable[[str], Any],
-    ) -> tuple[Any, ...]:
-        """Return the mapping f, or several where the family of both `members` says so."""
-        to, of = members
+    def mapping_in(self, target: Any, source: Any, folder: Path, **of_search: Any) -> Any:
+        """Return the mapping f, unless the family of both tasks makes it."""
+        value = self.unmapped_value
         if self.mapping == "auto":
             edge = f"{self.source} -> {self.target}"
-            scores: dict[str, Any] = {"fit_unmapped": fit_unmapped, "say": say}
-            scores |= {"scale": self.scale, "shift": self.shift}
-            return (announced(edge, target, source, self.unmapped_value, **scores).mapping,)
-        if self.mapping != "family" or to is None or of is None:
-            return (self._mapping_in(target, source, folder),)
-        with users_code(f"the mapping of {to.family.name}"):
-            return member_mappings(to, of, target, source, self.unmapped_value)
-
-    def _mapping_in(self, target: Any, source: Any, folder: Path) -> Any:
-        """Return the mapping f of any other kind."""
-        value = self.unmapped_value
+            of_search |= {"scale": self.scale, "shift": self.shift}
+            return announced(edge, target, source, value, **of_search).mapping
         if is_observation_task(target) and self.factory is None:
-            keys = {key: getattr(self, key) for key in OF_OBSERVATIONS}
-            functions: dict[str, Any] = {
-                key: load(name, folder) if isinstance(name, str) else name
-                for key, name in keys.items()
-            }
+            functions = {key: built(getattr(self, key), folder) for key in OF_OBSERVATIONS}
             if self.mapping == "identity":
                 check_same_observations(target, source)
             return ObservationMapping(target, source, **functions, unmapped_value=value)

@@ -16,14 +16,14 @@ from pydantic import (
     model_validator,
 )
 
-from curricle.deep.miniature import HELD_OUT, MOST_STATES, RESETS, miniatures
+from curricle.deep.miniature import miniatures
 from curricle.errors import ConfigError, TaskError
 from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import solve, visit_distribution
-from curricle.study.own_code import load, suggestion, users_code
-from curricle.study.schema import (
+from curricle.study_file.own_code import load, suggestion, users_code
+from curricle.study_file.schema import (
     SHAPINGS,
     AnyEncoder,
     Choice,
@@ -64,8 +64,6 @@ from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
 
 # -- Where episodes start: a ring around the goal, reachable states, or where a policy goes --------
 
-WORDS = ("uniform", "reachable")
-
 
 def _distance(value: Any) -> tuple[int, int]:
     """Return a range of distances; one number is a range."""
@@ -100,11 +98,8 @@ class StartTable(Table):
         return self
 
 
-def _start_word(value: Any) -> str:
-    if value not in WORDS:
-        text = "must be 'uniform', 'reachable', or a table with distance or visits: got "
-        raise wrong(f"{text}{shown(value)}{suggestion(value, WORDS)}")
-    return str(value)
+_START = "be 'uniform', 'reachable', or a table with distance or visits"
+_StartWord = Annotated[str, word(_START, ("uniform", "reachable"))]
 
 
 def started(task: Any, start: Any) -> Any:
@@ -129,36 +124,32 @@ class TaskTable(ObjectTable, Settings):
     deep: ClassVar[bool] = False
     """Whether it is seen through observations and learnt by a network."""
 
-    start_states: Annotated[Any, Choice((StartTable,), simple=_start_word, simple_type=str)] = None
+    start_states: Annotated[Any, Choice((StartTable,), simple=_StartWord)] = None
     """Where episodes start instead: 'uniform', 'reachable', { distance = [1, 3] } from the goal, or
     { visits = "random" }."""
 
     def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
         """Yield the settings that do not suit the task `name`, each with what is wrong."""
-        network = isinstance(self.learner, DeepLearnerTable)
-        kind = None if self.shaping is None else type(self.shaping).makes
-        if not self.deep:
-            if network:
-                yield (
-                    ("learner",),
-                    f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn '
-                    "tasks seen through observations, of type 'observation_task'",
-                )
-            if kind is not None and not kind.for_tables:
-                text = f"must be for tables, to learn {name}: got {self.shaping.type!r}"
-                yield ("shaping",), text
-            return
-        if not network:
+        network, shaping = isinstance(self.learner, DeepLearnerTable), self.shaping
+        if network and not self.deep:
+            yield (
+                ("learner",),
+                f'must be tabular for {name}, such as {{ type = "QLearning" }}: networks learn '
+                "tasks seen through observations, of type 'observation_task'",
+            )
+        if self.deep and not network:
             yield (
                 ("learner",),
                 f'must be {{ type = "deep", ... }} for {name}, which is seen through observations '
                 "and learnt by a network",
             )
-        if kind is not None and not kind.for_networks:
+        if shaping is not None and not self.deep and not shaping.makes.for_tables:
+            yield ("shaping",), f"must be for tables, to learn {name}: got {shaping.type!r}"
+        if shaping is not None and self.deep and not shaping.makes.for_networks:
             known = ", ".join(of.makes.__name__ for of in SHAPINGS if of.makes.for_networks)
             text = f"must be one of {known} for {name}, which a network learns: got "
-            yield ("shaping",), f"{text}{self.shaping.type!r}"
-        if self.start_states is not None:
+            yield ("shaping",), f"{text}{shaping.type!r}"
+        if self.deep and self.start_states is not None:
             text = f"must be left out for {name}: it is for tables, and a network learns {name}"
             yield ("start_states",), text
 
@@ -201,10 +192,9 @@ class Maker(Table):
 
     def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
         """Return what a function of the library makes of the environment, with these options."""
-        reference = str(self.id or self.factory)
-        what, wrapped = self.id or load(reference, folder), options.pop("wrapped", None)
-        encode = load(wrapped, folder) if isinstance(wrapped, str) else built(wrapped, folder)
-        maker = EnvironmentMaker(what, dict(self.arguments), encode)
+        reference, wrapped = str(self.id or self.factory), options.pop("wrapped", None)
+        of = built(self.id or self.factory, folder)
+        maker = EnvironmentMaker(of, dict(self.arguments), built(wrapped, folder))
         with users_code(reference):
             try:
                 return make(maker, **options)
@@ -216,6 +206,10 @@ class Maker(Table):
 
 
 Names = tuple[Name, ...] | None
+
+
+_DISCOUNT = (Number, 0.99)
+_LIMIT = (TimeLimit | None, None)  # of the environment's own
 
 
 class EnvironmentTable(Maker, TaskTable):
@@ -230,34 +224,21 @@ class EnvironmentTable(Maker, TaskTable):
         return self.made_by(type(self).makes, folder, **stated)
 
 
-class GymnasiumTask(EnvironmentTable):
-    """An environment of Gymnasium's registry, or one's own."""
-
-    makes: ClassVar[Any] = from_gymnasium
-    parameters: ClassVar[tuple[str, ...]] = (
-        *("discount", "time_limit", "names", "sizes", "actions", "encode", "live"),
-    )
-    functions: ClassVar[tuple[str, ...]] = ("encode",)
-    type: Literal["gymnasium"] = "gymnasium"
-    discount: Number = 0.99
-    """In [0, 1]."""
-    time_limit: TimeLimit | None = None
-    """Steps after which an episode is cut, or 'none'; the environment's own."""
-    names: Names = None
-    """Of a state's components, the numbers in an observation."""
-    sizes: tuple[Count, ...] | None = None
-    """How many values each has, where an observation is one number."""
-    actions: Names = None
-    """A label for each action; north, east, south and west are drawn as arrows."""
-    encode: Reference | None = None
-    """A function from observations to states, module:function, with its states as its attribute."""
-    live: Flag | None = None  # None is not stored, so that keys of older results stay
-    """Whether to call step for every step even if there is a table."""
+GymnasiumTask = table_of(
+    from_gymnasium,
+    EnvironmentTable,
+    tag="gymnasium",
+    without=("environment", "states", "make_arguments"),
+    discount=_DISCOUNT,
+    time_limit=_LIMIT,
+    names=Names,
+    sizes=tuple[Count, ...] | None,
+    actions=Names,
+    live=(Flag | None, None),  # None is not stored, so that keys of older results stay
+)
 
 
 class _EncodedTable(EnvironmentTable):
-    discount: Number = 0.99
-    """In [0, 1]."""
     encode: AnyEncoder | None = None
     """An encoder of its observations: its name, a table, or module:function."""
 
@@ -266,27 +247,9 @@ class _EncodedTable(EnvironmentTable):
         return {**super().arguments_in(folder), "wrapped": self.encode}
 
 
-class TabulatedTaskTable(_EncodedTable):
-    """An environment as exact tables of every state that can be reached."""
-
-    makes: ClassVar[Any] = tabulate
-    parameters: ClassVar[tuple[str, ...]] = (
-        *("discount", "time_limit", "names", "actions", "outcomes", "samples"),
-    )
-    functions: ClassVar[tuple[str, ...]] = ("outcomes",)
-    type: Literal["tabulated"] = "tabulated"
-    time_limit: TimeLimit | None = None
-    """Steps after which an episode is cut, or 'none'; the environment's own."""
-    names: Names = None
-    """Other names for a state's components."""
-    actions: Names = None
-    """A label for each action."""
+class _TabulatedTable(_EncodedTable):
     reset_seeds: tuple[Whole, ...] = (0,)
     """Of the resets that starts are taken from."""
-    outcomes: Reference | None = None
-    """Of random steps: a function of a state and an action, module:function."""
-    samples: Count | None = None
-    """Instead: steps that each pair's outcomes are estimated from."""
     cache: Name | None = None
     """A file beside the study, which keeps the tables."""
 
@@ -296,17 +259,30 @@ class TabulatedTaskTable(_EncodedTable):
         return {**super().arguments_in(folder), "seeds": self.reset_seeds, "cache": cache}
 
 
-class ObservationTaskTable(_EncodedTable):
-    """An environment whose observations a network reads."""
-
-    makes: ClassVar[Any] = observation_task
-    parameters: ClassVar[tuple[str, ...]] = ("discount", "time_limit")
-    type: Literal["observation_task"] = "observation_task"
+class _ObservationTable(_EncodedTable):
     deep: ClassVar[bool] = True
-    time_limit: Whole | None = None
-    """Steps after which an episode is cut; the environment's own."""
 
 
+TabulatedTaskTable = table_of(
+    tabulate,
+    _TabulatedTable,
+    tag="tabulated",
+    without=(
+        *("environment", "seeds", "state", "max_states", "max_seconds", "progress"),
+        *("cache", "make_arguments"),
+    ),
+    discount=_DISCOUNT,
+    time_limit=_LIMIT,
+    names=Names,
+    actions=Names,
+    samples=Count | None,
+)
+ObservationTaskTable = table_of(
+    observation_task,
+    _ObservationTable,
+    tag="observation_task",
+    without=("environment", "encode", "make_arguments"),
+)
 _by_id = BeforeValidator(
     lambda value: {"id": value} if isinstance(value, str) else value,
     json_schema_input_type=str | Maker,
@@ -314,15 +290,7 @@ _by_id = BeforeValidator(
 Members = tuple[Annotated[Maker, _by_id], ...]
 
 
-class DistilledTask(TaskTable):
-    """Small relatives that are solved; a network is distilled from them in no steps.
-
-    What their own sources say takes the place of exact answers, if transfers lead to them.
-    """
-
-    makes: ClassVar[Any] = miniatures
-    parameters: ClassVar[tuple[str, ...]] = ("resets", "held_out", "max_states")
-    type: Literal["distilled"] = "distilled"
+class _DistilledTable(TaskTable):
     deep: ClassVar[bool] = True
     members: Members = Field(min_length=1)
     """Ids, or tables with id or factory, and arguments."""
@@ -334,12 +302,6 @@ class DistilledTask(TaskTable):
     """An encoder of their observations: its name, a table, or module:function."""
     time_limit: Whole | None = None
     """Steps after which an episode is cut; the environments' own."""
-    resets: Count = RESETS
-    """Of each member; alike levels count once."""
-    held_out: Number = HELD_OUT
-    """Share of the levels that is held out."""
-    max_states: Count = MOST_STATES
-    """Of each member."""
     shuffled: Flag = False
     """Whether each observation has the answer of another: a placebo."""
 
@@ -352,6 +314,16 @@ class DistilledTask(TaskTable):
         )
         made = miniatures(*members, tested_on=tested_on, **self.arguments_in(folder))
         return replace(made, shuffled=self.shuffled)
+
+
+DistilledTask = table_of(
+    miniatures,
+    _DistilledTable,
+    tag="distilled",
+    without=("members", "tested_on"),
+    resets=Count,
+    max_states=Count,
+)
 
 
 # -- Task families: tables that name one, and tasks that are members of one ------------------------
@@ -369,25 +341,23 @@ class FamilyTable(Table):
 
     @model_validator(mode="after")
     def _known_parameters(self) -> Self:
-        self.__pydantic_extra__.update(_checked(self.family, self.__pydantic_extra__))
+        self.__pydantic_extra__.update(_checked(_family(self.family), self.__pydantic_extra__))
         return self
 
 
-def _checked(
-    family: str, values: Mapping[str, Any], families: tuple[str, ...] = ()
-) -> dict[str, Any]:
-    """Return parameters as built-in families hold them; messages name the study's `families`."""
-    if ":" in family:  # its module is imported when the task is built
-        return dict(values)
-    if family not in BUILT_IN:
-        known = (*families, *BUILT_IN)
-        text = f"must be one of {', '.join(known)}, or a family of one's own as module:function: "
-        raise wrong_at((("family",), f"{text}got {shown(family)}{suggestion(family, known)}"))
-    return _checked_by(BUILT_IN[family], values)
+def _family(name: str, families: tuple[str, ...] = ()) -> TaskFamily | None:
+    """Return a built-in family; None for the user's own, whose module is not imported here."""
+    if ":" in name or name in BUILT_IN:
+        return BUILT_IN.get(name)
+    known = (*families, *BUILT_IN)
+    text = f"must be one of {', '.join(known)}, or a family of one's own as module:function: "
+    raise wrong_at((("family",), f"{text}got {shown(name)}{suggestion(name, known)}"))
 
 
-def _checked_by(family: TaskFamily, values: Mapping[str, Any]) -> dict[str, Any]:
+def _checked(family: TaskFamily | None, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters as a family's members hold them, or raise what is wrong at each key."""
+    if family is None:
+        return dict(values)
     checked, messages = dict[str, Any](), list[tuple[KeyPath, str]]()
     by_name = {parameter.name: parameter for parameter in family.parameters}
     for name, value in values.items():
@@ -416,16 +386,12 @@ class FamilyTask(TaskTable):
 
     @model_validator(mode="after")
     def _known_parameters(self, info: ValidationInfo) -> Self:
-        families = (info.context or {}).get("families", ())
-        values = _checked(self.family, self.__pydantic_extra__, families)
-        if self.family in BUILT_IN:
-            parameters = BUILT_IN[self.family].parameters
-            defaults = {of.name: of.default for of in parameters if not of.required}
-            values = {
-                name: NONE if value is None else value
-                for name, value in {**defaults, **values}.items()
-            }
-        self.__pydantic_extra__.update(values)
+        family = _family(self.family, (info.context or {}).get("families", ()))
+        values = _checked(family, self.__pydantic_extra__)
+        parameters = () if family is None else family.parameters
+        defaults = {of.name: of.default for of in parameters if not of.required}
+        for name, value in {**defaults, **values}.items():
+            self.__pydantic_extra__[name] = NONE if value is None and family else value
         return self
 
     def member(self, folder: Path) -> FamilyMember:
@@ -443,7 +409,7 @@ class FamilyTask(TaskTable):
                     "task in a file: give it another name"
                 )
         optional = {parameter.name for parameter in family.parameters if parameter.optional}
-        values = _checked_by(family, self.__pydantic_extra__).items()
+        values = _checked(family, self.__pydantic_extra__).items()
         return family(**{k: None if v == NONE and k in optional else v for k, v in values})
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
@@ -481,18 +447,18 @@ def _without_margins(drawing: str) -> str:
     return "\n".join(line.strip() for line in drawing.strip().splitlines())
 
 
-def _cells_or(*words: str) -> Any:
+def _cells_or(*known: str) -> Any:
     """Return the type of some words, or of a list of cells that stands for a set."""
-    rule = f"be {', '.join(map(repr, words))} or a list of cells"
+    rule = f"be {', '.join(map(repr, known))} or a list of cells"
     cells = tuple[Pair, ...]
     return Annotated[
-        Literal[words] | cells, word(rule, words, lists=cells), AfterValidator(_in_order)
+        Literal[known] | cells, word(rule, known, lists=cells), AfterValidator(_in_order)
     ]
 
 
-def _listed_or(rule: str, lists: Any, *words: str) -> Any:
+def _listed_or(rule: str, lists: Any, *known: str) -> Any:
     """Return the type of some words, or of lists."""
-    return Annotated[Literal[words] | lists, word(rule, words, lists=lists)]
+    return Annotated[Literal[known] | lists, word(rule, known, lists=lists)]
 
 
 class _MazeTask(TaskTable):
@@ -552,7 +518,7 @@ class FactoryTask(TaskTable):
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return what the function returns, if it is a task."""
-        make = load(self.factory, folder)
+        make = built(self.factory, folder)
         with users_code(self.factory):
             made = make(**self.arguments)
             generative_model(made)
@@ -585,7 +551,6 @@ MazeTask = _domain(GridWorld, "maze", _MazeTask, ends=_ENDS, **_MAP)
 PursuitTask = _domain(
     Pursuit,
     "pursuit",
-    functions=("prey",),
     capture=Annotated[
         Literal[_CAPTURES] | int,
         word(

@@ -1,8 +1,8 @@
 """Settings of a study that vary: a sweep lists their values, a tuning says where to search them.
 
-Both name a setting by its key in the file, such as ``learner.learning_rate``. Where it stands in
-each arm's complete curriculum a mark shows that is put at the key before arms and settings are
-merged: a value so reaches what it would reach if the file said it, and nothing else.
+Both name a setting by its key in the file, such as ``learner.learning_rate``, and its values are
+put there before arms and settings are merged: each reaches what it would reach if the file said it.
+Where that is in each arm's complete curriculum a mark shows in a value's place.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 from curricle.curriculum.node import OF_TARGETS
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.statistics.curves import SCRATCH
-from curricle.study.file import (
+from curricle.study_file.file import (
     SETTINGS,
     Located,
     complete_curriculum,
@@ -25,7 +25,7 @@ from curricle.study.file import (
     nested,
     path_text,
 )
-from curricle.study.schema import (
+from curricle.study_file.schema import (
     Count,
     Flag,
     KeyPath,
@@ -66,8 +66,7 @@ def _tuning_seeds(value: Any) -> tuple[int, ...]:
     return tuple(range(FIRST_SEED, FIRST_SEED + value)) if few else seeds_of(value)
 
 
-def _bound(value: Any) -> int | float:
-    """Return a finite number; whole ones stay whole."""
+def _bound(value: Any) -> int | float:  # whole ones stay whole
     if isinstance(value, bool) or not isinstance(value, int | float) or value - value != 0:
         raise wrong(f"must be a finite number: got {shown(value)}")
     return whole_number(value) if isinstance(value, int) else value
@@ -200,37 +199,37 @@ def value_text(value: Any) -> str:
     return str(value)
 
 
-def places_of(study: Raw, patch: Any, key: Sequence[str]) -> tuple[KeyPath, ...]:
+def places_of(study: Raw, patch: Any, setting: Varied) -> tuple[KeyPath, ...]:
     """Return where a setting stands in the curriculum of an arm that does not set it itself."""
     mark = object()
-    return tuple(_paths_to(mark, complete_curriculum(merged(study, nested(key, mark)), patch)))
+
+    def paths_to(node: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
+        if node is mark:
+            yield path
+        elif isinstance(node, dict | list):
+            for part, inner in node.items() if isinstance(node, dict) else enumerate(node):
+                yield from paths_to(inner, (*path, part))
+
+    return tuple(paths_to(complete_curriculum(merged(study, nested(setting.key, mark)), patch)))
 
 
-def _paths_to(mark: object, node: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
-    if node is mark:
-        yield path
-    elif isinstance(node, dict | list):
-        for part, inner in node.items() if isinstance(node, dict) else enumerate(node):
-            yield from _paths_to(mark, inner, (*path, part))
+def stating(study: Raw, setting: Varied, value: Any) -> Located:
+    """Return a study that says a value of a setting, which stands where the setting varies."""
+    # So do tables that have it in them, but for tasks and transfers as a whole.
+    whole = 0 if setting.key[0] in SETTINGS else 2 if setting.key[2] in SETTINGS else 1
+    patch = value
+    for n, part in reversed([*enumerate(setting.key)]):
+        patch = Located({part: patch})
+        patch.home = setting.home if n > whole else ()
+        patch.homes = {part: setting.home} if n >= whole else {}
+    return merged(study, patch)
 
 
-def with_values(
-    curriculum: Raw, values: Mapping[KeyPath, Any], homes: Mapping[KeyPath, KeyPath] | None = None
-) -> dict[str, Any]:
-    """Return a complete curriculum with values at some places, which stand at `homes` in a file."""
-    result, known = Located(curriculum, curriculum), set[KeyPath]()
+def with_values(curriculum: Raw, values: Mapping[KeyPath, Any]) -> dict[str, Any]:
+    """Return a complete curriculum with values at some places."""
+    result: dict[str, Any] = Located(curriculum, curriculum)
     for place, value in values.items():
-        home, patch = (homes or {}).get(place, ()), value
-        # Tasks and transfers as a whole stay where they are, what several share where the first is.
-        known |= {
-            place[:n] for n in range(3 if place[0] == "tasks" and place[2] in SETTINGS else 2)
-        }
-        for n in reversed(range(len(place))):
-            patch = Located({str(place[n]): patch})
-            patch.home = () if place[:n] in known else home
-            patch.homes = {} if place[: n + 1] in known or not home else {str(place[n]): home}
-        known |= {place[:n] for n in range(len(place))}
-        result = merged(result, patch)
+        result = merged(result, nested(map(str, place), value))
     return result
 
 
@@ -254,17 +253,15 @@ class Variant(NamedTuple):
 
     arm: str  # as the file calls it
     values: dict[str, Any]  # by name of the setting
+    study: Raw  # which says these values
     curriculum: dict[str, Any]
 
 
 def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return a configuration's fields with sweep and tuning, and arms that probe ends of ranges."""
-    variants = dict[str, Variant]()
-    for arm, curriculum in complete.items():
-        patch = table(study.get("arms")).get(arm)
-        places = {setting.name: places_of(study, patch, setting.key) for setting in swept_in(study)}
-        for name, variant in _variants(study, arm, curriculum, places):
-            variants.setdefault(name, variant)  # one for all values that do not apply to the arm
+    variants, patches = dict[str, Variant](), table(study.get("arms"))
+    for arm in complete:
+        variants |= _variants(study, arm, patches.get(arm))
     scratches = scratch_variants(study, complete)
     every = {**scratches, **variants}
     fields: dict[str, Any] = {
@@ -281,9 +278,7 @@ def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any]
         plain = TuneTable.model_validate(study["tune"]).model_dump()
         fields["tune"] = {**plain, "space": space, "places": tuned}
         for setting in tuned_in(study):
-            arm = next(arm for arm in tuned if tuned[arm][setting.name])
-            here = tuned[arm][setting.name]
-            homes = dict.fromkeys(here, setting.home)
+            variant = next(of for name, of in variants.items() if tuned[name][setting.name])
             values = setting.values
             if isinstance(values, dict):
                 ends = values["low"], values["high"]
@@ -291,39 +286,40 @@ def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any]
                 between = ends[0] + (ends[1] - ends[0]) / 3**0.5
                 values = ends if all(isinstance(end, int) for end in ends) else (*ends, between)
             for value in values:
-                probe = with_values(every[arm].curriculum, dict.fromkeys(here, value), homes)
+                probing = stating(variant.study, setting, value)
+                probe = complete_curriculum(probing, patches.get(variant.arm))
                 probes[f"{setting.name} = {value_text(value)}"] = probe
     return fields, probes
 
 
-def _variants(
-    study: Raw, arm: str, curriculum: Any, places: Mapping[str, Sequence[KeyPath]]
-) -> Iterator[tuple[str, Variant]]:
-    """Yield an arm with the values that apply to it, of each point of a sweep, and its name."""
-    settings = swept_in(study)
+def _variants(study: Raw, arm: str, patch: Any, *, alone: bool = False) -> dict[str, Variant]:
+    """Return an arm for each point of a sweep that differs for it, or its target alone, by name."""
+    settings, variants = swept_in(study), dict[str, Variant]()
     short, lists = short_names(settings), [setting.values for setting in settings]
     paired = lists and study["sweep"].get(MODE) == PAIRED
+    apply = {s.name: bool(_places(study, patch, s, alone=alone)) for s in settings}
     for point in zip(*lists, strict=True) if paired else product(*lists):
-        pairs = [(s, value) for s, value in zip(settings, point, strict=True) if places[s.name]]
-        at = {place: value for s, value in pairs for place in places[s.name]}
-        homes = {place: s.home for s, _ in pairs for place in places[s.name]}
+        pairs = [(s, value) for s, value in zip(settings, point, strict=True) if apply[s.name]]
         label = ", ".join([arm, *(f"{short[s.name]}={value_text(value)}" for s, value in pairs)])
-        values = {s.name: value for s, value in pairs}
-        yield label, Variant(arm, values, with_values(curriculum, at, homes))
+        if label in variants:  # the values that differ do not apply to the arm
+            continue
+        stated = study
+        for setting, value in pairs:
+            stated = stating(stated, setting, value)
+        curriculum = complete_curriculum(stated, patch)
+        values = {setting.name: value for setting, value in pairs}
+        whole = target_alone(curriculum) if alone else curriculum
+        variants[label] = Variant(arm, values, stated, whole)
+    return variants
 
 
 def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
     """Return the arms from scratch, for each value that applies; the first is "scratch"."""
     if study.get("scratch") is False:
         return {}
-    arm, curriculum = next(iter(complete.items()))
-    patch, alone = table(study.get("arms")).get(arm), target_alone(curriculum)
-    places = {s.name: _places_from_scratch(study, patch, s, alone) for s in swept_in(study)}
-    swept = dict[str, Variant]()
-    for name, variant in _variants(study, SCRATCH, alone, places):
-        swept.setdefault(name, variant)
-    first, *others = swept
-    variants = {SCRATCH: swept[first], **{name: swept[name] for name in others}}
+    patch = table(study.get("arms")).get(next(iter(complete)))
+    first, *others = _variants(study, SCRATCH, patch, alone=True).items()
+    variants = {SCRATCH: first[1], **dict(others)}
     for learner in table(study.get("scratch_learners")):
         label = f"{SCRATCH}, {learner}"
         for name, variant in [*variants.items()]:
@@ -340,50 +336,44 @@ def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Varia
     return variants
 
 
-def _places_from_scratch(
-    study: Raw, patch: Any, setting: Varied, alone: Any
+def _places(
+    study: Raw, patch: Any, setting: Varied, *, alone: bool, sets: Any = None
 ) -> tuple[KeyPath, ...]:
-    """Return where a setting stands in a curriculum of the target alone."""
-    *_, target = alone["tasks"]
-    return tuple(
-        place
-        for place in places_of(study, patch, setting.key)
-        if place[:2] == ("tasks", target) and place[2] in ("learner", "storage")
-    )
+    """Return where a setting stands in an arm, or `alone` in its target's own learner and storage.
+
+    `sets` is what a further learner from scratch says itself.
+    """
+    places = places_of(study, patch, setting)
+    if not alone:
+        return places
+    (target,) = NameGraph.of(complete_curriculum(study, patch)).targets
+
+    def is_free(place: KeyPath) -> bool:
+        node: Any = sets
+        for part in place[3:]:
+            node = table(node).get(str(part))
+        return (
+            place[:2] == ("tasks", target) and place[2] in ("learner", "storage") and node is None
+        )
+
+    return tuple(filter(is_free, places))
 
 
 def _places_of_tuning(
     study: Raw, variants: Mapping[str, Variant], scratches: Mapping[str, Variant]
 ) -> dict[str, dict[str, tuple[KeyPath, ...]]]:
     """Return where each tuned setting stands in the curriculum of each arm, from scratch too."""
-    patches, settings = table(study.get("arms")), tuned_in(study)
-    places = {
-        name: {s.name: places_of(study, patches.get(variant.arm), s.key) for s in settings}
-        for name, variant in variants.items()
-    }
+    patches, learners = table(study.get("arms")), table(study.get("scratch_learners"))
     first = patches.get(next(iter(variants.values())).arm)
-    learners = table(study.get("scratch_learners"))
-    for name, variant in scratches.items():
-        learner = learners.get(variant.arm.removeprefix(f"{SCRATCH}, "), {})
-        learner = learner if variant.arm != SCRATCH else {}
+    places = dict[str, dict[str, tuple[KeyPath, ...]]]()
+    for name, variant in {**variants, **scratches}.items():
+        alone = name in scratches
+        patch = first if alone else patches.get(variant.arm)
+        sets = learners.get(variant.arm.removeprefix(f"{SCRATCH}, ")) if alone else None
         places[name] = {
-            s.name: tuple(
-                place
-                for place in _places_from_scratch(study, first, s, variant.curriculum)
-                if not _sets(learner, place[3:])
-            )
-            for s in settings
+            s.name: _places(study, patch, s, alone=alone, sets=sets) for s in tuned_in(study)
         }
     return places
-
-
-def _sets(learner: Any, path: KeyPath) -> bool:
-    """Return whether a further learner from scratch sets a key itself."""
-    for part in path:
-        if not isinstance(learner, dict) or part not in learner:
-            return False
-        learner = learner[part]
-    return bool(path)
 
 
 # -- What is wrong with them -----------------------------------------------------------------------
@@ -403,25 +393,23 @@ def wrong_sweep(study: Raw, complete: Mapping[str, Any]) -> Messages:
             why = f"must be a list of different values: {twice[0]} is there twice"
         else:
             why = _wrong_key(study, complete, setting)
-        why = why or "is given twice" * (setting.name in names[:number])
-        if why:
+        if why := why or "is given twice" * (setting.name in names[:number]):
             refused = True
             yield setting.home, why
     if not settings or refused:
         return
     lengths = [len(setting.values) for setting in settings]
-    paired = study["sweep"].get(MODE) == PAIRED
-    for setting, length in zip(settings, lengths, strict=True):
-        if paired and length != lengths[0]:
-            first = path_text(settings[0].home)
-            text = f"must have as many values as {first}, with which it is paired: got "
-            yield setting.home, f"{text}{length} and {lengths[0]}"
-    number = len(complete) * (lengths[0] if paired else prod(lengths))
-    if number > MOST_ARMS:
-        values = f"{' x '.join(map(str, lengths))} values"
-        values = counted(lengths[0], "value") if paired else values
+    number, values = prod(lengths), f"{' x '.join(map(str, lengths))} values"
+    if study["sweep"].get(MODE) == PAIRED:
+        number, values = lengths[0], counted(lengths[0], "value")
+        text = f"must have as many values as {path_text(settings[0].home)}, with which it is paired"
+        for setting, length in zip(settings, lengths, strict=True):
+            if length != number:
+                yield setting.home, f"{text}: got {length} and {number}"
+    if number * len(complete) > MOST_ARMS:
         arms = f" of each of {len(complete)} arms" if len(complete) > 1 else ""
-        yield SWEEP_HOME, f"must make at most {MOST_ARMS} arms: got {values}{arms}, {number:,} arms"
+        made = f"{number * len(complete):,} arms"
+        yield SWEEP_HOME, f"must make at most {MOST_ARMS} arms: got {values}{arms}, {made}"
 
 
 def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
@@ -430,31 +418,29 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
     if not settings and isinstance(table(study.get("tune")).get("space"), dict):
         yield TUNE_HOME, "must name a setting to tune: got none"
     if "tune" in study and study.get("scratch") is False:
-        yield (
-            ("tune",),
-            "needs learning from scratch, which is tuned as every arm: leave out scratch = false",
-        )
+        text = "needs learning from scratch, which is tuned as every arm: leave out scratch = false"
+        yield ("tune",), text
     names, swept = [s.name for s in settings], {s.name for s in swept_in(study)}
     for number, setting in enumerate(settings):
+        values, why = setting.values, ""
         if setting.name in names[:number]:
-            yield setting.home, "is given twice"
+            why = "is given twice"
         elif setting.name in swept:
-            yield setting.home, "is swept already: leave out one of the two"
-        else:
-            texts = [*map(value_text, setting.values)] if isinstance(setting.values, list) else []
-            if isinstance(setting.values, dict):
-                try:
-                    RangeTable.model_validate(setting.values)
-                except ValidationError as error:
-                    for detail in error.errors(include_url=False):
-                        yield (*setting.home, *detail["loc"]), detail["msg"]
-                    continue
-            elif len(texts) < 2 or len(set(texts)) < len(texts):
-                text = "must be a list of two or more different values, or { low, high }: got "
-                yield setting.home, text + shown(setting.values)
+            why = "is swept already: leave out one of the two"
+        elif isinstance(values, dict):
+            try:
+                RangeTable.model_validate(values)
+            except ValidationError as error:
+                details = error.errors(include_url=False)
+                yield from (((*setting.home, *of["loc"]), of["msg"]) for of in details)
                 continue
-            if why := _wrong_key(study, complete, setting):
-                yield setting.home, why
+        else:
+            texts = [*map(value_text, values)] if isinstance(values, list) else []
+            if len({*texts}) < max(2, len(texts)):
+                why = "must be a list of two or more different values, or { low, high }: got "
+                why += shown(values)
+        if why := why or _wrong_key(study, complete, setting):
+            yield setting.home, why
 
 
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
@@ -475,7 +461,7 @@ def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
     for arm, curriculum in complete.items():
         graph = NameGraph.of(curriculum)
         drawn = {part for target in graph.targets for part in graph.drawings(target)}
-        for place in places_of(study, patches.get(arm), setting.key):
+        for place in places_of(study, patches.get(arm), setting):
             nowhere = False
             if place[0] == "tasks" and place[1] in drawn and place[2] not in FREE:
                 return (

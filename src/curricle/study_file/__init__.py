@@ -1,0 +1,5 @@
+"""What a study file may say: its tables, its arms merged and varied, and the user's own code.
+
+``schema`` and ``task_tables`` are the tables; ``file`` reads TOML and completes the curriculum of
+each arm; ``vary`` makes the arms of sweeps and tunings; ``own_code`` loads the user's modules.
+"""
