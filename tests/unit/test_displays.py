@@ -105,6 +105,7 @@ def test_a_repr_is_short_and_says_what_it_is(results):
         assert repr(one).startswith(type(one).__name__)
         assert "0x" not in repr(one)
         assert "\n" not in repr(one)
+    assert str(results["study"]) == repr(results["study"])
 
 
 def test_every_class_of_a_package_of_results_has_a_repr_of_its_own():

@@ -311,6 +311,8 @@ class StudyConfig(RunTable):
         seeds, arms = counted(len(self.seeds), "seed"), listed(self.arms)
         return shortened(f"StudyConfig({self.name!r}, {seeds}; arms: {arms})")
 
+    __str__ = __repr__  # pydantic's own prints every setting
+
     def _repr_html_(self) -> str:
         tasks, transfers = list[Sequence[str]](), list[Sequence[str]]()
         for arm, tables in self.arms.items():
