@@ -17,7 +17,7 @@ from curricle.curriculum.node import Node
 from curricle.curriculum.result import SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.display import printed
-from curricle.planning.greedy import EqualValues, Values
+from curricle.planning.greedy import VisitedValues, Values
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, shown
@@ -145,7 +145,7 @@ def _learning(
     if generative.time_limit is None:  # nothing else has a bound
         evaluation = replace(evaluation, discounted=True)
     target = Target.of(node.task, evaluation)
-    random, random_noise = target.estimated(EqualValues(np.zeros((1, generative.actions.size))))
+    random, random_noise = target.estimated(VisitedValues.none(generative.actions.size))
     returns, noise = _returns(target, learnt.values)
     reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
     if target.solution is not None:

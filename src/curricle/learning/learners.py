@@ -22,11 +22,11 @@ class Learner:
     Parameters
     ----------
     learning_rate : float or Schedule
-        alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair (of each
-        table, where there are two).
+        alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair in each
+        table.
     epsilon : float or Schedule, optional
         Epsilon-greedy exploration: a uniform action with this probability, else a greedy one,
-        ties broken at random. The default, 0.1, holds unless `inverse_temperature` is given.
+        ties broken at random. 0.1 by default.
     inverse_temperature : float or Schedule, optional
         Softmax exploration instead: P(a) proportional to exp(beta Q(s, a)).
     initial_value : float
@@ -51,6 +51,7 @@ class Learner:
     update: ClassVar[int]
     tables: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.1
+    asks_task: ClassVar[bool] = False  # whether a rate and an initial value may be left to the task
 
     def __post_init__(self) -> None:
         if type(self) is Learner:
@@ -60,15 +61,13 @@ class Learner:
                 "exploration is either epsilon-greedy or softmax: got epsilon="
                 f"{self.epsilon} and inverse_temperature={self.inverse_temperature}"
             )
-        self._check_initial_value()
+        if self.initial_value is not None or not self.asks_task:
+            number("initial_value", self.initial_value, SettingError)
         self.kernel()
-
-    def _check_initial_value(self) -> None:
-        number("initial_value", self.initial_value, SettingError)
 
     @property
     def counts(self) -> int:
-        """The tables of counted updates: one for each table where the rate is harmonic, else 0."""
+        """The tables of counted updates: as many as of values where the rate is harmonic, or 0."""
         rate = self.learning_rate
         return self.tables if isinstance(rate, Schedule) and rate.shape == HARMONIC else 0
 
@@ -76,16 +75,14 @@ class Learner:
         """Return the learner with the settings that it takes from the task filled in."""
         return self
 
-    @property
-    def _rate(self) -> float | Schedule:
-        return self.learning_rate
-
     def kernel(self, visits: IntArray | None = None) -> LearnerKernel:
         """Return the learner as compiled loops read it.
 
         `visits`, (rows of all tables, A), count the updates from here on if its rate depends on it.
         """
-        schedule: Any = within("learning_rate", self._rate, 0.0, 1.0)
+        unknown = self.asks_task and self.learning_rate is None
+        schedule: Any = harmonic() if unknown else self.learning_rate
+        schedule = within("learning_rate", schedule, 0.0, 1.0)
         visits = np.zeros((1, 1), np.int64) if visits is None else visits
         rate = ByVisits(schedule, visits) if self.counts else schedule.kernel
         if self.inverse_temperature is not None:
@@ -111,9 +108,7 @@ class QLearning(Learner):
 
 @dataclass(frozen=True)
 class SARSA(Learner):
-    """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' the action taken next.
-
-    Rummery, Niranjan 1994.
+    """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' taken next (Rummery, Niranjan 1994).
 
     Examples
     --------
@@ -141,8 +136,7 @@ class ExpectedSARSA(Learner):
 class DoubleQLearning(Learner):
     """Two tables; a coin chooses which one is updated from the other's value (van Hasselt 2010).
 
-    It acts on, and reports, the mean of both. A harmonic learning rate counts the updates of each
-    table by themselves, so that each is a sample mean.
+    It acts on, and reports, the mean of both.
 
     Examples
     --------
@@ -161,12 +155,10 @@ class OptimisticQLearning(Learner):
     U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) is acted on, greedily
     (Even-Dar, Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned
     and transferred; it starts at the lowest value, so that its greedy policy keeps to what was
-    tried.
-    The learning rate is that of Jin et al. 2018, without their bonus for pairs seldom tried.
+    tried. The learning rate is that of Jin et al. 2018, without their bonus for pairs seldom tried.
 
     A potential by :class:`QInitialisation` or :class:`LookAheadAdvice` is added to the start of
-    both tables. Other shapings, guards and sparse tables are refused. Further training goes on from
-    Q and the counts of visits: U is Q where a pair was visited.
+    both tables. Other shapings, guards and sparse tables are refused.
 
     Parameters
     ----------
@@ -202,19 +194,18 @@ class OptimisticQLearning(Learner):
     tables: ClassVar[int] = 2
     counts: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.0
+    asks_task: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.value_range is not None:
-            object.__setattr__(self, "value_range", _checked_range(self.value_range))
+            name, bounds = "value_range of OptimisticQLearning", self.value_range
+            if not isinstance(bounds, tuple | list) or len(bounds) != 2:
+                raise SettingError(f"{name} must be (lowest, highest): got {bounds!r}")
+            low, high = (number(name, bound, SettingError) for bound in bounds)
+            if low > high:
+                raise SettingError(f"{name} must have lowest <= highest: got {bounds!r}")
+            object.__setattr__(self, "value_range", (low, high))
         super().__post_init__()
-
-    def _check_initial_value(self) -> None:
-        if self.initial_value is not None:
-            super()._check_initial_value()
-
-    @property
-    def _rate(self) -> float | Schedule:
-        return harmonic() if self.learning_rate is None else self.learning_rate
 
     def for_task(self, task: Task) -> Self:
         """Return the learner with its task's settings, or SettingError if the task tells none."""
@@ -276,14 +267,3 @@ def _horizon(name: str, task: Task) -> float:
             f"got {task!r}"
         )
     return max(1.0, min(limit, ahead))
-
-
-def _checked_range(bounds: Any) -> tuple[float, float]:
-    """Return a range of values as two floats, or raise SettingError unless low <= high."""
-    name = "value_range of OptimisticQLearning"
-    if not isinstance(bounds, tuple | list) or len(bounds) != 2:
-        raise SettingError(f"{name} must be (lowest, highest): got {bounds!r}")
-    low, high = (number(name, bound, SettingError) for bound in bounds)
-    if low > high:
-        raise SettingError(f"{name} must have lowest <= highest: got {bounds!r}")
-    return low, high

@@ -1,8 +1,7 @@
 """Shapings: how a potential enters learning, one class for each way.
 
 A class alone states what it adds (`_added`), what the values then mean (`offset`, `advice`,
-`own_rewards`) and why it is safe (`theorem` and the declarations beside it, which :func:`certify`
-asks for). The methods and class variables of :class:`Shaping` are all that a class may define.
+`own_rewards`) and why it is safe (`theorem` and what :func:`certify` asks for beside it).
 """
 
 from abc import ABC, abstractmethod
@@ -30,8 +29,7 @@ NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)
 class Shaping(ABC):
     """How a potential enters learning; see the classes derived from it.
 
-    Without a potential nothing is added. A :class:`Curriculum` takes a shaping without one and
-    fills in the one from its sources.
+    Without a potential nothing is added. A :class:`Curriculum` fills in that of its sources.
 
     Examples
     --------
@@ -47,7 +45,7 @@ class Shaping(ABC):
     reads_values: ClassVar[bool] = True
     # What proves it safe where `meets_conditions` and the declarations below hold.
     theorem: ClassVar[str] = ""
-    # Whether it learns from other rewards than the task's, as if another reward were added.
+    # Whether it learns from other rewards than the task's.
     changes_rewards: ClassVar[bool] = True
     # Whether the reward added need not come from a potential: it is safe only if it does.
     any_reward: ClassVar[bool] = False
@@ -204,7 +202,6 @@ class QInitialisation(_StartsAtPotential):
     ----------
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
     guard : Guard, optional
-        Bounds what a harmful potential costs.
 
     Examples
     --------
@@ -224,8 +221,7 @@ class LookAheadAdvice(_StartsAtPotential):
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
-    guard : Guard, optional
+    potential, guard : optional
         As for :class:`QInitialisation`.
 
     Examples
@@ -246,8 +242,7 @@ class LookBackAdvice(_Guarded):
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
-    guard : Guard, optional
+    potential, guard : optional
         As for :class:`QInitialisation`.
 
     Examples
@@ -294,15 +289,14 @@ class LookBackAdvice(_Guarded):
 class StateShaping(_Guarded):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
-    Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it: a state holds the Phi of
-    its last visits, so that the values are not in the task's own rewards, by no known amount.
+    Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it, by no known amount: the
+    values are not in the task's own rewards.
 
     Parameters
     ----------
     potential : StatePotential or (S,) array, optional
-        Given phi(s, a), which may be an (S, A) array, it uses Phi(s) = max_a phi(s, a).
+        Of phi(s, a), also an (S, A) array, it uses Phi(s) = max_a phi(s, a).
     guard : Guard, optional
-        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -329,8 +323,8 @@ class StateShaping(_Guarded):
 
     def _added(self) -> dict[str, Any]:
         phi = self.potential
-        over_time = {"weight": phi.weight, "steps": phi.frame_steps, "state_values": phi.values}
-        return {"kind": STATE, **over_time}
+        frames = {"steps": phi.frame_steps, "state_values": phi.values}
+        return {"kind": STATE, "weight": phi.weight, **frames}
 
     def offset(self, step: int) -> Any:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
@@ -357,16 +351,15 @@ class StateShaping(_Guarded):
 class DecayingAdvice(Shaping):
     """Q learns on plain rewards; the policy acts on Q + xi(t) phi (Behboudian et al. 2020).
 
-    The policy is the task's own only as the weight xi goes to 0; Q is in the task's own rewards all
-    the time.
+    The policy is the task's own only as the weight xi goes to 0.
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
+    potential : optional
+        As for :class:`QInitialisation`.
     weight : float or Schedule
         xi(t); a schedule counts steps.
     guard : Guard, optional
-        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -422,8 +415,7 @@ class RewardBonus(_Guarded):
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
-    guard : Guard, optional
+    potential, guard : optional
         As for :class:`QInitialisation`.
 
     Examples

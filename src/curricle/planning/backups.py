@@ -1,10 +1,8 @@
 """Exact planning in sweeps: the loop that iterates to a fixed point, and the backups of a sweep.
 
-A backup is a NamedTuple, and :func:`back_up` has a body for its type: the first read the tables of
-a FiniteMDP, the last a factored model. Every iteration ends with a sweep in which each value was
-backed up from a vector within `change` of the values returned, which is all that the error bound in
-``solution.py`` needs. The callers validate and pass index tables as uint32: an unsigned index needs
-no test for being negative.
+Every iteration ends with a sweep in which each value was backed up from a vector within `change` of
+the values returned, which is all that the error bound in ``solution.py`` needs. Index tables are
+uint32: an unsigned index needs no test for being negative.
 """
 
 from typing import Any, NamedTuple
@@ -42,10 +40,7 @@ def back_up(backup, values, sweep):
 
 
 def accelerate(backup, values, sweep, precision, progress):
-    """Bring values closer to the fixed point after a sweep; return what `reach` grows by.
-
-    `progress` is whether the changes still shrink.
-    """
+    """Bring values closer to the fixed point while changes shrink; return what `reach` grows by."""
 
 
 back_ups = Overloaded(back_up, outlined=True)
@@ -66,10 +61,8 @@ class Iteration(NamedTuple):
 
 @compiled_once
 def iterate(backup, values, precision, iteration, most):
-    """Back up `values` in place, at most so many sweeps more; return the fields of an Iteration.
-
-    As a tuple: Numba makes a NamedTuple by running Python, and dies if that is interrupted.
-    """
+    """Back up `values` in place, at most so many sweeps more; return the fields of an Iteration."""
+    # A tuple is returned: Numba makes a NamedTuple by running Python, and dies if interrupted.
     first, change, least, waited, reach = iteration
     for sweep in range(first, first + most):
         change = back_up(backup, values, sweep)
@@ -93,17 +86,14 @@ def largest_of(values):
 
 @compiled_once
 def converged(change, least, waited, values, reach, precision):
-    """Return for how many backups there has been no progress, or CONVERGED to end.
-
-    Iteration ends if the residual (gamma times the change, plus the rounding of a backup: `unit`
-    times the size of the numbers) is at most `enough`, or `relative` times the largest value; if
-    the change is well below that rounding; or if, near it, the smallest change so far, `least`, has
-    not been undercut for long. `reach`, a sum of changes, stands for the largest value while the
-    change is far from it, which spares the search for that value.
-    """
+    """Return for how many backups there has been no progress, or CONVERGED to end."""
+    # It ends if the residual (gamma times the change, plus the rounding of a backup: `unit` times
+    # the size of the numbers) is at most `enough`, or `relative` times the largest value; if the
+    # change is well below that rounding; or if, near it, `least` has not been undercut for long.
     enough, relative, unit, largest_reward, horizon, discount = precision
     if not change < np.inf:
         return CONVERGED
+    # While the change is far from the largest value, `reach` spares the search for that value.
     rough = max(enough, relative * reach)
     if discount * change > rough and change > 64 * horizon * unit * (largest_reward + reach):
         return 0
@@ -167,10 +157,8 @@ def back_up_rows(outcomes, values, rows):
 
 @compiled_once
 def improve(outcome_row, terminal, rows, values, chosen):
-    """Make each value the best of its state's rows, `chosen` such a row; return the change.
-
-    A choice that is still among the best is kept. Four running maxima hide the latency of one.
-    """
+    """Make each value the best of its state's rows, `chosen` such a row; return the change."""
+    # A choice that is still among the best is kept. Four running maxima hide the latency of one.
     n_states, n_actions = outcome_row.shape
     fours = n_actions // 4
     change = 0.0
@@ -207,10 +195,7 @@ def improve(outcome_row, terminal, rows, values, chosen):
 
 @compiled_once
 def policy_backup(outcomes, chosen, values, sweep):
-    """Back up the values of a policy of one row a state, in place; return the largest change.
-
-    Odd sweeps go from the last state to the first.
-    """
+    """Back up a policy of one row a state in place, downwards in odd sweeps; return the change."""
     mean, probability, next_state, terminal, discount = outcomes
     n_states = len(values)
     change = 0.0
@@ -310,13 +295,11 @@ def _extrapolation(backup, values, sweep, precision, progress):
 
 @compiled_once
 def extrapolate(values, step, last):
-    """Extrapolate along the last step; return whether it was done.
-
-    After two equal linear sweeps, V + last and then V + last + step, the sweep from the mixture
-    V + (1 - t) last changes it by (1 - t) step + t last, and leads to the values returned. t
-    minimises that change in the mean square. It is used only if the change is then less than half
-    of `step` in the maximum norm, so that no sweep is lost.
-    """
+    """Extrapolate along the last step; return whether it was done."""
+    # After two equal linear sweeps, V + last and then V + last + step, the sweep from the mixture
+    # V + (1 - t) last changes it by (1 - t) step + t last, and leads to the values returned. t
+    # minimises that change in the mean square. It is used only if the change is then less than half
+    # of `step` in the maximum norm, so that no sweep is lost.
     along, across, longest = 0.0, 0.0, 0.0
     for state in range(len(values)):
         bend = step[state] - last[state]
@@ -354,11 +337,7 @@ class Planes(NamedTuple):
 
 
 class GreedyPlanes(NamedTuple):
-    """Value iteration: one sweep goes through the planes upwards, the next downwards.
-
-    The predators are interchangeable, so values that are symmetric in them stay symmetric, and the
-    last transposition is left out.
-    """
+    """Value iteration: one sweep goes through the planes upwards, the next downwards."""
 
     planes: Planes
     predators: int
@@ -374,6 +353,8 @@ def _greedy_planes_backup(backup, values, sweep):
         cell = n_cells - 1 - index if sweep % 2 else index
         expect(planes, values, cell, plane)
         best_of_moves(plane, planes.landing, best)
+        # Values that are symmetric in the predators, which are interchangeable, stay symmetric:
+        # the last transposition is left out.
         for _ in range(1, backup.predators):
             next_predator_first(best, n_cells, plane)
             best_of_moves(plane, planes.landing, best)

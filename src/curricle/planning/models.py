@@ -1,7 +1,4 @@
-"""Planning models: what exact planning reads of a task, its tables or its factored model.
-
-``solution.py`` decides how far to iterate and what that proves.
-"""
+"""Planning models: what exact planning reads of a task, its tables or its factored model."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -20,15 +17,21 @@ Policy = npt.NDArray[np.integer[Any]] | FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class TabularPlanningModel(Frozen):
-    """A model read from the tables of a FiniteMDP."""
+class _Model(Frozen):
+    """What both kinds of model have."""
 
     terminal: BoolArray  # (S,)
-    mean_reward: FloatArray  # (Y,) of each outcome row
+    mean_reward: FloatArray  # (Y,) of each outcome row; or (S,) of steps from the prey's cell
     largest_reward: float  # no reward is larger in size
     n_actions: int
     n_outcomes: int  # that a backup adds up
     discount: float
+
+
+@dataclass(frozen=True, eq=False)
+class TabularPlanningModel(_Model):
+    """A model read from the tables of a FiniteMDP."""
+
     mdp: FiniteMDP
 
     @classmethod
@@ -53,11 +56,9 @@ class TabularPlanningModel(Frozen):
 
     @property
     def _outcomes(self) -> backups.OutcomeRows:
-        mdp = self.mdp
-        successor = mdp.next_state.view(np.uint32)
-        return backups.OutcomeRows(
-            self.mean_reward, mdp.probability, successor, mdp.terminal, self.discount
-        )
+        mdp, after = self.mdp, self.mdp.next_state.view(np.uint32)
+        tables = self.mean_reward, mdp.probability, after, mdp.terminal
+        return backups.OutcomeRows(*tables, self.discount)
 
     def greedy_backup(self) -> tuple[Any, float]:
         """Return the greedy backup, and the lowest best mean reward of a state, at most 0."""
@@ -70,8 +71,8 @@ class TabularPlanningModel(Frozen):
     def policy_backup(self, policy: Policy) -> Any:
         """Return the backup of a policy; faster where it takes one action a state."""
         mixed = mixed_policy(policy, self.terminal, self._rows)
-        one_each = len(mixed.row) == len(self.terminal)
-        if one_each and (self.terminal | (mixed.weight == 1.0)).all():
+        certain = len(mixed.row) == len(self.terminal)
+        if certain and (self.terminal | (mixed.weight == 1.0)).all():
             return backups.PolicyBackup(self._outcomes, mixed.row)
         return backups.MixedPolicyBackup(self._outcomes, mixed, np.empty(len(self.mean_reward)))
 
@@ -108,15 +109,9 @@ class TabularPlanningModel(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class FactoredPlanningModel(Frozen):
+class FactoredPlanningModel(_Model):
     """A model computed from a factored model; its discount is below 1."""
 
-    terminal: BoolArray  # (S,)
-    mean_reward: FloatArray  # (S,) of steps from the prey's cell to the predators' cells
-    largest_reward: float  # no reward is larger in size
-    n_actions: int
-    n_outcomes: int  # that a backup adds up
-    discount: float
     factored_model: FactoredModel
 
     @classmethod
@@ -140,10 +135,8 @@ class FactoredPlanningModel(Frozen):
 
     @property
     def _planes(self) -> backups.Planes:
-        m = self.factored_model
-        return backups.Planes(
-            self.mean_reward, m.landing, m.prey_policy, self.terminal, self.discount
-        )
+        moves = self.factored_model.landing, self.factored_model.prey_policy
+        return backups.Planes(self.mean_reward, *moves, self.terminal, self.discount)
 
     @property
     def _plane_size(self) -> int:
@@ -202,10 +195,9 @@ def policy_sum(policy: Policy | None, terminal: BoolArray) -> float:
 def mixed_policy(
     policy: Policy, terminal: BoolArray, row_of: npt.NDArray[np.uint32]
 ) -> MixedPolicy:
-    """Return a policy in compressed form.
+    """Return a policy in compressed form; a terminal state has one entry, which means nothing.
 
-    `row_of` has the outcome row of each pair, for all states or, repeating, for a part of them. A
-    terminal state has one entry, which means nothing.
+    `row_of` has the outcome row of each pair, for all states or, repeating, for a part of them.
     """
     n_states, n_actions = len(terminal), row_of.shape[1]
     if policy.ndim == 1:

@@ -11,18 +11,19 @@ from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import whole_number
 from curricle.display import block, table
 from curricle.errors import SettingError
+from curricle.planning.greedy import Values
 from curricle.planning.simulator import (
     GreedyPolicy,
     StepRecord,
     TablePolicy,
     UniformPolicy,
     simulate,
-    simulated_policy,
 )
 from curricle.planning.solution import checked_policy
 from curricle.tasks.kernel import stream_start
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.mdp import GenerativeModel, Task, generative_model
+from curricle.tasks.models import cumulated
 from curricle.text import brief_repr, counted
 
 CHUNK = 65_536
@@ -86,12 +87,12 @@ def rollout(
     Parameters
     ----------
     task : Task
-        With or without tables; a live one is played in an environment of its own.
+        A live one is played in an environment of its own.
     policy : (S,) int array or (S, A) float array
         As in :func:`evaluate`.
     seed : int
     start : int, optional
-        First state; drawn as episodes start by default, as in a live task they must be.
+        First state; by default, and always in a live task, drawn as episodes start.
     steps : int, optional
         Where to cut off; the task's time limit by default.
 
@@ -112,19 +113,24 @@ def rollout(
     n_states, n_actions = generative.states.size, generative.actions.size
     terminal = generative.terminal
     known = np.zeros(n_states, dtype=bool) if terminal is None else terminal
-    simulated = simulated_policy(checked_policy(policy, known, n_actions), n_actions)
-    return _trajectory(generative, simulated, seed=seed, start=start, steps=steps)
+    checked = checked_policy(policy, known, n_actions)
+    if checked.ndim == 2:
+        probabilities = TablePolicy(cumulated(checked.astype(np.float64, copy=False)))
+        return _trajectory(generative, probabilities, seed, steps, start)
+    # It is greedy on values of 1, as most policies are: they share a compiled loop.
+    values = np.zeros((n_states, n_actions))
+    values[np.arange(n_states), checked] = 1.0
+    return _trajectory(generative, GreedyPolicy(Values(frozen(values))), seed, steps, start)
 
 
 def greedy_rollout(task: Task, view: Any, *, seed: int = 0, steps: int | None = None) -> Trajectory:
     """Return one episode of the policy that is greedy on a view of values, ties drawn uniformly."""
-    return _trajectory(generative_model(task), GreedyPolicy(view), seed=seed, steps=steps)
+    return _trajectory(generative_model(task), GreedyPolicy(view), seed, steps)
 
 
 def _trajectory(
     generative: GenerativeModel,
     policy: TablePolicy | GreedyPolicy,
-    *,
     seed: int,
     steps: int | None,
     start: int | None = None,
@@ -196,8 +202,7 @@ def random_rollouts(
 ) -> RandomRollouts:
     """Return episodes in which every action is equally likely at every step.
 
-    One that is shorter than `length` terminated, or the task truncated it. Episodes start as the
-    task draws them, or in `starts`, (E,), as many states as `episodes`.
+    They start as the task draws them, or in `starts`, (E,), as many states as `episodes`.
     """
     n = whole_number("episodes of random rollouts", episodes, 1, SettingError)
     length = whole_number("the length of a random rollout in steps", length, 1, SettingError)

@@ -1,8 +1,7 @@
 """The simulator: episodes of a policy in any kind of task, compiled.
 
-The policy and what is recorded are types (:func:`policy_action`, :func:`record_step`), so all
-rollouts draw from their random stream in the same order: one draw for the start, then one for each
-step, for the action and (mixed once more) for its outcome.
+All rollouts draw from their random stream in the same order: one draw for the start, then one for
+each step, for the action and (mixed once more) for its outcome.
 """
 
 from typing import Any, NamedTuple
@@ -10,18 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
-from curricle.planning.greedy import ACTION, Values, greedy_action
-from curricle.planning.models import Policy
+from curricle.arrays import BoolArray, FloatArray, IntArray
+from curricle.planning.greedy import ACTION, greedy_action
 from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, integers, splitmix64, uniform
-from curricle.tasks.models import (
-    Functions,
-    cumulated,
-    first_state,
-    has_failed,
-    transition,
-    truncated,
-)
+from curricle.tasks.models import Functions, first_state, has_failed, transition, truncated
 
 # -- policies ------------------------------------------------------------------------------------
 
@@ -69,17 +60,6 @@ def _greedy_policy_action(policy, state, bits):
     return greedy_action(policy.values, state, bits) & ACTION
 
 
-def simulated_policy(policy: Policy, n_actions: int) -> TablePolicy | GreedyPolicy:
-    """Return a checked policy, (S,) actions or (S, A) probabilities, for the simulator.
-
-    One of actions is greedy on values of 1, as most policies are: they share a compiled loop.
-    """
-    if policy.ndim == 2:
-        return TablePolicy(cumulated(policy.astype(np.float64, copy=False)))
-    values = np.zeros((len(policy), n_actions))
-    values[np.arange(len(policy)), policy] = 1.0
-    return GreedyPolicy(Values(frozen(values)))
-
 
 # -- the simulator -------------------------------------------------------------------------------
 
@@ -121,9 +101,9 @@ def _record_return(record, n, state, action, reward):
 
 @inlined
 def simulate_episode(model, policy, state, stream, limit, record, n):
-    """Simulate one episode from a state for at most `limit` steps, recorded from the n-th on.
+    """Simulate an episode; return the steps of all so far, the last state, whether it terminated.
 
-    Returns the steps of all episodes so far, the state reached and whether it terminated.
+    It starts in `state`, has at most `limit` steps, and is recorded from the n-th step on.
     """
     last, terminated, stopped = n + limit, False, False
     while n < last and not stopped:
@@ -178,11 +158,9 @@ def simulate(
     """
     size = episodes * limit  # memory that no step reaches is never allocated
     record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
-    whole = np.zeros(episodes, np.int64), np.zeros(episodes, np.int64)
-    ends = EpisodeEnds(*whole, np.zeros(episodes, np.bool_), np.zeros(episodes, np.bool_))
+    ends = EpisodeEnds(*np.zeros((2, episodes), np.int64), *np.zeros((2, episodes), np.bool_))
     first = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
     loop = compiled(_simulate, isinstance(model, Functions))
     loop(model, policy, first, stream, limit, record, ends)
     n = int(ends.lengths.sum())
-    taken = record.states[:n].copy(), record.actions[:n].copy(), record.rewards[:n].copy()
-    return StepRecord(*taken), ends
+    return StepRecord(*(array[:n].copy() for array in record)), ends
