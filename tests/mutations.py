@@ -255,7 +255,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a stream shared between seeds",
-        "learning/training.py",
+        "learning/run.py",
         "stream_start(settings[k].seed, stream)",
         "stream_start(settings[0].seed, stream)",
         (

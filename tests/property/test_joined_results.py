@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
-from curricle.learning.result import joined_results
-from curricle.learning.saved_result import arrays_of
+from curricle.learning.result import arrays_of, joined_results
 from curricle.study.record import UnitRecord
 from curricle.study.store import UnitResult, joined_units, unit_content
 

@@ -17,7 +17,7 @@ from curricle.curriculum.node import Node
 from curricle.curriculum.result import SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.display import printed
-from curricle.planning.greedy import VisitedValues, Values
+from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, shown

@@ -61,8 +61,9 @@ class Learner:
                 "exploration is either epsilon-greedy or softmax: got epsilon="
                 f"{self.epsilon} and inverse_temperature={self.inverse_temperature}"
             )
-        if self.initial_value is not None or not self.asks_task:
-            number("initial_value", self.initial_value, SettingError)
+        initial: float | None = self.initial_value
+        if initial is not None or not self.asks_task:
+            number("initial_value", initial, SettingError)
         self.kernel()
 
     @property

@@ -127,6 +127,10 @@ class ByVisits(NamedTuple):
     visits: IntArray  # (rows, A)
 
 
+# Types of their own: a check of the shape at each step would take 5 % of the fast loop's time, and
+# 80 % of that of a guarded one.
+
+
 def at(schedule, step):
     """Return the value of a schedule after `step` steps."""
 

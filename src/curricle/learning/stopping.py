@@ -118,11 +118,12 @@ class StoppingRule:
     def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
         """Return the rule for compiled loops; for `level` and `floor` see ``levels``."""
         level = self.threshold if self.fraction is None else level
-        bounds = (
+        level, plateau, drop, settled = (
             math.nan if bound is None else float(bound)
             for bound in (level, self.plateau, self.drop, self.settled)
         )
-        return StoppingKernel(self.min_steps, self.patience, *bounds, floor, self.when == "all")
+        numbers = level, plateau, drop, settled, floor
+        return StoppingKernel(self.min_steps, self.patience, *numbers, self.when == "all")
 
     def decisions(
         self,
@@ -153,15 +154,19 @@ class StoppingRule:
             if used is not None and step > used:
                 break
             ends = bool(stops(kernel, greedy, checkpoint, step))
-            seen = (
-                greedy[0],
-                lowest_of_last(kernel, greedy, checkpoint, 1.0),
-                -lowest_of_last(kernel, greedy, checkpoint, -1.0),
-                rise_of_last(kernel, greedy, checkpoint),
-                share_of_rise(greedy, checkpoint),
-                recent_return(greedy, checkpoint),
+            decision = Decision(
+                self,
+                kernel,
+                step,
+                ends,
+                start=float(greedy[0]),
+                lowest=float(lowest_of_last(kernel, greedy, checkpoint, 1.0)),
+                highest=-float(lowest_of_last(kernel, greedy, checkpoint, -1.0)),
+                rise=float(rise_of_last(kernel, greedy, checkpoint)),
+                share=float(share_of_rise(greedy, checkpoint)),
+                recent=float(recent_return(greedy, checkpoint)),
             )
-            decisions.append(Decision(self, kernel, step, ends, *map(float, seen)))
+            decisions.append(decision)
             if ends or step >= self.max_steps:
                 break
         return decisions

@@ -156,7 +156,6 @@ class NoEvaluation(NamedTuple):
 EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
 
 
-
 @dataclass(frozen=True)
 class GreedyEvaluation:
     """How the greedy policy is evaluated at each checkpoint.
@@ -248,7 +247,6 @@ class GreedyEvaluation:
                 f"go on for ever: they can from {state_name(task.states, int(endless[0]))}"
             )
         return 1 if discount == 0 else int(NO_LIMIT)
-
 
 
 def greedy_policy_return(

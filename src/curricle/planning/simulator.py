@@ -60,7 +60,6 @@ def _greedy_policy_action(policy, state, bits):
     return greedy_action(policy.values, state, bits) & ACTION
 
 
-
 # -- the simulator -------------------------------------------------------------------------------
 
 
@@ -163,4 +162,5 @@ def simulate(
     loop = compiled(_simulate, isinstance(model, Functions))
     loop(model, policy, first, stream, limit, record, ends)
     n = int(ends.lengths.sum())
-    return StepRecord(*(array[:n].copy() for array in record)), ends
+    taken = record.states[:n].copy(), record.actions[:n].copy(), record.rewards[:n].copy()
+    return StepRecord(*taken), ends

@@ -139,4 +139,3 @@ def not_solved(fraction: float, task: Any) -> SettingError:
         f"a fraction of the optimum needs a task that can be solved: got {fraction:g} of {task!r}; "
         "give a return instead"
     )
-

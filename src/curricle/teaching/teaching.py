@@ -20,11 +20,10 @@ from curricle.learning.result import (
     learnt_curve,
     learnt_table,
 )
-from curricle.learning.run import Run
+from curricle.learning.run import Run, given_or_default, stopping_kernel, train_all
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
 from curricle.learning.storage import Storage
-from curricle.learning.training import given_or_default, stopping_kernel, train_all
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.statistics.curves import Curve
