@@ -317,8 +317,8 @@ MUTATIONS = [
     Mutation(
         "patience of a stopping rule ignored",
         "learning/stopping.py",
-        "range(checkpoint + 1 - rule.patience, checkpoint + 1):\n        if not (greedy[i] >=",
-        "range(checkpoint, checkpoint + 1):\n        if not (greedy[i] >=",
+        "range(checkpoint + 1 - rule.patience, checkpoint + 1):\n        if not (sign",
+        "range(checkpoint, checkpoint + 1):\n        if not (sign",
         ("tests/unit/test_stopping_rules.py",),
     ),
     Mutation(

@@ -10,7 +10,7 @@ import scipy.stats
 from numba import njit
 
 import curricle as cr
-from curricle.learning.exploration import choose
+from curricle.learning.learners import choose
 from curricle.planning.greedy import ACTION, best_of
 from curricle.tasks.kernel import STRIDE, splitmix64, uniform
 

@@ -1,14 +1,13 @@
 """The fast loop: Q-learning on unshaped rewards, as for Q-initialisation and look-ahead advice.
 
 The maximum of each row and a greedy action are stored with it, and computed anew only when that
-value was lowered. Most steps scan no row: several times faster than the general loop. Optimistic
-Q-learning has two such tables.
+value was lowered: most steps scan no row.
 """
 
 import numpy as np
 
-from curricle.learning.exploration import act
 from curricle.learning.general_loop import note_all
+from curricle.learning.learners import act
 from curricle.learning.record import is_spent, noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.storage import OptimisticTables, find_row_maxima, is_full, row_of
@@ -21,9 +20,14 @@ NO_ROW = np.uint64(2**64 - 1)
 
 
 @inlined
-def set_value(q, best, greedy, row, action, new, bits):
-    """Set q(row, action), and update the row's maximum and greedy action; `bits` break a tie."""
+def update(q, best, greedy, row, change):
+    """Move q(row, action) towards the target, and update the row's maximum and greedy action.
+
+    `change` are the action, the learning rate, the target and 64 bits that break a tie.
+    """
+    action, rate, target, bits = change
     old = q[row, action]
+    new = q.dtype.type(old + rate * (target - old))
     if new != old:
         q[row, action] = new
         if new > best[row]:
@@ -32,17 +36,6 @@ def set_value(q, best, greedy, row, action, new, bits):
             best[row], greedy[row] = best_of(q, row, bits)
     elif np.uint64(greedy[row]) == action | TIED:
         greedy[row] = best_of(q, row, bits)[1]  # each visit draws afresh among several
-
-
-@inlined
-def update(q, best, greedy, row, change):
-    """Move q(row, action) towards the target, and update the row's maximum and greedy action.
-
-    `change` are the action, the learning rate, the target and 64 bits that break a tie.
-    """
-    action, rate, target, bits = change
-    old = q[row, action]
-    set_value(q, best, greedy, row, action, q.dtype.type(old + rate * (target - old)), bits)
 
 
 # -- what an optimistic learner does otherwise -----------------------------------------------------
@@ -124,11 +117,9 @@ def train_q_learning(model, rule, table, course):
 
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
 def learn_fast(model, rule, table, course):
-    """Do what :func:`train_q_learning` says.
-
-    Rows of a far table arrive late from memory. There the update of a step is made during the next
-    one, before anything it changes is read, so that results are the same.
-    """
+    """Do what :func:`train_q_learning` says."""
+    # Rows of a far table arrive late from memory. There the update of a step is made during the
+    # next one, before anything it changes is read, so that results are the same.
     acting, record, budget = acted_on(table), course.record, course.bounds
     q, best, greedy = of_width(acting.q, acting.width), acting.row_max, acting.row_argmax
     limit, eval_freq, far = course.limit, course.eval_freq, len(acting.far) > 0

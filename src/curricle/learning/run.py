@@ -11,10 +11,9 @@ import numpy.typing as npt
 from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
-from curricle.learning import general_loop
-from curricle.learning.general_loop import Acting, Course, Learners
+from curricle.learning.general_loop import Acting, Course, Learners, note, train
 from curricle.learning.guard import SCRATCH, UNDECIDED, longest_turn
-from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
+from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning, QLearning
 from curricle.learning.q_learning import train_q_learning
 from curricle.learning.record import Bounds, Record, Used, WarmUp
 from curricle.learning.result import LearningResult, Outcome, learning_result
@@ -48,6 +47,7 @@ from curricle.planning.policy_evaluation import (
     ExactEvaluation,
     GreedyEvaluation,
     RolloutEvaluation,
+    address_of,
 )
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
@@ -275,7 +275,7 @@ class Run:
 
     def _plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
-        if self.learner.update != general_loop.Q_LEARNING:
+        if self.learner.update != Q_LEARNING:
             return False
         return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
 
@@ -362,7 +362,7 @@ class Run:
         kernel = None if guard is None else guard.kernel
         learners = Learners.starting(q, self.learner.update, shaping.kernel(), kernel)
         acting = Acting(q[0], False, learners.shaping.pair_values, 0.0, learners.values)
-        steps, episodes, ahead = self._loop(general_loop.train, seed, learners, acting, q[-1])
+        steps, episodes, ahead = self._loop(train, seed, learners, acting, q[-1])
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             if guard is None or record.guard_share[checkpoint] > UNDECIDED:
                 step = checkpoint * self.eval_freq
@@ -390,6 +390,7 @@ class Run:
         if n_tables := self.learner.counts:
             rows = self.rows + 1 if self.rows else n_tables * n_states
             visits = np.zeros((rows, n_actions), np.int64)
+        noted = seed.record, self.stopping, 0, (0, 0, 0, 0.0, 0.0, 0.0)  # for the types
         with self.opened(seed.settings, seed.start, q) as model:
             course = Course(
                 discount,
@@ -401,7 +402,7 @@ class Run:
                 self.eval_freq,
                 seed.evaluation.compiled_for(model, view),
                 seed.record,
-                general_loop.address_of_note(seed.record, self.stopping, q[0]),
+                address_of(compiled(note, False), *noted, q[0], q[0]),
             )
             rule = self.learner.kernel(visits)
             totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
