@@ -24,12 +24,12 @@ from curricle.learning.learners import (
     choose,
     expected_value,
 )
-from curricle.learning.record import Bounds, Record, Used, is_spent, noted_end
+from curricle.learning.record import Record, Used, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
-from curricle.learning.stopping import stops
+from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import StaticInt, tie_bits
 from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
-from curricle.planning.policy_evaluation import EvaluationKernel, called, greedy_return
+from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, called, greedy_return
 from curricle.tasks.kernel import LINE, STRIDE, first_above, inlined, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
@@ -95,11 +95,21 @@ class Course(NamedTuple):
     turn: int  # steps after which a guarded turn ends, if no episode has ended before
     stream: np.uint64  # where the run's random stream starts
     used: Used  # before learning
-    bounds: Bounds
+    steps: int  # at which learning ends, or
+    episodes: int  # at which it ends, or
+    stopping: StoppingKernel  # which may end it before
     eval_freq: int  # steps between checkpoints; checkpoint 0 is before the first step
     evaluation: EvaluationKernel
     record: Record
     noting: int  # the address of :func:`note`
+
+
+@inlined
+def is_spent(course, step, episodes):
+    """Return whether a run has used its steps or its episodes, or was interrupted a while ago."""
+    if step >= course.steps or episodes >= course.episodes:
+        return True
+    return step % SLICE == 0 and course.record.halted[0]
 
 
 class Acting(NamedTuple):
@@ -156,7 +166,7 @@ def learn_all(model, rule, learners, course):
     """Do what :func:`train` says."""
     # Unsigned indices of learners, tables and actions need no test for being negative.
     n, last = np.uint64(len(learners.n)), np.uint64(learners.q.shape[1] - 1)
-    discount, record, budget = course.discount, course.record, course.bounds
+    discount, record = course.discount, course.record
     shaping, ties, shaped = learners.shaping, learners.ties, n - np.uint64(1)
     guarded, looks_ahead = shaped > np.uint64(0), rule.update in (SARSA_RULE, EXPECTED_SARSA)
     key = splitmix64(course.stream)
@@ -181,7 +191,7 @@ def learn_all(model, rule, learners, course):
                 early = False
                 continue
             ended, ended_return = 0, 0.0
-        if is_spent(budget, record, step, episodes) or has_failed(model):
+        if is_spent(course, step, episodes) or has_failed(model):
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
@@ -343,13 +353,13 @@ def note_all(course, early, checkpoint, so_far, q, other):
     returns of the warm-up, and the greedy return before learning.
     """
     step, _, _, _, value, share = so_far
-    ends, record, stopping = False, course.record, course.bounds.stopping
+    ends, record = False, course.record
     last = step - 1 if early else step
     while checkpoint * course.eval_freq <= last:
         if early:
             warm = record.episodes[checkpoint], 1, record.training_return[checkpoint]
             so_far = checkpoint * course.eval_freq, warm[0], warm[1], warm[2], value, share
-        met = called(course.noting, (record, stopping, checkpoint, so_far, q, other))
+        met = called(course.noting, (record, course.stopping, checkpoint, so_far, q, other))
         ends, checkpoint = met > 0.0 and not early, checkpoint + 1
     return checkpoint, ends
 

@@ -6,9 +6,9 @@ value was lowered: most steps scan no row.
 
 import numpy as np
 
-from curricle.learning.general_loop import note_all
+from curricle.learning.general_loop import is_spent, note_all
 from curricle.learning.learners import act
-from curricle.learning.record import is_spent, noted_end
+from curricle.learning.record import noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.storage import OptimisticTables, find_row_maxima, is_full, row_of
 from curricle.planning.greedy import TIED, best_of
@@ -120,7 +120,7 @@ def learn_fast(model, rule, table, course):
     """Do what :func:`train_q_learning` says."""
     # Rows of a far table arrive late from memory. There the update of a step is made during the
     # next one, before anything it changes is read, so that results are the same.
-    acting, record, budget = acted_on(table), course.record, course.bounds
+    acting, record = acted_on(table), course.record
     q, best, greedy = of_width(acting.q, acting.width), acting.row_max, acting.row_argmax
     limit, eval_freq, far = course.limit, course.eval_freq, len(acting.far) > 0
     discount, nothing = as_learnt(table, course.discount), as_learnt(table, 0.0)
@@ -143,11 +143,11 @@ def learn_fast(model, rule, table, course):
                 early = False
                 continue
             ended, ended_return = 0, 0.0
-        if is_spent(budget, record, step, episodes) or is_full(table, row) or has_failed(model):
+        if is_spent(course, step, episodes) or is_full(table, row) or has_failed(model):
             return step, episodes
         # Numba compiles `min` by a function of its own, once more for each combination of types.
         stop, slice_ends = checkpoint * eval_freq, step - step % SLICE + SLICE
-        stop = stop if stop < budget.steps else budget.steps
+        stop = stop if stop < course.steps else course.steps
         stop = stop if stop < slice_ends else slice_ends
         while step < stop:
             action, bits, counter = act(rule.exploration, q, best, greedy, row, step, counter)
@@ -178,7 +178,7 @@ def learn_fast(model, rule, table, course):
             if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
                 episodes, last = episodes + 1, step + limit
-                if episodes == budget.episodes:
+                if episodes == course.episodes:
                     break
                 state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
                 row = row_of(table, state, False)

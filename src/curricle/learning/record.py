@@ -7,8 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
-from curricle.learning.stopping import StoppingKernel
-from curricle.planning.policy_evaluation import SLICE
 from curricle.progress import HALTED
 from curricle.tasks.kernel import inlined
 from curricle.text import brief_repr
@@ -81,22 +79,6 @@ def noted_end(record, state, terminated):
     if terminated and record.ends.shape[0] > 0:
         record.ends[state] = True
     return terminated
-
-
-class Bounds(NamedTuple):
-    """Where a run ends: whichever comes first."""
-
-    steps: int
-    episodes: int
-    stopping: StoppingKernel
-
-
-@inlined
-def is_spent(bounds, record, step, episodes):
-    """Return whether a run has used its steps or its episodes, or was interrupted a while ago."""
-    if step >= bounds.steps or episodes >= bounds.episodes:
-        return True
-    return step % SLICE == 0 and record.halted[0]
 
 
 # -- the warm-up ---------------------------------------------------------------------------------

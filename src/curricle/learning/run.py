@@ -15,7 +15,7 @@ from curricle.learning.general_loop import Acting, Course, Learners, note, train
 from curricle.learning.guard import SCRATCH, UNDECIDED, longest_turn
 from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning, QLearning
 from curricle.learning.q_learning import train_q_learning
-from curricle.learning.record import Bounds, Record, Used, WarmUp
+from curricle.learning.record import Record, Used, WarmUp
 from curricle.learning.result import LearningResult, Outcome, learning_result
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
 from curricle.learning.shaping import QInitialisation, Shaping
@@ -398,7 +398,9 @@ class Run:
                 longest_turn(discount, limit),
                 np.uint64(seed.start),
                 seed.used,
-                Bounds(steps - seed.settings.charged, episodes, self.stopping),
+                steps - seed.settings.charged,
+                episodes,
+                self.stopping,
                 self.eval_freq,
                 seed.evaluation.compiled_for(model, view),
                 seed.record,

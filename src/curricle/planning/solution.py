@@ -12,14 +12,17 @@ from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray,
 from curricle.checks import number, numbers
 from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.planning.backups import (
+from curricle.planning.models import (
     CONVERGED,
     ExtrapolatedBackup,
     Iteration,
+    PlanningModel,
+    Policy,
     Precision,
+    TabularPlanningModel,
     iterate,
+    model_of,
 )
-from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.progress import Bars, Progress, shown
 from curricle.tasks.mdp import (
     PROBABILITY_TOLERANCE,
