@@ -105,8 +105,8 @@ MUTATIONS = [
     Mutation(
         "truncation treated as termination, fast loop",
         "learning/q_learning.py",
-        "if not terminated:",
-        "if not terminated and step + 1 != last:",
+        "if not terminated:\n                ahead",
+        "if not terminated and step + 1 != last:\n                ahead",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
@@ -293,8 +293,8 @@ MUTATIONS = [
     Mutation(
         "bootstrapping without discount",
         "learning/q_learning.py",
-        "target += discount * cut_off(table, best[next_row])",
-        "target += cut_off(table, best[next_row])",
+        "target += discount * ahead",
+        "target += ahead",
         (
             "tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",
             "tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",

@@ -10,8 +10,8 @@ import scipy.stats
 from numba import njit
 
 import curricle as cr
-from curricle.learning.learners import choose
-from curricle.planning.greedy import ACTION, best_of
+from curricle.learning.learners import explore
+from curricle.planning.greedy import ACTION, ONLY_ROW, best_of, highest
 from curricle.tasks.kernel import STRIDE, splitmix64, uniform
 
 FALSE_ALARM = 1e-6
@@ -33,7 +33,10 @@ def assert_frequencies(actions, probabilities):
 @njit
 def _choose_often(row, exploration, step, counter, out):
     for i in range(out.size):
-        out[i], _, counter, _ = choose(exploration, row, splitmix64(counter), step, counter)
+        tie, best = splitmix64(counter), highest(row, ONLY_ROW)
+        out[i], _, counter, exploits = explore(exploration, row, ONLY_ROW, best, step, counter)
+        if exploits:
+            out[i] = best_of(row, ONLY_ROW, tie)[1] & ACTION
 
 
 @njit
@@ -51,7 +54,7 @@ def _units(counter, out):
 
 
 def chosen(values, learner, *, seed=0, step=0):
-    """Return the actions the compiled `choose` takes on these values."""
+    """Return the actions the compiled learner takes on these values."""
     row, out = np.array([values], dtype=np.float64), np.zeros(DRAWS, dtype=np.int64)
     _choose_often(row, learner.kernel().exploration, step, np.uint64(seed), out)
     return out

@@ -21,8 +21,8 @@ from curricle.learning.learners import (
     EXPECTED_SARSA,
     Q_LEARNING,
     SARSA_RULE,
-    choose,
     expected_value,
+    explore,
 )
 from curricle.learning.record import Record, Used, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
@@ -265,9 +265,13 @@ def learn_all(model, rule, learners, course):
 
 @inlined
 def decide(learners, rule, state, step, counter):
-    """Return what is done on ``learners.values`` in a state, as :func:`choose` does."""
-    tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
-    return choose(rule.exploration, learners.values, tie, step, counter)
+    """Return what is done on ``learners.values`` in a state, as :func:`explore` does."""
+    values, best = learners.values, highest(learners.values, ONLY_ROW)
+    action, bits, after, exploits = explore(rule.exploration, values, ONLY_ROW, best, step, counter)
+    if exploits:
+        tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
+        action = best_of(values, ONLY_ROW, tie)[1] & ACTION
+    return action, bits, after, exploits
 
 
 @inlined

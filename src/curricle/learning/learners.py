@@ -18,7 +18,7 @@ from curricle.learning.schedules import (
     harmonic,
     within,
 )
-from curricle.planning.greedy import ACTION, ONLY_ROW, best_of, highest
+from curricle.planning.greedy import ONLY_ROW, highest
 from curricle.tasks.kernel import (
     HALF,
     STRIDE,
@@ -355,39 +355,27 @@ def accepted(exponent, bits):
     return chance < np.exp(exponent)
 
 
-def choose(exploration, values, tie, step, counter):
-    """Return the action taken on acting values, (1, A), 64 bits, the counter, whether `tie` chose.
+def explore(exploration, values, row, best, step, counter):
+    """Return an action on a row of values, 64 bits, the next counter, whether to act greedily.
 
-    `tie` are bits that choose among several greedy actions. One draw serves the exploration, the
-    action, the next tie and (mixed once more) the outcome.
+    `best` is the row's maximum. A draw serves the exploration, the action, the next tie and (mixed
+    once more) the outcome.
     """
-
-
-def act(exploration, q, row_max, row_argmax, row, step, counter):
-    """Return action, bits and counter, for a table that keeps each row's maximum."""
 
 
 def expected_value(exploration, q, state, values, step):
     """Return sum_a pi(a) q(state, a) for the policy followed on these acting values, (1, A)."""
 
 
-choices, acts, expectations = Overloaded(choose), Overloaded(act), Overloaded(expected_value)
+explorations, expectations = Overloaded(explore), Overloaded(expected_value)
 
 
-@choices.body(EpsilonGreedy)
-def _choose_epsilon_greedy(exploration, values, tie, step, counter):
+@explorations.body(EpsilonGreedy)
+def _explore_epsilon_greedy(exploration, values, row, best, step, counter):
     bits = splitmix64(counter)
     if bernoulli(bits, at(exploration.epsilon, step)):
         return integers(bits, np.uint64(values.shape[1])), bits, counter + STRIDE, False
-    return best_of(values, ONLY_ROW, tie)[1] & ACTION, bits, counter + STRIDE, True
-
-
-@acts.body(EpsilonGreedy)
-def _act_epsilon_greedy(exploration, q, row_max, row_argmax, row, step, counter):
-    bits = splitmix64(counter)
-    if bernoulli(bits, at(exploration.epsilon, step)):
-        return integers(bits, np.uint64(q.shape[1])), bits, counter + STRIDE
-    return np.uint64(row_argmax[row]) & ACTION, bits, counter + STRIDE
+    return np.uint64(0), bits, counter + STRIDE, True
 
 
 @expectations.body(EpsilonGreedy)
@@ -402,18 +390,11 @@ def _expect_epsilon_greedy(exploration, q, state, values, step):
     return (1.0 - epsilon) * total / ties + epsilon * mean
 
 
-@choices.body(Softmax)
-def _choose_softmax(exploration, values, tie, step, counter):
+@explorations.body(Softmax)
+def _explore_softmax(exploration, values, row, best, step, counter):
     beta = at(exploration.inverse_temperature, step)
-    action, counter = softmax(values, ONLY_ROW, highest(values, ONLY_ROW), beta, counter)
+    action, counter = softmax(values, row, best, beta, counter)
     return action, splitmix64(counter), counter + STRIDE, False
-
-
-@acts.body(Softmax)
-def _act_softmax(exploration, q, row_max, row_argmax, row, step, counter):
-    beta = at(exploration.inverse_temperature, step)
-    action, counter = softmax(q, row, row_max[row], beta, counter)
-    return action, splitmix64(counter), counter + STRIDE
 
 
 @expectations.body(Softmax)

@@ -14,7 +14,7 @@ from curricle.errors import SettingError
 from curricle.learning.general_loop import Acting, Course, Learners, note, train
 from curricle.learning.guard import SCRATCH, UNDECIDED, longest_turn
 from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning, QLearning
-from curricle.learning.q_learning import train_q_learning
+from curricle.learning.q_learning import Beside, train_q_learning
 from curricle.learning.record import Record, Used, WarmUp
 from curricle.learning.result import LearningResult, Outcome, learning_result
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
@@ -32,7 +32,6 @@ from curricle.learning.stopping import (
 )
 from curricle.learning.storage import (
     DenseTable,
-    OptimisticTables,
     SparseTable,
     SparseValues,
     StaticInt,
@@ -269,11 +268,11 @@ class Run:
         record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)
         seed = _Seed(start, settings, out, record, used, self.evaluation.for_run(start))
-        if not self._plain(settings.shaping):
+        if not self.plain(settings.shaping):
             return self._train_learners(seed)
         return self._train_sparsely(seed) if self.rows else self._train_densely(seed)
 
-    def _plain(self, shaping: Shaping | None) -> bool:
+    def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
         if self.learner.update != Q_LEARNING:
             return False
@@ -282,7 +281,7 @@ class Run:
     def check_sparse(self, settings: Sequence[SeedSettings]) -> None:
         """Raise SettingError unless the loop for sparse tables can train every seed."""
         for shaping in (seed.shaping for seed in settings):
-            if not self._plain(shaping) or isinstance(self.learner, OptimisticQLearning):
+            if not self.plain(shaping) or isinstance(self.learner, OptimisticQLearning):
                 entering = "no shaping" if shaping is None else shaping.name
                 raise SettingError(
                     "sparse tables are for QLearning with QInitialisation or LookAheadAdvice, "
@@ -304,15 +303,15 @@ class Run:
 
         q = self._filled(seed.initial, seed.out)
         acts, learnt = q, dense(q)
-        table: Any = learnt
+        tables: Any = learnt, None
         if isinstance(self.learner, OptimisticQLearning):
             assert self.learner.value_range is not None
             lowest, highest = self.learner.value_range
             acts = np.add(q, highest - lowest, dtype=q.dtype)
             if self.task.terminal is not None:
                 acts[self.task.terminal] = 0.0
-            table = OptimisticTables(dense(acts), learnt, highest)
-        steps, episodes = self._loop(train_q_learning, seed, table, learnt, acts[None])
+            tables = dense(acts), Beside(learnt, highest)
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
@@ -337,7 +336,7 @@ class Run:
             self._width,
             (None,),
         )
-        steps, episodes = self._loop(train_q_learning, seed, table, table, table.q[None])
+        steps, episodes = self._loop(train_q_learning, seed, (table, None), table, table.q[None])
         checkpoint, rest = divmod(steps, self.eval_freq)
         stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]

@@ -168,14 +168,6 @@ class DenseTable(NamedTuple):
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
 
-class OptimisticTables(NamedTuple):
-    """Two dense tables that learn from the same steps: optimistic values, acted on, and Q."""
-
-    hoped: DenseTable
-    learnt: DenseTable
-    highest: float  # that the values are cut at which the optimistic ones bootstrap from
-
-
 class SparseTable(NamedTuple):
     """Rows for the states visited so far, by hashing; R at most. Row 0 has no state."""
 
@@ -226,12 +218,6 @@ def _find_dense_maxima(table):
     for state in range(np.uint64(q.shape[0])):
         bits = tie_bits(table.key, state)
         table.row_max[state], table.row_argmax[state] = best_of(q, state, bits)
-
-
-@row_maxima.body(OptimisticTables)
-def _find_maxima_of_both(table):
-    find_row_maxima(table.hoped)
-    find_row_maxima(table.learnt)
 
 
 @greedy_actions.body(DenseTable)
