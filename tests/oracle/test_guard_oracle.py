@@ -101,10 +101,6 @@ def test_the_bound_of_the_docstring_holds(random_mdp, random_shaping):
     assert behind > 2000
 
 
-def test_guard_share_is_not_a_number_without_a_guard():
-    assert np.isnan(cr.learn(cr.GridWorld("S.T"), budget=100).guard_share).all()
-
-
 @pytest.mark.parametrize("kind", LEARNERS)
 def test_the_table_handed_on_is_the_one_evaluated_last(kind, random_mdp, random_shaping):
     task = random_mdp(3, time_limit=10)
