@@ -37,8 +37,7 @@ from curricle.tasks.models import first_state, has_failed, transition, truncated
 PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 
 
-FIRST, SECOND = np.uint64(0), np.uint64(1)
-"""Tables of a learner."""
+FIRST, SECOND = np.uint64(0), np.uint64(1)  # tables of a learner
 
 
 class ShapingKernel(NamedTuple):

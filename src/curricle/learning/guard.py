@@ -16,8 +16,7 @@ from curricle.tasks.kernel import inlined
 
 SCRATCH, SHAPED = np.uint64(0), np.uint64(1)
 """The learner without the potential and the one with it: the first axis of guarded tables."""
-FIRST_TURNS = 2
-"""Turns of each learner before they are compared: the fewest that have a variance."""
+FIRST_TURNS = 2  # turns of each learner before they are compared: the fewest that have a variance
 UNDECIDED = 0.5
 """The share before they are compared. Above it the learner with the potential is ahead."""
 TURN, WHOLE = 3.0, 10.0

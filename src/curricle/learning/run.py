@@ -54,14 +54,11 @@ from curricle.tasks.live import open_model
 from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, Task, generative_model
 from curricle.tasks.models import Functions
 
-MOST_ACTIONS = int(TIED)
-"""Actions that 15 bits can tell apart."""
+MOST_ACTIONS = int(TIED)  # actions that 15 bits can tell apart
 SHORT = 2**20
 """Steps, of evaluations too, for which an interrupt can wait: 5 to 200 ms; a thread costs .15."""
-NEAR = 32_768
-"""Bytes of a table that stays in the processor's nearest cache."""
-UNROLLED = 64
-"""Actions up to which a loop is compiled for their number: an eighth faster."""
+NEAR = 32_768  # bytes of a table that stays in the processor's nearest cache
+UNROLLED = 64  # actions up to which a loop is compiled for their number: an eighth faster
 
 
 def learn(

@@ -433,8 +433,7 @@ class Episodes:
         return counted(self.number, "episode")
 
 
-Budget = int | Episodes | StoppingRule
-"""Steps, episodes, or a stopping rule."""
+Budget = int | Episodes | StoppingRule  # steps, episodes, or a stopping rule
 
 
 def limits(budget: Budget) -> tuple[int, int]:

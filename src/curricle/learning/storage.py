@@ -153,8 +153,7 @@ class SparseValues(Frozen):
 # -- tables of Q-learning, with the maximum and a greedy action of each row ---------------------
 
 
-StaticInt = tuple[None, ...]
-"""A number as a type, the tuple's length: loops are compiled for each."""
+StaticInt = tuple[None, ...]  # a number as a type, the tuple's length: loops are compiled for each
 
 
 class DenseTable(NamedTuple):

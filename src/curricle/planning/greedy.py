@@ -22,10 +22,8 @@ from curricle.tasks.kernel import (
 )
 
 LANES, WORD = np.uint64(LANES_OF_SIMD), np.uint64(64)
-TIED = np.uint64(1 << 15)
-"""Flag of an action that was drawn among several of the same value."""
-ACTION = np.uint64((1 << 15) - 1)
-"""The bits of the action itself."""
+TIED = np.uint64(1 << 15)  # flag of an action that was drawn among several of the same value
+ACTION = np.uint64((1 << 15) - 1)  # the bits of the action itself
 ONLY_ROW = np.uint64(0)
 """The row of a table of one row; a literal 0 would be compiled for once more."""
 MULTIPLIER = np.uint64(0xD1342543DE82EF95)

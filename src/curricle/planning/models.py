@@ -17,8 +17,7 @@ from curricle.tasks.mdp import FiniteMDP, Task, improper_states, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
 RowArray = npt.NDArray[np.uint32]
-SWEEPS = 5
-"""Sweeps of the greedy policy after each greedy backup; 3 to 6 are about as good."""
+SWEEPS = 5  # sweeps of the greedy policy after each greedy backup; 3 to 6 are about as good
 PATIENCE = 100
 """Backups without progress near the limits of double precision before giving up, plus a horizon."""
 CONVERGED = -1

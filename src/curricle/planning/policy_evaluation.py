@@ -21,7 +21,7 @@ from curricle.planning.greedy import (
     acting_row,
     greedy_action,
 )
-from curricle.planning.simulator import GreedyPolicy, ReturnRecord, simulate_episode
+from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_episode
 from curricle.progress import HALTED
 from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
 from curricle.tasks.live import is_live, open_model
@@ -42,12 +42,10 @@ EPISODES, LIVE_EPISODES = 100, 5
 """Rollouts a checkpoint; fewer in a live task, whose steps take a hundred times longer."""
 MOST_EPISODES = 1_000_000
 """Of which the mean's error is a thousandth of a return's; more would seem to hang."""
-LARGEST_EXACT = 20_000
-"""Outcomes (S x A x O) up to which ``method="auto"`` is exact."""
+LARGEST_EXACT = 20_000  # outcomes (S x A x O) up to which ``method="auto"`` is exact
 NEGLIGIBLE = 1e-9
 """Probability (or discounted weight) of not having ended at which an evaluation stops."""
-SLICE = 2**16
-"""Steps between two looks at whether the run was interrupted."""
+SLICE = 2**16  # steps between two looks at whether the run was interrupted
 EVALUATION_STREAM = 0x5851F42D4C957F2D
 """Separates the random stream of evaluations from that of learning."""
 
@@ -278,8 +276,7 @@ def greedy_policy_return(
 # what they call by name into each of them anew.
 
 
-CALLABLE = set[tuple[Any, ...]]()
-"""The types of arguments for which there is machine code."""
+CALLABLE = set[tuple[Any, ...]]()  # the types of arguments for which there is machine code
 _ADDRESSES = dict[Any, int]()
 
 

@@ -41,8 +41,7 @@ RELATIVE_TOLERANCE = 1e-10
 """Largest error by default, of the largest value; rounding allows it up to a discount of 0.9999."""
 AT_ONCE = 10_000_000
 """Pairs (s, a) backed up between two looks at the progress: a tenth of a second to a second."""
-DIRECT_AFTER = 300_000
-"""Sweeps after which a small system is solved directly."""
+DIRECT_AFTER = 300_000  # sweeps after which a small system is solved directly
 MOST_WORK = 1e13
 """Pairs backed up that are expected in a large system, up to which it is swept: some hours."""
 TINIEST = float(np.finfo(np.float64).smallest_subnormal)
@@ -525,8 +524,7 @@ def _error(
 # -- how often a policy is where -------------------------------------------------------------------
 
 
-NEGLIGIBLE = 1e-13
-"""Share of the visits so far below which those of later steps are left out."""
+NEGLIGIBLE = 1e-13  # share of the visits so far below which those of later steps are left out
 STEPS_AT_MOST = 30_000
 """Steps of visits that are added up without a time limit; later ones come from a linear system."""
 

@@ -14,18 +14,13 @@ from curricle.statistics.curves import fraction_of_optimum
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.text import brief_repr
 
-LARGEST_SOLVED = 5_000_000
-"""Pairs (S x A) up to which a target is solved."""
+LARGEST_SOLVED = 5_000_000  # pairs (S x A) up to which a target is solved
 LARGEST_EVALUATED = 300_000_000
 """Outcomes in all steps (S x A x O x horizon) up to which greedy policies are evaluated exactly."""
-ROLLOUTS = 1000
-"""Rollouts of an evaluation that is not exact."""
-BATCHES = 10
-"""Parts into which the rollouts of an evaluation are divided, for their standard error."""
-STANDARD_ERRORS = 2.0
-"""Within which two returns are called the same."""
-NOT_LEARNT = 0.5
-"""Share of the way from random to the optimum below which a task was not learnt."""
+ROLLOUTS = 1000  # rollouts of an evaluation that is not exact
+BATCHES = 10  # parts into which the rollouts of an evaluation are divided, for their standard error
+STANDARD_ERRORS = 2.0  # within which two returns are called the same
+NOT_LEARNT = 0.5  # share of the way from random to the optimum below which a task was not learnt
 
 
 @dataclass(frozen=True, eq=False)
