@@ -116,8 +116,3 @@ def test_the_order_of_seeds_within_a_group_does_not_matter():
         learnt((8, 3, 1), "stopping rule", "dense", 0),
     ]
     assert_equal(joined_results(parts), learnt(SEEDS, "stopping rule", "dense", 0))
-
-
-def test_one_group_is_itself():
-    whole = learnt(SEEDS, "stopping rule", "sparse", 0)
-    assert_equal(joined_results([whole]), whole)

@@ -233,9 +233,12 @@ def learn_all(model, rule, learners, course):
                     learners.action[learner] = next_action
                 choice = table, coin, step, next_action
                 target = td_target(rule, learners, learner, discount, target, next_state, choice)
-            new = move(learners.q[learner], table, state, action, rate, target)
+            tables, real = learners.q[learner], learners.q.dtype.type  # in the tables' precision
+            old = tables[table, state, action]
+            new = old + real(rate) * (real(target) - old)
+            tables[table, state, action] = new
             if learner == acting:
-                changed = new
+                changed = np.float64(new)
         if ties.shape[0] > 0:
             if not drawn:  # a drawn action was among the highest
                 if shaping.kind == ADVICE:
@@ -306,15 +309,6 @@ def td_target(rule, learners, learner, discount, reward, next_state, choice):
         return reward + discount * np.float64(q[SECOND - table, next_state, best])
     real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
     return np.float64(real(reward) + real(discount) * highest(q[0], next_state))
-
-
-@inlined
-def move(q, table, state, action, rate, target):
-    """Move Q(s, a) of a table towards a target, in the table's precision, and return it."""
-    real, old = q.dtype.type, q[table, state, action]
-    new = old + real(rate) * (real(target) - old)
-    q[table, state, action] = new
-    return np.float64(new)
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------

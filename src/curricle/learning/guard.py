@@ -140,19 +140,6 @@ def add_return(tally, learner, earned, forgetting):
 
 
 @inlined
-def superiority(tally):
-    """Return the probability that the learner with the potential earns more; 0 if it has not."""
-    # The distribution function of Student's t with two degrees of freedom is
-    # 1/2 + t / (2 sqrt(2 + t^2)). An average of effective sample size n has n - 1 of them.
-    gain = tally.mean[SHAPED] - tally.mean[SCRATCH]
-    if gain <= 0.0:
-        return 0.0
-    error = tally.variance[SCRATCH] / (1.0 / tally.squares[SCRATCH] - 1.0)
-    error += tally.variance[SHAPED] / (1.0 / tally.squares[SHAPED] - 1.0)
-    return 0.5 + 0.5 * gain / np.sqrt(2.0 * error + gain * gain)
-
-
-@inlined
 def was_compared(tally):
     """Return whether both learners have had the turns after which they are compared."""
     return tally.turns[SCRATCH] >= FIRST_TURNS and tally.turns[SHAPED] >= FIRST_TURNS
@@ -160,8 +147,15 @@ def was_compared(tally):
 
 @inlined
 def shaped_share(guard, tally):
-    """Return the share of the steps for the learner with the potential."""
-    share = superiority(tally)
+    """Return the share of steps for the learner with phi: the probability that it earns more."""
+    # The distribution function of Student's t with two degrees of freedom is
+    # 1/2 + t / (2 sqrt(2 + t^2)). An average of effective sample size n has n - 1 of them.
+    gain = tally.mean[SHAPED] - tally.mean[SCRATCH]
+    if gain <= 0.0:
+        return guard.share_behind
+    error = tally.variance[SCRATCH] / (1.0 / tally.squares[SCRATCH] - 1.0)
+    error += tally.variance[SHAPED] / (1.0 / tally.squares[SHAPED] - 1.0)
+    share = 0.5 + 0.5 * gain / np.sqrt(2.0 * error + gain * gain)
     if share <= UNDECIDED:
         return guard.share_behind
     return share if share < guard.share_ahead else guard.share_ahead

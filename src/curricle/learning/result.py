@@ -166,10 +166,9 @@ class LearningResult(Frozen):
         return data_frame(curve_columns(arrays_of(self)))
 
     def save(self, path: str | Path) -> Path:
-        """Write the result into a file, without pickles, and return its path, an ``.npz``.
+        """Write the result into an ``.npz`` file, and return its path; StoreError if it cannot.
 
         Equal results give equal bytes. The task is not in it: :meth:`load` takes it again.
-        StoreError when it cannot be written.
         """
         return write_saved(path, type(self).__name__, *self.parts_of_file())
 
@@ -186,12 +185,7 @@ class LearningResult(Frozen):
     def load(cls, path: str | Path, task: Any = None) -> Self:
         """Return the result in a file that :meth:`save` wrote, bit for bit.
 
-        Parameters
-        ----------
-        path : path
-        task : Task, optional
-            The one that was learnt. Without it the policy plays no episodes, and no transfer takes
-            the result.
+        Without `task`, which was learnt, the policy plays no episodes, and no transfer takes it.
 
         Raises
         ------

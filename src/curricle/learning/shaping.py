@@ -1,6 +1,6 @@
 """Shapings: how a potential enters learning, one class for each way.
 
-A class alone states what it adds (`_added`), what the values then mean (`offset`, `advice`,
+A class alone states what it adds (`adds`), what the values then mean (`offset`, `advice`,
 `own_rewards`) and why it is safe (`theorem` and what :func:`certify` asks for beside it).
 """
 
@@ -39,6 +39,8 @@ class Shaping(ABC):
 
     for_tables: ClassVar[bool] = True
     for_networks: ClassVar[bool] = False
+    # What compiled loops add.
+    adds: ClassVar[int] = PLAIN
     # Whether Q starts at the potential, so that learning itself is plain.
     starts_at_potential: ClassVar[bool] = False
     # Whether it uses the potential's values, so that these can be calibrated or forecast.
@@ -124,7 +126,13 @@ class Shaping(ABC):
 
     def kernel(self) -> ShapingKernel:
         """Return what compiled loops add; nothing where Q starts at the potential."""
-        return NOTHING_ADDED if self.potential is None else NOTHING_ADDED._replace(**self._added())
+        phi = self.potential
+        if phi is None or self.adds == PLAIN:
+            return NOTHING_ADDED
+        if isinstance(phi, StatePotential):
+            return ShapingKernel(self.adds, phi.weight, phi.frame_steps, phi.values, _NONE)
+        weight = schedule(getattr(self, "weight", 1.0))
+        return NOTHING_ADDED._replace(kind=self.adds, weight=weight, pair_values=phi.values)
 
     def offset(self, step: int) -> Any:
         """Return what takes the shaping off Q again after `step` steps, broadcast to (S, A)."""
@@ -133,10 +141,6 @@ class Shaping(ABC):
     def advice(self, step: int) -> Any:
         """Return what the policy acts on besides Q and the offset, broadcast to (S, A)."""
         return 0.0
-
-    def _added(self) -> dict[str, Any]:
-        """Return the fields of the kernel that differ from ``NOTHING_ADDED``."""
-        return {}
 
     def _taken(self, task: Task, potential: Any) -> Any:
         """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
@@ -251,6 +255,7 @@ class LookBackAdvice(_Guarded):
     (True, False)
     """
 
+    adds: ClassVar[int] = LOOK_BACK
     theorem: ClassVar[str] = "Wiewiora, Cottrell, Elkan 2003"
     one_way_in: ClassVar[bool] = True
     own_rewards: ClassVar[bool] = False  # phi of the step before cannot be taken off again
@@ -270,9 +275,6 @@ class LookBackAdvice(_Guarded):
                 "LookBackAdvice divides by the task's discount, which must be positive: got 0"
             )
         return super().for_task(task)
-
-    def _added(self) -> dict[str, Any]:
-        return {"kind": LOOK_BACK, "pair_values": self.potential.values}
 
     def acted_on(self, shaped: Any) -> Any:
         """Return Q* for r + phi(s, a) - phi(before) / gamma: by theory Q* - phi(before) / gamma."""
@@ -306,6 +308,7 @@ class StateShaping(_Guarded):
     """
 
     for_networks: ClassVar[bool] = True
+    adds: ClassVar[int] = STATE
     theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
     takes_discount: ClassVar[bool] = True
     at_ends: ClassVar[str] = "a tool is assumed that adds gamma Phi(end) to the reward there"
@@ -320,11 +323,6 @@ class StateShaping(_Guarded):
     def own_rewards(self) -> bool:
         """Whether Phi never changes."""
         return not (isinstance(self.potential, StatePotential) and self.potential.changes)
-
-    def _added(self) -> dict[str, Any]:
-        phi = self.potential
-        frames = {"steps": phi.frame_steps, "state_values": phi.values}
-        return {"kind": STATE, "weight": phi.weight, **frames}
 
     def offset(self, step: int) -> Any:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
@@ -372,6 +370,7 @@ class DecayingAdvice(Shaping):
     weight: Any = 1.0
     guard: Guard | None = None
 
+    adds: ClassVar[int] = ADVICE
     theorem: ClassVar[str] = "Behboudian et al. 2020"
     changes_rewards: ClassVar[bool] = False
 
@@ -383,9 +382,6 @@ class DecayingAdvice(Shaping):
     def last_weight(self) -> float:
         """The last value of xi."""
         return float(self.weight.last)
-
-    def _added(self) -> dict[str, Any]:
-        return {"kind": ADVICE, "weight": self.weight, "pair_values": self.potential.values}
 
     def advice(self, step: int) -> Any:
         """Return xi(t) phi(s, a), (S, A)."""
@@ -424,12 +420,10 @@ class RewardBonus(_Guarded):
     (True, False)
     """
 
+    adds: ClassVar[int] = BONUS
     theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
     any_reward: ClassVar[bool] = True
     own_rewards: ClassVar[bool] = False  # the bonus cannot be taken off again
-
-    def _added(self) -> dict[str, Any]:
-        return {"kind": BONUS, "pair_values": self.potential.values}
 
     def reward(self, shaped: Any) -> Any:
         """Return phi(s, a) as a function of transitions."""

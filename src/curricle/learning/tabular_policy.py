@@ -34,20 +34,16 @@ from curricle.text import brief_value
 class TabularPolicy(Frozen):
     """What a learnt table says to do: ``result.policy`` of a tabular learner's result.
 
-    In each state it takes an action of the highest value. Where several are as high,
-    :meth:`predict` takes the first of them; :meth:`episode` draws among them, as evaluations do. In
-    a state that sparse learning never visited, all are.
+    In each state it takes an action of the highest value; of several, :meth:`predict` takes the
+    first, and :meth:`episode` draws among them, as evaluations do. In a state that sparse learning
+    never visited, all are as high.
 
     Parameters
     ----------
     task : Task or None
-        What it acts in; without it, it reads numbers of states alone, and plays no episodes.
+        Without it the policy reads numbers of states alone, and plays no episodes.
     values : (S, A) float array or SparseValues
-
-    Raises
-    ------
-    SettingError
-        When the values are not of the states and actions of the task.
+        SettingError unless they are of the states and actions of the task.
 
     Examples
     --------
@@ -91,7 +87,7 @@ class TabularPolicy(Frozen):
         observation : int or sequence of int
             As an environment of the task gives it (:func:`to_gymnasium`): the state's number, or
             for each component of the state the offset from its lowest value. In a live task the
-            environment's own observation, whose action is returned.
+            environment's own.
         """
         if self.task is not None and is_live(self.task):
             live: Any = self.task
@@ -189,10 +185,7 @@ class TabularPolicy(Frozen):
             )
 
     def save(self, path: str | Path) -> Path:
-        """Write the values into a file, without pickles, and return its path, an ``.npz``.
-
-        StoreError when it cannot be written.
-        """
+        """Write the values into an ``.npz`` file, and return its path; StoreError if it cannot."""
         arrays = arrays_of_values(self._of_one_seed)
         return write_saved(path, type(self).__name__, arrays, {"task": task_record(self.task)})
 
@@ -202,13 +195,7 @@ class TabularPolicy(Frozen):
 
     @classmethod
     def load(cls, path: str | Path, task: Task | None = None) -> Self:
-        """Return the policy in a file that :meth:`save` wrote.
-
-        Parameters
-        ----------
-        path : path
-        task : Task, optional
-            The one that it acts in; the file holds none.
+        """Return the policy in a file that :meth:`save` wrote, acting in a task.
 
         Raises
         ------
