@@ -481,7 +481,7 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
-    """Return a row for each task's LearningResult, and in words what ended its learning."""
+    """Return a row for each task's LearningResult, with what ended its learning."""
     rows = []
     for name, result in results.items():
         learner = "" if result.learner is None else type(result.learner).__name__
@@ -490,10 +490,10 @@ def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup
         first, last = (str(mean_interval(curve[:, i])).rsplit(",", 1)[0] for i in (0, -1))
         seeds = len(result.seeds)
         rows.append((name, learner, seeds, steps, episodes, first, last, ended.get(name, "")))
-    words = ["ended by"] * any(ended.values())
-    shown = [row if words else row[:-1] for row in rows]
+    last_column = ["ended by"] * any(ended.values())
+    shown = [row if last_column else row[:-1] for row in rows]
     head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]
-    return table([*head, "first return", "last return", *words], shown, wide=words)
+    return table([*head, "first return", "last return", *last_column], shown, wide=last_column)
 
 
 def shown_returns(result: Any) -> tuple[str, FloatArray]:

@@ -348,7 +348,7 @@ class Run:
         return Outcome(seed.record, values, steps, episodes, seed.evaluation.steps, full)
 
     def _train_learners(self, seed: _Seed) -> Outcome:
-        """Train one learner with a shaping, under a guard another one beside it."""
+        """Train a learner with a shaping; under a guard also a learner without it."""
         shaping, record = seed.settings.shaping or QInitialisation(), seed.record
         guard, n = shaping.guard, 1 if shaping.guard is None else 2
         q = np.empty((n, self.learner.tables, *self.shape), self.storage.dtype)
