@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self, get_origin, get_type_hints
@@ -323,13 +323,11 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
 
     def joined(name: str) -> Any:
         """Return an array of all seeds; curves of seeds that have ended are held, or else NaN."""
-        arrays, pad = [getattr(part, name) for part in parts], np.pad
+        arrays, n = [getattr(part, name) for part in parts], len(longest.steps)
         if name in CURVES:
             after: Any = {"mode": "edge"} if FIELDS[name].held else {"constant_values": np.nan}
-            more = [len(longest.steps) - len(part.steps) for part in parts]
-            arrays = [
-                pad(curve, ((0, 0), (0, n)), **after) for curve, n in zip(arrays, more, strict=True)
-            ]
+            pad: Any = partial(np.pad, **after)
+            arrays = [pad(curve, ((0, 0), (0, n - curve.shape[1]))) for curve in arrays]
         return frozen(np.concatenate(arrays)[order])
 
     values: Any = [part.values for part in parts]
