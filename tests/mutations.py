@@ -105,8 +105,8 @@ MUTATIONS = [
     Mutation(
         "truncation treated as termination, fast loop",
         "learning/q_learning.py",
-        "if not terminated:",
-        "if not terminated and step + 1 != last:",
+        "if not terminated:\n                ahead",
+        "if not terminated and step + 1 != last:\n                ahead",
         ("tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",),
     ),
     Mutation(
@@ -255,7 +255,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a stream shared between seeds",
-        "learning/training.py",
+        "learning/run.py",
         "stream_start(settings[k].seed, stream)",
         "stream_start(settings[0].seed, stream)",
         (
@@ -293,8 +293,8 @@ MUTATIONS = [
     Mutation(
         "bootstrapping without discount",
         "learning/q_learning.py",
-        "target += discount * cut_off(table, best[next_row])",
-        "target += cut_off(table, best[next_row])",
+        "target += discount * ahead",
+        "target += ahead",
         (
             "tests/unit/test_published_mistakes.py::test_a_time_limit_is_not_a_termination",
             "tests/oracle/test_learn_oracle.py::test_learner_equals_the_naive_one",
@@ -317,8 +317,8 @@ MUTATIONS = [
     Mutation(
         "patience of a stopping rule ignored",
         "learning/stopping.py",
-        "range(checkpoint + 1 - rule.patience, checkpoint + 1):\n        if not (greedy[i] >=",
-        "range(checkpoint, checkpoint + 1):\n        if not (greedy[i] >=",
+        "range(checkpoint + 1 - rule.patience, checkpoint + 1):\n        if not (sign",
+        "range(checkpoint, checkpoint + 1):\n        if not (sign",
         ("tests/unit/test_stopping_rules.py",),
     ),
     Mutation(

@@ -36,6 +36,7 @@ from .learning.potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
+from .learning.run import learn as learn
 from .learning.shaping import (
     DecayingAdvice as DecayingAdvice,
     LookAheadAdvice as LookAheadAdvice,
@@ -46,7 +47,6 @@ from .learning.shaping import (
 )
 from .learning.stopping import Episodes as Episodes, StoppingRule as StoppingRule
 from .learning.storage import Storage as Storage
-from .learning.training import learn as learn
 from .planning.policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .planning.solution import evaluate as evaluate, solve as solve
 from .show.plots import plot as plot

@@ -1,6 +1,7 @@
-"""A slow, obvious learner in plain Python: draws and sums in the order of the compiled loops."""
+"""Slow, obvious learners in plain Python: they draw and sum in the order of the compiled loops."""
 
 import math
+from dataclasses import dataclass, field
 from functools import partial
 from types import SimpleNamespace
 
@@ -132,130 +133,208 @@ def policy_mean(row, acting, learner, step):
     return (1.0 - parameter) * total / plain_sum(weights) + parameter * mean
 
 
-def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_freq=None, seed=0,
-                  stream="", episodes=math.inf):  # fmt: skip
-    """Return what `learn` does for one seed, without the greedy evaluation.
+@dataclass
+class NaiveLearner:
+    """A learner: its tables, and what its shaping adds.
 
     `literal` look-ahead advice keeps Q apart from phi and adds F = gamma phi(s', a*) - phi(s, a)
     to the reward, a* = argmax Q + phi (for SARSA the action taken, for Expected SARSA the mean).
     """
-    mdp = task.mdp
-    gamma, terminal, limit = mdp.discount, mdp.terminal.tolist(), mdp.time_limit or math.inf
-    starts, row_of = mdp.start.tolist(), mdp.outcome_row.tolist()
-    chance, successor = mdp.probability.tolist(), mdp.next_state.tolist()
-    pay = mdp.reward.tolist()
-    n_states, n_actions = mdp.outcome_row.shape
-    kind, rates = type(learner).__name__, schedule(learner.learning_rate)
-    potential = None if shaping is None else shaping.potential
-    phi = None if potential is None else potential.values.tolist()
-    starts_at_phi = not literal and isinstance(shaping, cr.QInitialisation | cr.LookAheadAdvice)
-    start = stream_start(seed, stream)
-    draw = random_bits(start)
-    tables = [
-        [[0.0 if terminal[s] else learner.initial_value for _ in range(n_actions)]
-         for s in range(n_states)]
-        for _ in range(2 if kind == "DoubleQLearning" else 1)
-    ]  # fmt: skip
-    if starts_at_phi:
-        for q in tables:
-            for s in range(n_states):
-                q[s] = [x + y for x, y in zip(q[s], phi[s], strict=True)]
-    visits = [[[0] * n_actions for _ in range(n_states)] for _ in tables]
 
-    def frame_at(state, step):
-        held = [i for i, first in enumerate(potential.frame_steps) if first <= step]
-        return value_of(potential.weight, step) * phi[held[-1]][state]
+    task: cr.FiniteMDP
+    learner: object
+    shaping: object = None
+    literal: bool = False
+    tables: list = field(init=False)
+    before: float = 0.0  # phi(s, a) of the step before
+    choice: tuple = ()
 
-    def acting(state, step):
-        row = list(tables[0][state])
-        if len(tables) == 2:
-            row = [0.5 * (x + y) for x, y in zip(row, tables[1][state], strict=True)]
-        if isinstance(shaping, cr.DecayingAdvice) or literal:
-            weight = 1.0 if literal else value_of(shaping.weight, step)
-            row = [x + weight * y for x, y in zip(row, phi[state], strict=True)]
+    def __post_init__(self):
+        mdp = self.task.mdp
+        start = np.zeros(mdp.outcome_row.shape)
+        at_phi = isinstance(self.shaping, cr.QInitialisation | cr.LookAheadAdvice)
+        if at_phi and not self.literal:
+            start += self.shaping.potential.values
+        start[~mdp.terminal] += self.learner.initial_value
+        n = 2 if isinstance(self.learner, cr.DoubleQLearning) else 1
+        self.tables = [start.copy() for _ in range(n)]
+
+    def phi(self, state):
+        return self.shaping.potential.values[state].tolist()
+
+    def acting(self, state, step):
+        rows = [q[state].tolist() for q in self.tables]
+        row = rows[0] if len(rows) == 1 else [0.5 * (x + y) for x, y in zip(*rows, strict=True)]
+        if isinstance(self.shaping, cr.DecayingAdvice) or self.literal:
+            weight = 1.0 if self.literal else value_of(self.shaping.weight, step)
+            row = [x + weight * y for x, y in zip(row, self.phi(state), strict=True)]
         return row
 
-    ties = Ties(n_states, splitmix64(start)) if kind == "QLearning" else None
-    eval_freq = eval_freq or max(1, steps // 100)
-    training_return, episode_counts = [math.nan], [0]
-    step = episode = 0
-    returns, fresh, next_action = [], True, None
-    while step < steps and episode < episodes:
-        if fresh:
-            state, length, total, before = pick(starts, uniform(next(draw))), 0, 0.0, 0.0
-        if fresh or kind != "SARSA":
-            take = ties and partial(ties.take, state)
-            action, bits = pick_action(acting(state, step), learner, step, draw, take)
-        else:
-            action = next_action
-        row = row_of[state][action]
-        outcome = pick(chance[row], uniform(splitmix64(bits)))
-        after, reward = successor[row][outcome], pay[row][outcome]
-        total += reward
-        length += 1
-        ended = terminal[after]
+    def state_potential(self, state, step):
+        phi = self.shaping.potential
+        held = [i for i, first in enumerate(phi.frame_steps) if first <= step]
+        return value_of(phi.weight, step) * float(phi.values[held[-1], state])
 
-        if isinstance(shaping, cr.StateShaping):
-            there = 0.0 if ended else frame_at(after, step + 1)
-            reward += gamma * there - frame_at(state, step)
-        elif isinstance(shaping, cr.LookBackAdvice):
+    def added(self, state, action, after, ended, step):
+        """Return what shaping adds to the reward of the step number `step` + 1."""
+        gamma = self.task.mdp.discount
+        if isinstance(self.shaping, cr.StateShaping):
+            there = 0.0 if ended else self.state_potential(after, step + 1)
+            return gamma * there - self.state_potential(state, step)
+        if isinstance(self.shaping, cr.RewardBonus):
+            return self.phi(state)[action]
+        if isinstance(self.shaping, cr.LookBackAdvice):
             # The end's own term, gamma (0 - phi(s, a) / gamma), takes this step's phi(s, a) off.
-            here = phi[state][action]
-            reward += (0.0 if ended else here) - before / gamma
-            before = here
-        elif isinstance(shaping, cr.RewardBonus):
-            reward += phi[state][action]
+            here, before = self.phi(state)[action], self.before
+            self.before = here
+            return (0.0 if ended else here) - before / gamma
+        return -self.phi(state)[action] if self.literal else 0.0
 
-        coin = next(draw) if len(tables) == 2 else 0
-        which = coin & 1  # tables 0 and 1 have visits of their own
-        q, target = tables[which], reward
-        if literal:
-            target -= phi[state][action]
+    def learn(self, state, action, reward, after, ended, step, rate, coin, draw):
+        """Update by one step; SARSA draws what this learner would do next."""
+        which, gamma = coin & 1, self.task.mdp.discount
+        q = self.tables[which]
+        target = reward + self.added(state, action, after, ended, step)
         if not ended:
-            shown = acting(after, step + 1)
-            if kind == "QLearning":
-                best = shown.index(max(shown)) if literal else q[after].index(max(q[after]))
-                worth = q[after][best] + (phi[after][best] if literal else 0.0)
-            elif kind == "SARSA":
-                next_action, bits = pick_action(shown, learner, step + 1, draw)
-                worth = q[after][next_action] + (phi[after][next_action] if literal else 0.0)
-            elif kind == "ExpectedSARSA":
-                worth = policy_mean(q[after], shown, learner, step + 1)
-                if literal:
-                    worth += policy_mean(phi[after], shown, learner, step + 1)
+            shown, row = self.acting(after, step + 1), q[after].tolist()
+            phi = self.phi(after) if self.literal else [0.0] * len(row)
+            if isinstance(self.learner, cr.SARSA):
+                self.choice = pick_action(shown, self.learner, step + 1, draw)
+                worth = row[self.choice[0]] + phi[self.choice[0]]
+            elif isinstance(self.learner, cr.ExpectedSARSA):
+                worth = policy_mean(row, shown, self.learner, step + 1)
+                worth += policy_mean(phi, shown, self.learner, step + 1)
+            elif isinstance(self.learner, cr.DoubleQLearning):
+                worth = float(self.tables[1 - which][after, draw_best(row, coin)[0]])
             else:
-                worth = tables[1 - which][after][draw_best(q[after], coin)[0]]
+                best = shown.index(max(shown)) if self.literal else row.index(max(row))
+                worth = row[best] + phi[best]
             target += gamma * worth
-        counts = rates.shape == 3
-        rate = value_of(rates, visits[which][state][action] if counts else step)
-        visits[which][state][action] += 1
-        shown = acting(state, step)
-        q[state][action] += rate * (target - q[state][action])
-        if ties:
-            ties.update(shown, acting(state, step), state, action, bits)
+        q[state, action] += rate * (target - q[state, action])
 
-        step += 1
-        state = after
+    def values(self, step):
+        values = np.mean(self.tables, axis=0)
+        if isinstance(self.shaping, cr.StateShaping):
+            phi = [self.state_potential(state, step) for state in range(len(values))]
+            return values + np.array(phi)[:, None]
+        return values + self.shaping.potential.values if self.literal else values
+
+
+@dataclass
+class NaiveGuard:
+    """Which of the two acts; 0 has no potential. `log` has a row for each turn that has ended."""
+
+    guard: cr.Guard
+    returns: tuple = ((), ())
+    credit: list = field(default_factory=lambda: [0.0, 0.0])
+    share: float = 0.5
+    acting: int = 1
+    log: list = field(default_factory=list)
+
+    def mean_and_error(self, earned):
+        """Return a weighted mean and the square of its standard error."""
+        mean = variance = squares = 0.0
+        for n, x in enumerate(earned, start=1):
+            part = max(1.0 / self.guard.memory, 1.0 / n)
+            deviation = x - mean
+            mean += part * deviation
+            variance = (1.0 - part) * (variance + part * deviation * deviation)
+            squares = (1.0 - part) * (1.0 - part) * squares + part * part
+        return mean, variance / (1.0 / squares - 1.0)
+
+    def end_turn(self, length, earned):
+        ahead = self.share > 0.5
+        self.log.append((self.acting, ahead, length))
+        if min(map(len, self.returns)) >= 2:
+            self.credit[ahead] += self.share * length
+            self.credit[ahead] -= length * (self.acting == 1)
+        self.returns = tuple(
+            (*r, earned) if i == self.acting else r for i, r in enumerate(self.returns)
+        )
+        n = [len(r) for r in self.returns]
+        if min(n) < 2:
+            self.acting = 1 if n[1] <= n[0] else 0
+            return
+        (plain, error), (shaped, other) = map(self.mean_and_error, self.returns)
+        gain, both = shaped - plain, error + other
+        chance = 0.5
+        if gain > 0:
+            chance += 0.5 * gain / math.sqrt(2.0 * both + gain * gain)
+        if chance > 0.5:
+            self.share = min(chance, self.guard.share_ahead)
+        else:
+            self.share = self.guard.share_behind
+        self.acting = 1 if self.credit[self.share > 0.5] > 0 else 0
+
+
+def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_freq=None, seed=0,
+                  stream="", episodes=math.inf, turn=math.inf):  # fmt: skip
+    """Return what `learn` does for one seed, without the greedy evaluation.
+
+    Under a guard, whose turns last `turn` steps at most, a learner without the shaping is beside.
+    """
+    mdp, guarded = task.mdp, shaping is not None and shaping.guard is not None
+    limit, rates = mdp.time_limit or math.inf, schedule(learner.learning_rate)
+    guard = NaiveGuard(shaping.guard) if guarded else None
+    learners = [NaiveLearner(task, learner)] * guarded
+    learners.append(NaiveLearner(task, learner, shaping, literal))
+    visits = np.zeros((2, *mdp.outcome_row.shape), int)  # of tables 0 and 1
+    start = stream_start(seed, stream)
+    draw, ties = random_bits(start), None
+    if isinstance(learner, cr.QLearning) and not guarded:
+        ties = Ties(len(mdp.start), splitmix64(start))
+    eval_freq = eval_freq or max(1, steps // 100)
+    training, shares, counts = [math.nan], [guard.share if guarded else math.nan], [0]
+    fresh, step, ended_episodes, returns, used = True, 0, 0, [], 0
+    while step < steps and ended_episodes < episodes:
+        if fresh:
+            state, length, total = pick(mdp.start.tolist(), uniform(next(draw))), 0, 0.0
+            for naive in learners:
+                naive.before = 0.0
+        if used == 0:
+            earned, factor = 0.0, 1.0
+        actor = learners[guard.acting if guarded else 0]
+        shown = actor.acting(state, step)
+        if fresh or not isinstance(learner, cr.SARSA):
+            take = ties and partial(ties.take, state)
+            actor.choice = pick_action(shown, learner, step, draw, take)
+        action, bits = actor.choice
+        row = mdp.outcome_row[state, action]
+        outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
+        after, reward = int(mdp.next_state[row, outcome]), float(mdp.reward[row, outcome])
+        ended = bool(mdp.terminal[after])
+        coin = next(draw) if isinstance(learner, cr.DoubleQLearning) else 0
+        counted = visits[coin & 1, state, action] if rates.shape == 3 else step
+        rate = value_of(rates, int(counted))
+        visits[coin & 1, state, action] += 1
+        for naive in learners:
+            naive.learn(state, action, reward, after, ended, step, rate, coin, draw)
+        if ties:
+            ties.update(shown, actor.acting(state, step), state, action, bits)
+        step, length, total, used = step + 1, length + 1, total + reward, used + 1
+        earned, factor, state = earned + factor * reward, factor * mdp.discount, after
         fresh = ended or length >= limit
         if fresh:
-            episode += 1
+            ended_episodes += 1
             returns.append(total)
+        if guarded and (fresh or used >= turn):
+            guard.end_turn(used, earned)
+            used = 0
         if step % eval_freq == 0:
-            training_return.append(plain_sum(returns) / len(returns) if returns else math.nan)
-            episode_counts.append(episode)
+            training.append(plain_sum(returns) / len(returns) if returns else math.nan)
+            shares.append(guard.share if guarded else math.nan)
+            counts.append(ended_episodes)
             returns = []
-
-    values = np.mean(tables, axis=0)
-    if isinstance(shaping, cr.StateShaping):
-        values += np.array([frame_at(s, step) for s in range(n_states)])[:, None]
-    elif literal:
-        values += potential.values
+    ahead = guarded and guard.share > 0.5
     return SimpleNamespace(
-        values=values,
-        training_return=np.array(training_return),
-        episodes=np.array(episode_counts),
+        values=learners[ahead if guarded else 0].values(step),
+        training_return=np.array(training),
+        guard_share=np.array(shares),
+        episodes=np.array(counts),
         steps_used=step,
-        episodes_used=episode,
+        episodes_used=ended_episodes,
+        turns=[*guard.log, (guard.acting, ahead, used)] if guarded else [],
+        ahead=ahead,
     )
 
 

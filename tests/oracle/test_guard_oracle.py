@@ -8,7 +8,7 @@ import pytest
 import curricle as cr
 from curricle.learning.guard import Guard
 
-from .guarded_naively import learn_guarded_naively
+from .conftest import learn_naively
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 WAYS = {
@@ -32,8 +32,9 @@ def assert_same(task, learner, steps, shaping, *, seed=0):
     mdp = task.mdp
     cut = mdp.time_limit is None and mdp.discount < 1
     turn = round(3 / (1 - mdp.discount)) if cut else np.inf
-    result = cr.learn(task, learner, steps, shaping=shaping, eval_freq=50, seeds=[seed])
-    naive = learn_guarded_naively(task, learner, steps, shaping, eval_freq=50, seed=seed, turn=turn)
+    options = {"shaping": shaping, "eval_freq": 50}
+    result = cr.learn(task, learner, steps, seeds=[seed], **options)
+    naive = learn_naively(task, learner, steps, seed=seed, turn=turn, **options)
     np.testing.assert_array_equal(result.values[0], naive.values)
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
     np.testing.assert_array_equal(result.guard_share[0], naive.guard_share)
@@ -98,10 +99,6 @@ def test_the_bound_of_the_docstring_holds(random_mdp, random_shaping):
         assert of_shaped <= guard.share_behind * steps + 3 * longest
         behind += steps
     assert behind > 2000
-
-
-def test_guard_share_is_not_a_number_without_a_guard():
-    assert np.isnan(cr.learn(cr.GridWorld("S.T"), budget=100).guard_share).all()
 
 
 @pytest.mark.parametrize("kind", LEARNERS)

@@ -103,14 +103,6 @@ def test_shapings(way, kind, time_limit, random_mdp, random_shaping, naive_learn
     assert_same(result, naive_learn(task, learner, STEPS, **options))
 
 
-@pytest.mark.parametrize("way", SHAPINGS)
-def test_shapings_under_softmax(way, random_mdp, random_shaping, naive_learn):
-    task, learner = random_mdp(5, time_limit=6), cr.SARSA(inverse_temperature=3.0)
-    options = {"shaping": random_shaping(task, way, **SHAPINGS[way]), "eval_freq": EVERY}
-    result = cr.learn(task, learner, STEPS, **options)
-    assert_same(result, naive_learn(task, learner, STEPS, **options))
-
-
 @pytest.mark.parametrize("kind", LEARNERS)
 def test_budget_in_episodes(kind, random_mdp, naive_learn):
     task, learner = random_mdp(6, time_limit=11), kind()
@@ -118,14 +110,6 @@ def test_budget_in_episodes(kind, random_mdp, naive_learn):
     naive = naive_learn(task, learner, 10**9, episodes=90, eval_freq=10)
     assert result.episodes_used[0] == 90
     assert_same(result, naive)
-
-
-def test_each_seed_equals_the_naive_learner(random_mdp, naive_learn):
-    task, seeds = random_mdp(7, time_limit=11), [5, 0, 123456789012]
-    result = cr.learn(task, cr.QLearning(), 500, seeds=seeds)
-    for k, seed in enumerate(seeds):
-        naive = naive_learn(task, cr.QLearning(), 500, seed=seed)
-        np.testing.assert_array_equal(result.values[k], naive.values)
 
 
 # -- the fast loop against the general one -------------------------------------------------------
@@ -250,13 +234,6 @@ def test_exact_greedy_return_equals_propagation(seed, discounted, random_mdp):
     )  # fmt: skip
     expected = propagate(task, table, task.time_limit, discounted=discounted)
     np.testing.assert_allclose(result.greedy_return[0], expected, rtol=1e-9, atol=1e-8)
-
-
-def test_exact_greedy_return_without_a_limit_is_the_value_of_the_greedy_policy(random_mdp):
-    task = random_mdp(3)
-    result = cr.learn(task, cr.SARSA(), 500, evaluation=cr.GreedyEvaluation(method="exact"))
-    value = cr.evaluate(task, cr.planning.greedy_policy(result.values[0])).start_value
-    assert result.greedy_return[0, -1] == pytest.approx(value, abs=1e-7)
 
 
 @pytest.mark.parametrize("way", [cr.DecayingAdvice, cr.QInitialisation, cr.StateShaping])

@@ -76,11 +76,6 @@ def test_a_default_tolerance_is_never_the_users_mistake(scale):
     assert found.error_bound <= 1e-9 * abs(found.values).max()
 
 
-def test_taxi_is_solved_at_a_discount_near_1():
-    found = cr.solve(cr.from_gymnasium("Taxi-v4", discount=1 - 1e-6))
-    assert found.error_bound <= 1e-8 * abs(found.values).max()
-
-
 def test_rewards_of_zero_have_values_of_zero():
     found = cr.solve(ring(0.0, 0.999))
     assert not found.values.any()

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
-from curricle.learning.result import joined_results
-from curricle.learning.saved_result import arrays_of
+from curricle.learning.result import arrays_of, joined_results
 from curricle.study.record import UnitRecord
 from curricle.study.store import UnitResult, joined_units, unit_content
 
@@ -117,8 +116,3 @@ def test_the_order_of_seeds_within_a_group_does_not_matter():
         learnt((8, 3, 1), "stopping rule", "dense", 0),
     ]
     assert_equal(joined_results(parts), learnt(SEEDS, "stopping rule", "dense", 0))
-
-
-def test_one_group_is_itself():
-    whole = learnt(SEEDS, "stopping rule", "sparse", 0)
-    assert_equal(joined_results([whole]), whole)

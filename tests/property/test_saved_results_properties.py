@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 import curricle as cr
 from curricle.learning import LearningResult, SparseValues, TabularPolicy, harmonic, linear
 from curricle.learning.record import Snapshots
-from curricle.learning.saved_result import CURVES
+from curricle.learning.result import CURVES
 
 TASK = cr.GridWorld(["S.", ".T"])
 N_STATES, N_ACTIONS = 4, 4

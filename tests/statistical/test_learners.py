@@ -10,8 +10,8 @@ import scipy.stats
 from numba import njit
 
 import curricle as cr
-from curricle.learning.exploration import choose
-from curricle.planning.greedy import ACTION, best_of
+from curricle.learning.learners import explore
+from curricle.planning.greedy import ACTION, ONLY_ROW, best_of, highest
 from curricle.tasks.kernel import STRIDE, splitmix64, uniform
 
 FALSE_ALARM = 1e-6
@@ -33,7 +33,10 @@ def assert_frequencies(actions, probabilities):
 @njit
 def _choose_often(row, exploration, step, counter, out):
     for i in range(out.size):
-        out[i], _, counter, _ = choose(exploration, row, splitmix64(counter), step, counter)
+        tie, best = splitmix64(counter), highest(row, ONLY_ROW)
+        out[i], _, counter, exploits = explore(exploration, row, ONLY_ROW, best, step, counter)
+        if exploits:
+            out[i] = best_of(row, ONLY_ROW, tie)[1] & ACTION
 
 
 @njit
@@ -51,7 +54,7 @@ def _units(counter, out):
 
 
 def chosen(values, learner, *, seed=0, step=0):
-    """Return the actions the compiled `choose` takes on these values."""
+    """Return the actions the compiled learner takes on these values."""
     row, out = np.array([values], dtype=np.float64), np.zeros(DRAWS, dtype=np.int64)
     _choose_often(row, learner.kernel().exploration, step, np.uint64(seed), out)
     return out
@@ -73,13 +76,6 @@ def test_epsilon_greedy_frequencies(values, epsilon):
     greedy = cr.planning.greedy_policy([values])[0]
     expected = (1 - epsilon) * greedy + epsilon / len(values)
     assert_frequencies(chosen(values, cr.QLearning(epsilon=epsilon)), expected)
-
-
-def test_epsilon_follows_its_schedule():
-    learner = cr.QLearning(epsilon=cr.learning.linear(1.0, 0.0, steps=100))
-    for step, epsilon in ((0, 1.0), (50, 0.5), (100, 0.0)):
-        expected = [1 - epsilon / 2, epsilon / 2]
-        assert_frequencies(chosen([1.0, 0.0], learner, step=step), expected)
 
 
 # The last two reject so often that the full row must be drawn.
@@ -193,38 +189,24 @@ def fixed_point(task, policy_of):
     return q
 
 
+def epsilon_greedy(q):
+    return 0.6 * cr.planning.greedy_policy(q) + 0.4 / 2
+
+
+def softmax(q):
+    weight = np.exp(2.0 * q)
+    return weight / weight.sum(axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("policy_of", "exploration"),
+    [(epsilon_greedy, {"epsilon": 0.4}), (softmax, {"inverse_temperature": 2.0})],
+)
 @pytest.mark.parametrize("kind", [cr.SARSA, cr.ExpectedSARSA])
-def test_on_policy_learners_find_the_values_of_their_own_policy(kind):
-    task = noisy_task()
-    own = fixed_point(task, lambda q: 0.6 * cr.planning.greedy_policy(q) + 0.4 / 2)
-    assert abs(own - cr.solve(task).action_values).max() > 3 * ALLOWED  # it is another one
-    assert abs(learnt(kind, epsilon=0.4) - own).max() < ALLOWED
-
-
-@pytest.mark.parametrize("kind", [cr.SARSA, cr.ExpectedSARSA])
-def test_on_policy_learners_find_the_values_of_their_softmax_policy(kind):
-    def softmax(q):
-        weight = np.exp(2.0 * q)
-        return weight / weight.sum(axis=1, keepdims=True)
-
-    own = fixed_point(noisy_task(), softmax)
-    assert abs(learnt(kind, inverse_temperature=2.0) - own).max() < ALLOWED
-
-
-@pytest.mark.slow
-def test_harmonic_rate_is_the_sample_mean():
-    # One step, reward +-1: harmonic() makes Q the mean of n rewards, sd 1 / sqrt(n). 400 seeds'
-    # z-scores: Kolmogorov-Smirnov against the normal at 1e-6.
-    n = 10_000
-    task = cr.FiniteMDP.from_outcomes(
-        [[[(0.5, 1, -1.0), (0.5, 1, 1.0)]], [[]]], terminal=[False, True], start=0, discount=0.9
-    )
-    result = cr.learn(
-        task, cr.QLearning(learning_rate=cr.learning.harmonic()), n, eval_freq=n, seeds=400
-    )
-    mean = result.values[:, 0, 0]
-    assert mean == pytest.approx(result.training_return[:, 1], abs=1e-12)
-    assert scipy.stats.kstest(mean * np.sqrt(n), "norm").pvalue > FALSE_ALARM
+def test_on_policy_learners_find_the_values_of_their_own_policy(kind, policy_of, exploration):
+    policys = fixed_point(noisy_task(), policy_of)
+    assert abs(policys - cr.solve(noisy_task()).action_values).max() > 2 * ALLOWED  # another one
+    assert abs(learnt(kind, **exploration) - policys).max() < ALLOWED
 
 
 @pytest.mark.slow

@@ -74,7 +74,7 @@ def test_no_public_name_is_a_compiled_function():
 PACKAGE = Path(curricle.__file__).parent
 BACK_UP = """
 import numpy as np
-from curricle.planning.backups import OutcomeRows, back_up_rows
+from curricle.planning.models import OutcomeRows, back_up_rows
 one, rows = np.ones((1, 1)), np.zeros(1)
 outcomes = OutcomeRows(one[0], one, np.zeros((1, 1), np.uint32), np.array([False]), 0.5)
 back_up_rows(outcomes, np.array([8.0]), rows)

@@ -49,17 +49,17 @@ def test_settings_out_of_range_are_refused():
         OptimisticQLearning(epsilon=0.1, inverse_temperature=1.0)
 
 
-def test_what_the_loop_does_not_support_is_refused():
-    task = cr.GridWorld("S.T")
-    for shaping in (
-        cr.StateShaping(np.zeros(3)),
-        cr.DecayingAdvice(np.zeros((3, 4))),
-        cr.RewardBonus(np.zeros((3, 4))),
-    ):
-        with pytest.raises(SettingError, match="by QInitialisation or LookAheadAdvice alone"):
-            cr.learn(task, OptimisticQLearning(), 10, shaping=shaping)
-    guarded = cr.QInitialisation(np.zeros((3, 4)), guard=cr.Guard())
-    with pytest.raises(SettingError, match="takes no guard"):
-        cr.learn(task, OptimisticQLearning(), 10, shaping=guarded)
-    with pytest.raises(SettingError, match="sparse tables are for QLearning"):
-        cr.learn(task, OptimisticQLearning(), 10, storage=Storage(kind="sparse"))
+PAIRS = np.zeros((3, 4))
+REFUSED = [
+    ({"shaping": cr.StateShaping(np.zeros(3))}, "by QInitialisation or LookAheadAdvice alone"),
+    ({"shaping": cr.DecayingAdvice(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
+    ({"shaping": cr.RewardBonus(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
+    ({"shaping": cr.QInitialisation(PAIRS, guard=cr.Guard())}, "takes no guard"),
+    ({"storage": Storage(kind="sparse")}, "sparse tables are for QLearning"),
+]
+
+
+@pytest.mark.parametrize(("settings", "message"), REFUSED)
+def test_what_the_loop_does_not_support_is_refused(settings, message):
+    with pytest.raises(SettingError, match=message):
+        cr.learn(cr.GridWorld("S.T"), OptimisticQLearning(), 10, **settings)

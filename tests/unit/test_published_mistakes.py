@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import SettingError
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 SHAPINGS = [
@@ -158,12 +157,6 @@ def test_greedy_evaluation_shares_ties_out():
 
 
 # -- numbers -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("tolerance", [1e-320, 1e-30, 0.0])
-def test_a_tolerance_is_never_rounded_to_zero(tolerance):
-    with pytest.raises(SettingError, match="tolerance must be"):
-        cr.solve(small_maze(), tolerance=tolerance)
 
 
 def test_the_discount_has_one_owner():

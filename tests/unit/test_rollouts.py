@@ -48,12 +48,6 @@ def test_outcomes_follow_their_probabilities():
     assert np.mean(won) == pytest.approx(0.25, abs=0.09)  # four standard errors
 
 
-def test_the_start_follows_its_distribution():
-    spread = LINE.with_start([(0, 0), (0, 2)])
-    starts = [rollout(spread, [1, 1, 1, 0], seed=s).states[0] for s in range(200)]
-    assert set(starts) == {0, 2}
-
-
 def ring_step(n, state, action, bits):
     after = (state + action) % n
     return after, -1.0, after == 0

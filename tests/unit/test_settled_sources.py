@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.errors import ConfigError
 from curricle.learning.stopping import SETTLED, UNLEARNT, levels, share_of_rise
-from curricle.planning.greedy import EqualValues
+from curricle.planning.greedy import VisitedValues
 from curricle.planning.policy_evaluation import greedy_policy_return
 from curricle.planning.target import Target
 from tests.studies import CORNER as STUDY
@@ -111,8 +111,7 @@ def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
     walk = ring(9)
     floor = Target.of(walk, episodes=1_000).floor
     randoms = [
-        greedy_policy_return(walk, EqualValues(np.zeros((1, 2))), EVALUATION, seed=k)
-        for k in range(20)
+        greedy_policy_return(walk, VisitedValues.none(2), EVALUATION, seed=k) for k in range(20)
     ]
     assert Target.of(walk).solution is None
     # 20 means of 1,000 episodes: the floor lies within their range of 4 standard errors.

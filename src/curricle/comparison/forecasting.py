@@ -35,7 +35,7 @@ from curricle.display import block, printed, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
-from curricle.planning.greedy import EqualValues, Values
+from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, check_progress, shown
@@ -179,7 +179,7 @@ def _learning(
     node: Node, learnt: SourceValues, fresh: bool, workers: int | None, bars: Bars
 ) -> SourceLearning:
     target = Target.of(node.task, node.evaluation)
-    random, random_noise = target.estimated(EqualValues(np.zeros((1, learnt.values.shape[2]))))
+    random, random_noise = target.estimated(VisitedValues.none(learnt.values.shape[2]))
     returns, noise = _returns(target, learnt.values)
     reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
     if target.solution is not None:

@@ -16,6 +16,7 @@ from curricle.files import Place
 from curricle.learning.learners import Learner, QLearning
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
+from curricle.learning.run import learn
 from curricle.learning.shaping import Shaping
 from curricle.learning.stopping import (
     SETTLED,
@@ -31,7 +32,6 @@ from curricle.learning.stopping import (
     spacing,
 )
 from curricle.learning.storage import Storage
-from curricle.learning.training import learn
 from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluation
 from curricle.progress import Progress
 from curricle.tasks.mdp import generative_model

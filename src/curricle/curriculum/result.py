@@ -18,21 +18,21 @@ from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.record import WarmUp
 from curricle.learning.result import (
     LearningResult,
+    arrays_of,
     curve_columns,
     data_frame,
     learnt_curve,
     learnt_table,
 )
-from curricle.learning.saved_result import (
+from curricle.learning.stopping import Decisions
+from curricle.learning.tabular_policy import (
     all_values_of,
-    arrays_of,
     arrays_of_values,
     as_saved,
     check_value_arrays,
     pairs_of,
     task_record,
 )
-from curricle.learning.stopping import Decisions
 from curricle.planning.episode import Episode
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.calibration import AnyPotential, Calibration

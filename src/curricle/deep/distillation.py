@@ -17,8 +17,7 @@ from curricle.deep.policy import DeepResult
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
-from curricle.learning.result import learning_result
-from curricle.learning.run import Outcome
+from curricle.learning.result import Outcome, learning_result
 from curricle.progress import Progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask

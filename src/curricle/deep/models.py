@@ -30,7 +30,7 @@ from curricle.errors import CurricleError, LostStoreError, SettingError, StoreEr
 from curricle.files import Place, RemotePath, opened_regular, write_whole
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record, WarmUp
-from curricle.learning.run import Outcome
+from curricle.learning.result import Outcome
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation

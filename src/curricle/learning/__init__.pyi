@@ -14,6 +14,7 @@ from .potential import (
 )
 from .record import Snapshots as Snapshots, WarmUp as WarmUp
 from .result import LearningResult as LearningResult
+from .run import learn as learn
 from .schedules import (
     Schedule as Schedule,
     exponential as exponential,
@@ -32,4 +33,3 @@ from .shaping import (
 from .stopping import Episodes as Episodes, StoppingRule as StoppingRule
 from .storage import SparseValues as SparseValues, Storage as Storage
 from .tabular_policy import TabularPolicy as TabularPolicy
-from .training import learn as learn

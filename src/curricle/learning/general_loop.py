@@ -1,40 +1,43 @@
 """The general learning loop: n learners of the same steps, all update rules, shapings and guards.
 
 One learner acts; all of them learn from every step. There is one of them, or under a guard two:
-without the potential and with it. Q-learning on unshaped rewards, optimistic or not, has a faster
-loop of its own in ``q_learning.py``.
-
-This loop is compiled once for all rules and shapings: with bodies chosen by type it would be
-compiled anew for each combination, and compiling takes far longer than the few comparisons that a
-step of the loop makes. Only the number of learners is a type, so that all the work for a second one
-drops out where there is none. What is done at checkpoints is compiled by itself (:func:`called`).
+without the potential and with it. Q-learning on unshaped rewards has a faster loop (q_learning.py).
 """
 
-from typing import Any, NamedTuple
+# This loop is compiled once for all rules and shapings: with bodies chosen by type it would be
+# compiled anew for each combination, and compiling takes far longer than the few comparisons that a
+# step of the loop makes. Only the number of learners is a type, so that all the work for a second
+# one drops out where there is none. What is done at checkpoints is compiled by itself (`called`).
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import FloatArray, FloatTable, IntArray
-from curricle.learning.exploration import choose, expected_value
 from curricle.learning.guard import SCRATCH, SHAPED, UNDECIDED, GuardKernel, Tally, next_turn
-from curricle.learning.record import Bounds, Record, Used, is_spent, noted_end
+from curricle.learning.learners import (
+    DOUBLE_Q_LEARNING,
+    EXPECTED_SARSA,
+    Q_LEARNING,
+    SARSA_RULE,
+    expected_value,
+    explore,
+)
+from curricle.learning.record import Record, Used, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
-from curricle.learning.stopping import stops
+from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import StaticInt, tie_bits
 from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
-from curricle.planning.policy_evaluation import EvaluationKernel, address_of, called, greedy_return
-from curricle.tasks.kernel import LINE, STRIDE, compiled, first_above, inlined, splitmix64
+from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, called, greedy_return
+from curricle.tasks.kernel import LINE, STRIDE, first_above, inlined, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 # What is added to the reward, or to the values acted on.
 PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
-# Update rules.
-Q_LEARNING, SARSA, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)
 
 
-FIRST, SECOND = np.uint64(0), np.uint64(1)
-"""Tables of a learner."""
+FIRST, SECOND = np.uint64(0), np.uint64(1)  # tables of a learner
 
 
 class ShapingKernel(NamedTuple):
@@ -62,11 +65,7 @@ class Learners(NamedTuple):
 
     @classmethod
     def starting(
-        cls,
-        q: FloatTable,
-        update: int,
-        shaping: ShapingKernel,
-        guard: GuardKernel | None,
+        cls, q: FloatTable, update: int, shaping: ShapingKernel, guard: GuardKernel | None
     ) -> "Learners":
         """Return the learners before their first step, on tables that have their first values."""
         n_actions = q.shape[3]
@@ -95,11 +94,21 @@ class Course(NamedTuple):
     turn: int  # steps after which a guarded turn ends, if no episode has ended before
     stream: np.uint64  # where the run's random stream starts
     used: Used  # before learning
-    bounds: Bounds
+    steps: int  # at which learning ends, or
+    episodes: int  # at which it ends, or
+    stopping: StoppingKernel  # which may end it before
     eval_freq: int  # steps between checkpoints; checkpoint 0 is before the first step
     evaluation: EvaluationKernel
     record: Record
     noting: int  # the address of :func:`note`
+
+
+@inlined
+def is_spent(course, step, episodes):
+    """Return whether a run has used its steps or its episodes, or was interrupted a while ago."""
+    if step >= course.steps or episodes >= course.episodes:
+        return True
+    return step % SLICE == 0 and course.record.halted[0]
 
 
 class Acting(NamedTuple):
@@ -156,10 +165,12 @@ def learn_all(model, rule, learners, course):
     """Do what :func:`train` says."""
     # Unsigned indices of learners, tables and actions need no test for being negative.
     n, last = np.uint64(len(learners.n)), np.uint64(learners.q.shape[1] - 1)
-    discount, record, budget = course.discount, course.record, course.bounds
+    discount, record = course.discount, course.record
     shaping, ties, shaped = learners.shaping, learners.ties, n - np.uint64(1)
-    guarded, looks_ahead = shaped > np.uint64(0), rule.update in (SARSA, EXPECTED_SARSA)
-    draw_ties(ties, splitmix64(course.stream))
+    guarded, looks_ahead = shaped > np.uint64(0), rule.update in (SARSA_RULE, EXPECTED_SARSA)
+    key = splitmix64(course.stream)
+    for place in range(np.uint64(ties.shape[0])):
+        ties[place] = tie_bits(key, place)
     share, ahead, acting = UNDECIDED, SCRATCH, shaped
     step, episodes, ended, ended_return = course.used
     early, checkpoint, counter = step > 0, np.int64(0), course.stream + STRIDE
@@ -179,7 +190,7 @@ def learn_all(model, rule, learners, course):
                 early = False
                 continue
             ended, ended_return = 0, 0.0
-        if is_spent(budget, record, step, episodes) or has_failed(model):
+        if is_spent(course, step, episodes) or has_failed(model):
             return step, episodes, ahead
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
@@ -187,7 +198,7 @@ def learn_all(model, rule, learners, course):
             carried = 0.0
             if shaping.kind == STATE:
                 carried = weight * state_potential(shaping, state, step)
-        if fresh or rule.update != SARSA:
+        if fresh or rule.update != SARSA_RULE:
             write_acting_row(acted_on(learners, acting, weight), state, learners.values)
             action, bits, counter, drawn = decide(learners, rule, state, step, counter)
         else:
@@ -199,7 +210,7 @@ def learn_all(model, rule, learners, course):
         if rule.update == DOUBLE_Q_LEARNING:
             coin, counter = splitmix64(counter), counter + STRIDE
             table = coin & np.uint64(1)
-        row = counted_row(learners.q, table, state)
+        row = table * np.uint64(learners.q.shape[2]) + state  # each table counts its own updates
         rate, changed = rate_of(rule.learning_rate, row, action, step - 1), 0.0
         there, extra, next_action = 0.0, 0.0, np.uint64(0)
         if shaping.kind == STATE and not terminated:
@@ -214,15 +225,20 @@ def learn_all(model, rule, learners, course):
                 if looks_ahead:
                     view = acted_on(learners, learner, weight)
                     write_acting_row(view, next_state, learners.values)
-                if rule.update == SARSA:  # what a learner itself would do is what its values are of
+                if (
+                    rule.update == SARSA_RULE
+                ):  # what a learner itself would do is what its values are of
                     drawn_next = decide(learners, rule, next_state, step, counter)
                     next_action, learners.bits[learner], counter, _ = drawn_next
                     learners.action[learner] = next_action
                 choice = table, coin, step, next_action
                 target = td_target(rule, learners, learner, discount, target, next_state, choice)
-            new = move(learners.q[learner], table, state, action, rate, target)
+            tables, real = learners.q[learner], learners.q.dtype.type  # in the tables' precision
+            old = tables[table, state, action]
+            new = old + real(rate) * (real(target) - old)
+            tables[table, state, action] = new
             if learner == acting:
-                changed = new
+                changed = np.float64(new)
         if ties.shape[0] > 0:
             if not drawn:  # a drawn action was among the highest
                 if shaping.kind == ADVICE:
@@ -250,26 +266,21 @@ def learn_all(model, rule, learners, course):
 
 
 @inlined
-def draw_ties(ties, key):
-    """Draw the bits that break each state's ties before learning, (S,)."""
-    for state in range(np.uint64(ties.shape[0])):
-        ties[state] = tie_bits(key, state)
-
-
-@inlined
 def decide(learners, rule, state, step, counter):
-    """Return what is done on ``learners.values`` in a state, as :func:`choose` does."""
-    tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
-    return choose(rule.exploration, learners.values, tie, step, counter)
+    """Return what is done on ``learners.values`` in a state, as :func:`explore` does."""
+    values, best = learners.values, highest(learners.values, ONLY_ROW)
+    action, bits, after, exploits = explore(rule.exploration, values, ONLY_ROW, best, step, counter)
+    if exploits:
+        tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
+        action = best_of(values, ONLY_ROW, tie)[1] & ACTION
+    return action, bits, after, exploits
 
 
 @inlined
 def draws_again(values, tie, new, action):
-    """Return whether the fast loop would draw again among a state's ties after an update.
-
-    That is where the action's value, which was in `values` and is `new`, changed and is or was the
-    highest, or where it did not change and the action is the one that had been drawn by `tie`.
-    """
+    """Return whether the fast loop would draw again among a state's ties after an update."""
+    # That is where the action's value, which was in `values` and is `new`, changed and is or was
+    # the highest, or where it did not change and `tie` had drawn the action.
     old = values[0, action]
     if new == old:
         return best_of(values, ONLY_ROW, tie)[1] & ACTION == action
@@ -284,10 +295,10 @@ def td_target(rule, learners, learner, discount, reward, next_state, choice):
     """Return the target of a learner's update rule.
 
     `choice` are the table that is updated, the bits that chose it, the step, and SARSA's next
-    action. The policy of expected SARSA acts on ``learners.values``, those of s'.
+    action; ``learners.values`` are those that a policy acts on in s'.
     """
     q, (table, coin, step, next_action) = learners.q[learner], choice
-    if rule.update == SARSA:  # r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)
+    if rule.update == SARSA_RULE:  # r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)
         return reward + discount * np.float64(q[FIRST, next_state, next_action])
     if rule.update == EXPECTED_SARSA:  # r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)
         return reward + discount * expected_value(
@@ -298,21 +309,6 @@ def td_target(rule, learners, learner, discount, reward, next_state, choice):
         return reward + discount * np.float64(q[SECOND - table, next_state, best])
     real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
     return np.float64(real(reward) + real(discount) * highest(q[0], next_state))
-
-
-@inlined
-def counted_row(q, table, state):
-    """Return the row in which the updates of a state are counted; each table counts its own."""
-    return np.uint64(table) * np.uint64(q.shape[2]) + state
-
-
-@inlined
-def move(q, table, state, action, rate, target):
-    """Move Q(s, a) of a table towards a target, in the table's precision, and return it."""
-    real, old = q.dtype.type, q[table, state, action]
-    new = old + real(rate) * (real(target) - old)
-    q[table, state, action] = new
-    return np.float64(new)
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
@@ -328,7 +324,7 @@ def state_potential(shaping, state, step):
 def shaping_reward(shaping, discount, pair, terminated, carried, there):
     """Return what shaping adds to the reward of a step, and what it carries to the next step.
 
-    `there` is w(t') Phi(s', t'), 0 in the end of an episode (Grzes 2017).
+    `there` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
     """
     state, action = pair
     if shaping.kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
@@ -348,29 +344,28 @@ def shaping_reward(shaping, discount, pair, terminated, carried, there):
 
 @inlined
 def note_all(course, early, checkpoint, so_far, q, other):
-    """Note a checkpoint, or `early`, after a warm-up, all those before the present step.
+    """Note a checkpoint; return the next one, and whether the stopping rule ends the run here.
 
-    The latter have the episodes and training returns of the warm-up, and the greedy return before
-    learning. Return the next checkpoint, and whether the stopping rule ends the run at this one.
+    `early`, after a warm-up, all before the present step are noted: with the episodes and training
+    returns of the warm-up, and the greedy return before learning.
     """
     step, _, _, _, value, share = so_far
-    ends, record, stopping = False, course.record, course.bounds.stopping
+    ends, record = False, course.record
     last = step - 1 if early else step
     while checkpoint * course.eval_freq <= last:
         if early:
             warm = record.episodes[checkpoint], 1, record.training_return[checkpoint]
             so_far = checkpoint * course.eval_freq, warm[0], warm[1], warm[2], value, share
-        met = called(course.noting, (record, stopping, checkpoint, so_far, q, other))
+        met = called(course.noting, (record, course.stopping, checkpoint, so_far, q, other))
         ends, checkpoint = met > 0.0 and not early, checkpoint + 1
     return checkpoint, ends
 
 
 def note(record, stopping, checkpoint, so_far, q, other):
-    """Fill one checkpoint of a record; return 1 where the stopping rule ends the run there, else 0.
+    """Fill a checkpoint of a record; return 1 where the stopping rule ends the run there, else 0.
 
     `so_far` are the steps, the episodes, the number and returns of those ended since the last
-    checkpoint, the greedy return, and the share of a guard; the policy acts on the mean of `q` and
-    `other`, (S, A).
+    checkpoint, the greedy return, and a guard's share; `q` and `other`, (S, A), have Q as mean.
     """
     step, episodes, ended, ended_return, value, share = so_far
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
@@ -384,9 +379,3 @@ def note(record, stopping, checkpoint, so_far, q, other):
                     mean = 0.5 * (q[state, action] + other[state, action])
                     record.snapshots[i, state, action] = mean
     return 1.0 if stops(stopping, record.greedy_return, checkpoint, step) else 0.0
-
-
-def address_of_note(record: Record, stopping: Any, q: FloatTable) -> int:
-    """Return where the machine code of :func:`note` for tables such as `q`, (S, A), begins."""
-    so_far = 0, 0, 0, 0.0, 0.0, 0.0
-    return address_of(compiled(note, False), record, stopping, 0, so_far, q, q)

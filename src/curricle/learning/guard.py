@@ -1,10 +1,7 @@
 """A guard against harmful potentials: which of two learners acts, and for how many steps.
 
-One learner has the potential, the other learns without it, and both learn from every step
-(``general_loop.train``). What a harmful potential costs is the steps in which its learner acts and
-from which nothing is to be learnt. The guard bounds these: it compares what the learners earn,
-turn by turn, and keeps an account of the steps of the learner with the potential for each of two
-cases, while it is ahead and while it is not.
+What a harmful potential costs is the steps in which its learner acts and from which nothing is to
+be learnt. The guard bounds these by two accounts: while that learner is ahead and while it is not.
 """
 
 from dataclasses import dataclass
@@ -19,8 +16,7 @@ from curricle.tasks.kernel import inlined
 
 SCRATCH, SHAPED = np.uint64(0), np.uint64(1)
 """The learner without the potential and the one with it: the first axis of guarded tables."""
-FIRST_TURNS = 2
-"""Turns of each learner before they are compared: the fewest that have a variance."""
+FIRST_TURNS = 2  # turns of each learner before they are compared: the fewest that have a variance
 UNDECIDED = 0.5
 """The share before they are compared. Above it the learner with the potential is ahead."""
 TURN, WHOLE = 3.0, 10.0
@@ -35,12 +31,12 @@ class Guard:
     Two learners learn from the same steps: one with the potential, the other without it. They act
     in turns. A turn is an episode; where episodes may last longer than 10 / (1 - discount) steps,
     or without limit, it ends after 3 / (1 - discount) steps. The learner with the higher mean
-    discounted return of its last turns is ahead, the one without the potential in doubt: its
-    greedy policy is evaluated, and its values are returned.
+    discounted return of its last turns is ahead, in doubt the other: its greedy policy is
+    evaluated, and its values are returned.
 
     While the learner with the potential is ahead it acts in the share of the steps that is the
-    probability that it earns more (Student's t with two degrees of freedom, so that few turns say
-    little), `share_ahead` at most. Otherwise it acts in the share `share_behind`.
+    probability that it earns more (Student's t with two degrees of freedom), `share_ahead` at most.
+    Otherwise it acts in the share `share_behind`.
 
     In T steps, of which it was behind in T0, the learner with the potential acts in no more than
 
@@ -49,8 +45,7 @@ class Guard:
     steps of turns that began while it was behind, where L is the length of its longest turn: two
     turns before there is anything to compare, and one on account. This holds for each seed, any
     potential and any task. The other learner acts in at least (1 - share_behind) T0
-    + (1 - share_ahead) (T - T0) - 4 L steps, and learns from all T. Both act again and again, and
-    what either learns is what it would learn without a guard, so that Q-learning converges to Q*
+    + (1 - share_ahead) (T - T0) - 4 L steps, and learns from all T: Q-learning converges to Q*
     under the usual conditions for any potential.
 
     Parameters
@@ -109,8 +104,7 @@ class GuardKernel(NamedTuple):
 class Tally(NamedTuple):
     """What both learners earned in their last turns, averaged exponentially; weights add up to 1.
 
-    Credit is the steps that the learner with the potential may still act in before the other one
-    does, while it is behind (0) and while it is ahead (1).
+    Credit is the steps in which the learner with the potential may still act, behind and ahead.
     """
 
     turns: FloatArray  # (2,)
@@ -146,21 +140,6 @@ def add_return(tally, learner, earned, forgetting):
 
 
 @inlined
-def superiority(tally):
-    """Return the probability that the learner with the potential earns more; 0 if it has not yet.
-
-    The distribution function of Student's t with two degrees of freedom is
-    1/2 + t / (2 sqrt(2 + t^2)). An average of effective sample size n has n - 1 degrees of freedom.
-    """
-    gain = tally.mean[SHAPED] - tally.mean[SCRATCH]
-    if gain <= 0.0:
-        return 0.0
-    error = tally.variance[SCRATCH] / (1.0 / tally.squares[SCRATCH] - 1.0)
-    error += tally.variance[SHAPED] / (1.0 / tally.squares[SHAPED] - 1.0)
-    return 0.5 + 0.5 * gain / np.sqrt(2.0 * error + gain * gain)
-
-
-@inlined
 def was_compared(tally):
     """Return whether both learners have had the turns after which they are compared."""
     return tally.turns[SCRATCH] >= FIRST_TURNS and tally.turns[SHAPED] >= FIRST_TURNS
@@ -168,8 +147,15 @@ def was_compared(tally):
 
 @inlined
 def shaped_share(guard, tally):
-    """Return the share of the steps for the learner with the potential."""
-    share = superiority(tally)
+    """Return the share of steps for the learner with phi: the probability that it earns more."""
+    # The distribution function of Student's t with two degrees of freedom is
+    # 1/2 + t / (2 sqrt(2 + t^2)). An average of effective sample size n has n - 1 of them.
+    gain = tally.mean[SHAPED] - tally.mean[SCRATCH]
+    if gain <= 0.0:
+        return guard.share_behind
+    error = tally.variance[SCRATCH] / (1.0 / tally.squares[SCRATCH] - 1.0)
+    error += tally.variance[SHAPED] / (1.0 / tally.squares[SHAPED] - 1.0)
+    share = 0.5 + 0.5 * gain / np.sqrt(2.0 * error + gain * gain)
     if share <= UNDECIDED:
         return guard.share_behind
     return share if share < guard.share_ahead else guard.share_ahead
@@ -179,8 +165,7 @@ def shaped_share(guard, tally):
 def next_turn(guard, tally, turn, share):
     """Return the share from here on and the learner that acts next, after a turn.
 
-    `turn` are the learner that acted, its steps and its discounted return; `share` is the one that
-    held when the turn began.
+    `turn` are the learner that acted, its steps and its discounted return; `share` held before it.
     """
     acting, length, earned = turn
     if was_compared(tally):

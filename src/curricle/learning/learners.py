@@ -1,18 +1,57 @@
-"""The learners: an update rule, a learning rate and an exploration, for :func:`learn`."""
+"""The learners: an update rule, a learning rate and an exploration, and these compiled."""
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
-from curricle.learning import general_loop
-from curricle.learning.exploration import EpsilonGreedy, LearnerKernel, Softmax
-from curricle.learning.schedules import HARMONIC, ByVisits, Schedule, harmonic, within
+from curricle.learning.schedules import (
+    HARMONIC,
+    ByVisits,
+    Constant,
+    Schedule,
+    at,
+    harmonic,
+    within,
+)
+from curricle.planning.greedy import ONLY_ROW, highest
+from curricle.tasks.kernel import (
+    HALF,
+    STRIDE,
+    Overloaded,
+    bernoulli,
+    inlined,
+    integers,
+    splitmix64,
+    uniform,
+)
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
+
+Q_LEARNING, SARSA_RULE, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)  # update rules
+
+
+class EpsilonGreedy(NamedTuple):
+    """A uniform action with probability epsilon, else a greedy one."""
+
+    epsilon: Constant | Schedule
+
+
+class Softmax(NamedTuple):
+    """P(a) proportional to exp(beta Q(s, a))."""
+
+    inverse_temperature: Constant | Schedule
+
+
+class LearnerKernel(NamedTuple):
+    """A learner for compiled loops, each of which has the code of its kind of exploration alone."""
+
+    update: int
+    learning_rate: Constant | Schedule | ByVisits
+    exploration: EpsilonGreedy | Softmax
 
 
 @dataclass(frozen=True)
@@ -22,11 +61,11 @@ class Learner:
     Parameters
     ----------
     learning_rate : float or Schedule
-        alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair (of each
-        table, where there are two).
+        alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair in each
+        table.
     epsilon : float or Schedule, optional
         Epsilon-greedy exploration: a uniform action with this probability, else a greedy one,
-        ties broken at random. The default, 0.1, holds unless `inverse_temperature` is given.
+        ties broken at random. 0.1 by default.
     inverse_temperature : float or Schedule, optional
         Softmax exploration instead: P(a) proportional to exp(beta Q(s, a)).
     initial_value : float
@@ -51,6 +90,7 @@ class Learner:
     update: ClassVar[int]
     tables: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.1
+    asks_task: ClassVar[bool] = False  # whether a rate and an initial value may be left to the task
 
     def __post_init__(self) -> None:
         if type(self) is Learner:
@@ -60,15 +100,14 @@ class Learner:
                 "exploration is either epsilon-greedy or softmax: got epsilon="
                 f"{self.epsilon} and inverse_temperature={self.inverse_temperature}"
             )
-        self._check_initial_value()
+        initial: float | None = self.initial_value
+        if initial is not None or not self.asks_task:
+            number("initial_value", initial, SettingError)
         self.kernel()
-
-    def _check_initial_value(self) -> None:
-        number("initial_value", self.initial_value, SettingError)
 
     @property
     def counts(self) -> int:
-        """The tables of counted updates: one for each table where the rate is harmonic, else 0."""
+        """The tables of counted updates: as many as of values where the rate is harmonic, or 0."""
         rate = self.learning_rate
         return self.tables if isinstance(rate, Schedule) and rate.shape == HARMONIC else 0
 
@@ -76,16 +115,14 @@ class Learner:
         """Return the learner with the settings that it takes from the task filled in."""
         return self
 
-    @property
-    def _rate(self) -> float | Schedule:
-        return self.learning_rate
-
     def kernel(self, visits: IntArray | None = None) -> LearnerKernel:
         """Return the learner as compiled loops read it.
 
         `visits`, (rows of all tables, A), count the updates from here on if its rate depends on it.
         """
-        schedule: Any = within("learning_rate", self._rate, 0.0, 1.0)
+        unknown = self.asks_task and self.learning_rate is None
+        schedule: Any = harmonic() if unknown else self.learning_rate
+        schedule = within("learning_rate", schedule, 0.0, 1.0)
         visits = np.zeros((1, 1), np.int64) if visits is None else visits
         rate = ByVisits(schedule, visits) if self.counts else schedule.kernel
         if self.inverse_temperature is not None:
@@ -106,14 +143,12 @@ class QLearning(Learner):
     QLearning(learning_rate=0.2, epsilon=None, inverse_temperature=None, initial_value=0.0)
     """
 
-    update: ClassVar[int] = general_loop.Q_LEARNING
+    update: ClassVar[int] = Q_LEARNING
 
 
 @dataclass(frozen=True)
 class SARSA(Learner):
-    """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' the action taken next.
-
-    Rummery, Niranjan 1994.
+    """Q(s,a) += alpha (r + gamma Q(s',a') - Q(s,a)), a' taken next (Rummery, Niranjan 1994).
 
     Examples
     --------
@@ -121,7 +156,7 @@ class SARSA(Learner):
     0.2
     """
 
-    update: ClassVar[int] = general_loop.SARSA
+    update: ClassVar[int] = SARSA_RULE
 
 
 @dataclass(frozen=True)
@@ -134,15 +169,14 @@ class ExpectedSARSA(Learner):
     2.0
     """
 
-    update: ClassVar[int] = general_loop.EXPECTED_SARSA
+    update: ClassVar[int] = EXPECTED_SARSA
 
 
 @dataclass(frozen=True)
 class DoubleQLearning(Learner):
     """Two tables; a coin chooses which one is updated from the other's value (van Hasselt 2010).
 
-    It acts on, and reports, the mean of both. A harmonic learning rate counts the updates of each
-    table by themselves, so that each is a sample mean.
+    It acts on, and reports, the mean of both.
 
     Examples
     --------
@@ -150,7 +184,7 @@ class DoubleQLearning(Learner):
     2
     """
 
-    update: ClassVar[int] = general_loop.DOUBLE_Q_LEARNING
+    update: ClassVar[int] = DOUBLE_Q_LEARNING
     tables: ClassVar[int] = 2
 
 
@@ -161,12 +195,10 @@ class OptimisticQLearning(Learner):
     U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) is acted on, greedily
     (Even-Dar, Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned
     and transferred; it starts at the lowest value, so that its greedy policy keeps to what was
-    tried.
-    The learning rate is that of Jin et al. 2018, without their bonus for pairs seldom tried.
+    tried. The learning rate is that of Jin et al. 2018, without their bonus for pairs seldom tried.
 
     A potential by :class:`QInitialisation` or :class:`LookAheadAdvice` is added to the start of
-    both tables. Other shapings, guards and sparse tables are refused. Further training goes on from
-    Q and the counts of visits: U is Q where a pair was visited.
+    both tables. Other shapings, guards and sparse tables are refused.
 
     Parameters
     ----------
@@ -198,23 +230,22 @@ class OptimisticQLearning(Learner):
     initial_value: float | None = None  # type: ignore[assignment]
     value_range: tuple[float, float] | None = None
 
-    update: ClassVar[int] = general_loop.Q_LEARNING
+    update: ClassVar[int] = Q_LEARNING
     tables: ClassVar[int] = 2
     counts: ClassVar[int] = 1
     default_epsilon: ClassVar[float] = 0.0
+    asks_task: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.value_range is not None:
-            object.__setattr__(self, "value_range", _checked_range(self.value_range))
+            name, bounds = "value_range of OptimisticQLearning", self.value_range
+            if not isinstance(bounds, tuple | list) or len(bounds) != 2:
+                raise SettingError(f"{name} must be (lowest, highest): got {bounds!r}")
+            low, high = (number(name, bound, SettingError) for bound in bounds)
+            if low > high:
+                raise SettingError(f"{name} must have lowest <= highest: got {bounds!r}")
+            object.__setattr__(self, "value_range", (low, high))
         super().__post_init__()
-
-    def _check_initial_value(self) -> None:
-        if self.initial_value is not None:
-            super()._check_initial_value()
-
-    @property
-    def _rate(self) -> float | Schedule:
-        return harmonic() if self.learning_rate is None else self.learning_rate
 
     def for_task(self, task: Task) -> Self:
         """Return the learner with its task's settings, or SettingError if the task tells none."""
@@ -278,12 +309,100 @@ def _horizon(name: str, task: Task) -> float:
     return max(1.0, min(limit, ahead))
 
 
-def _checked_range(bounds: Any) -> tuple[float, float]:
-    """Return a range of values as two floats, or raise SettingError unless low <= high."""
-    name = "value_range of OptimisticQLearning"
-    if not isinstance(bounds, tuple | list) or len(bounds) != 2:
-        raise SettingError(f"{name} must be (lowest, highest): got {bounds!r}")
-    low, high = (number(name, bound, SettingError) for bound in bounds)
-    if low > high:
-        raise SettingError(f"{name} must have lowest <= highest: got {bounds!r}")
-    return low, high
+# -- the action that a learner takes on a row of values, compiled ----------------------------------
+
+
+@inlined
+def softmax(table, row, best, inverse_temperature, counter):
+    """Return an action drawn with probability proportional to exp(beta value), and the counter.
+
+    `best` is the row's maximum; the counter returned is one draw further than was used.
+    """
+    # Rejection sampling: a uniform proposal is accepted with probability exp(beta (value - best)),
+    # which spares the exponentials of the whole row. After A rejections the row is summed.
+    n_actions = np.uint64(table.shape[1])
+    for _ in range(n_actions):
+        bits = splitmix64(counter)
+        counter += STRIDE
+        action = integers(bits, n_actions)
+        if accepted(inverse_temperature * (table[row, action] - best), bits):
+            return action, counter
+    total = 0.0
+    for action in range(n_actions):
+        total += np.exp(inverse_temperature * (table[row, action] - best))
+    left = uniform(splitmix64(counter)) * total
+    counter += STRIDE
+    chosen = np.uint64(0)
+    for action in range(n_actions):
+        weight = np.exp(inverse_temperature * (table[row, action] - best))
+        if weight > 0.0:
+            chosen = action
+            left -= weight
+            if left < 0.0:
+                break
+    return chosen, counter
+
+
+@inlined
+def accepted(exponent, bits):
+    """Return whether an event of probability exp(exponent) happens; exponent <= 0."""
+    # 1 + x <= exp(x) <= 1 + x + x^2 / 2 decides most cases without the exponential.
+    chance = np.float64(bits >> HALF) / 4294967296.0
+    if chance < 1.0 + exponent:
+        return True
+    if chance >= 1.0 + exponent + 0.5 * exponent * exponent:
+        return False
+    return chance < np.exp(exponent)
+
+
+def explore(exploration, values, row, best, step, counter):
+    """Return an action on a row of values, 64 bits, the next counter, whether to act greedily.
+
+    `best` is the row's maximum. A draw serves the exploration, the action, the next tie and (mixed
+    once more) the outcome.
+    """
+
+
+def expected_value(exploration, q, state, values, step):
+    """Return sum_a pi(a) q(state, a) for the policy followed on these acting values, (1, A)."""
+
+
+explorations, expectations = Overloaded(explore), Overloaded(expected_value)
+
+
+@explorations.body(EpsilonGreedy)
+def _explore_epsilon_greedy(exploration, values, row, best, step, counter):
+    bits = splitmix64(counter)
+    if bernoulli(bits, at(exploration.epsilon, step)):
+        return integers(bits, np.uint64(values.shape[1])), bits, counter + STRIDE, False
+    return np.uint64(0), bits, counter + STRIDE, True
+
+
+@expectations.body(EpsilonGreedy)
+def _expect_epsilon_greedy(exploration, q, state, values, step):
+    epsilon, best = at(exploration.epsilon, step), highest(values, ONLY_ROW)
+    total, ties, mean = 0.0, 0.0, 0.0
+    for action in range(values.shape[1]):
+        if values[0, action] == best:
+            total += q[0, state, action]
+            ties += 1.0
+        mean += q[0, state, action] / values.shape[1]
+    return (1.0 - epsilon) * total / ties + epsilon * mean
+
+
+@explorations.body(Softmax)
+def _explore_softmax(exploration, values, row, best, step, counter):
+    beta = at(exploration.inverse_temperature, step)
+    action, counter = softmax(values, row, best, beta, counter)
+    return action, splitmix64(counter), counter + STRIDE, False
+
+
+@expectations.body(Softmax)
+def _expect_softmax(exploration, q, state, values, step):
+    beta, best = at(exploration.inverse_temperature, step), highest(values, ONLY_ROW)
+    total, weight = 0.0, 0.0
+    for action in range(values.shape[1]):
+        w = np.exp(beta * (values[0, action] - best))
+        total += w * q[0, state, action]
+        weight += w
+    return total / weight

@@ -1,9 +1,8 @@
 """Potentials: estimates of the values of states, or of state-action pairs, before learning.
 
 They are 0 where an episode has ended (Grzes 2017): a potential there would change the optimal
-policy. Values at terminal states are replaced by 0 where the task knows these beforehand. Where
-only its steps tell (a :class:`ComputedMDP`, a live task), what reads a potential is told whether an
-episode has ended. The discount is the task's; there is no second one.
+policy. Values at terminal states are replaced by 0 where the task knows these beforehand; elsewhere
+what reads a potential is told whether an episode has ended. The discount is the task's.
 """
 
 from abc import ABC, abstractmethod
@@ -22,13 +21,8 @@ from curricle.tasks.mdp import Task, generative_model
 from curricle.text import brief_repr
 
 LARGEST_POTENTIAL = 1e15
-"""The largest size of a potential.
-
-Numbers of this size are stored in steps of 1/8, so that rewards of ordinary size no longer change
-them; near 1e308 learning overflows.
-"""
-
-
+"""Numbers of this size are stored in steps of 1/8: rewards of ordinary size no longer change them.
+Near 1e308 learning overflows."""
 STATES_READ = 10_000  # states whose phi of all actions is read at a time
 
 
@@ -43,8 +37,7 @@ class StatePotential(Frozen):
     task : Task
         The task to be shaped.
     values : (S,) or (M, S) float array
-        Phi, or M of them in turn. Values at terminal states are replaced by 0, where the task knows
-        these beforehand.
+        Phi, or M of them in turn; set to 0 at the terminal states that the task knows.
     frame_steps : (M,) int array, optional
         The step of learning from which each holds; the first must be 0.
     weight : float or Schedule
@@ -118,13 +111,8 @@ class StatePotential(Frozen):
         state, next_state : int array
         step : int
         terminated : bool array, optional
-            Whether the episode ended in s', so that Phi(s') is 0. It may be left out where the task
-            knows its terminal states.
-
-        Raises
-        ------
-        PotentialError
-            When it is left out in another task.
+            Whether the episode ended in s', so that Phi(s') is 0. PotentialError where it is left
+            out and the task does not know its terminal states.
         """
         generative = generative_model(self.task)
         here = self.at(step)[numbered_states(self.task, state)]
@@ -151,13 +139,13 @@ class PairPotential(Frozen, ABC):
         """What tables read that are filled row by row, while learning; None for an array."""
         return None
 
-    @abstractmethod
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A); terminal rows may hold anything."""
+        np.add(self.values, initial, out=q, casting="same_kind")
 
-    @abstractmethod
     def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """Return phi(s, a) of n states, (n, A) float64, computing no others."""
+        return np.asarray(self.values[states])
 
     def q(self, states: IntArray, actions: IntArray) -> FloatArray:
         """Return phi(s, a) of n pairs, (n,) float64, computing no other states."""
@@ -190,7 +178,7 @@ class StateActionPotential(PairPotential):
     task : Task
         The task to be shaped.
     values : (S, A) float array
-        phi. Values at terminal states are replaced by 0, where the task knows these beforehand.
+        phi; set to 0 at the terminal states that the task knows.
 
     Raises
     ------
@@ -223,14 +211,6 @@ class StateActionPotential(PairPotential):
             )
         ends = None if generative.terminal is None else generative.terminal[:, None]
         object.__setattr__(self, "values", _zero_at_ends(ends, values))
-
-    def fill(self, q: FloatTable, initial: float) -> None:
-        """Write initial + phi(s, a) into a table, (S, A)."""
-        np.add(self.values, initial, out=q, casting="same_kind")
-
-    def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
-        """Return phi(s, a) of n states, (n, A) float64."""
-        return np.asarray(self.values[states])
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
         """Return scale phi(s, a) + shift, 0 at known terminal states; it keeps the optimum."""

@@ -7,8 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
-from curricle.learning.stopping import StoppingKernel
-from curricle.planning.policy_evaluation import SLICE
 from curricle.progress import HALTED
 from curricle.tasks.kernel import inlined
 from curricle.text import brief_repr
@@ -18,13 +16,13 @@ MAX_SNAPSHOT_BYTES = 128_000_000  # of a run: a large task has fewer than asked 
 
 @dataclass(frozen=True, eq=False)
 class Snapshots(Frozen):
-    """The values that one seed acted on at M checkpoints of its learning, from before it began.
+    """The values that a seed acted on at M checkpoints of its learning, from before it began.
 
     Attributes
     ----------
     seed : int
     steps : (M,) int64
-        Steps done at each; closer together early, when most is learnt.
+        Steps done; closer together early, when most is learnt.
     values : (M, S, A) float32
         As ``LearningResult.values``, plus the advice of :class:`DecayingAdvice`.
 
@@ -66,7 +64,9 @@ class Record(NamedTuple):
     ) -> Self:
         """Return the record to be filled, with up to so many snapshots of tables of a shape."""
         returns, greedy, guard_share = np.full((3, checkpoints), np.nan)
-        kept = snapshot_checkpoints(snapshots, checkpoints, max(1, shape[0] * shape[1]))
+        fitting = min(snapshots, MAX_SNAPSHOT_BYTES // (4 * max(1, shape[0] * shape[1])))
+        place = np.linspace(0.0, 1.0, fitting if fitting > 1 else 0) ** 2 * (checkpoints - 1)
+        kept = np.unique(place.astype(np.int64))
         tables = np.zeros((len(kept), *shape), np.float32)
         ends = np.zeros(shape[0] if unknown_ends else 0, np.bool_)
         episodes = np.zeros(checkpoints, np.int64)
@@ -79,31 +79,6 @@ def noted_end(record, state, terminated):
     if terminated and record.ends.shape[0] > 0:
         record.ends[state] = True
     return terminated
-
-
-def snapshot_checkpoints(snapshots: int, checkpoints: int, pairs: int) -> IntArray:
-    """Return up to so many checkpoints for tables of S x A `pairs`; none if two do not fit."""
-    allowed = min(snapshots, MAX_SNAPSHOT_BYTES // (4 * pairs))
-    if allowed < 2:
-        return np.zeros(0, np.int64)
-    place = np.linspace(0.0, 1.0, allowed) ** 2 * (checkpoints - 1)
-    return np.unique(place.astype(np.int64))
-
-
-class Bounds(NamedTuple):
-    """Where a run ends: whichever comes first."""
-
-    steps: int
-    episodes: int
-    stopping: StoppingKernel
-
-
-@inlined
-def is_spent(bounds, record, step, episodes):
-    """Return whether a run has used its steps or its episodes, or was interrupted a while ago."""
-    if step >= bounds.steps or episodes >= bounds.episodes:
-        return True
-    return step % SLICE == 0 and record.halted[0]
 
 
 # -- the warm-up ---------------------------------------------------------------------------------
@@ -125,9 +100,9 @@ class WarmUp:
     Attributes
     ----------
     lengths : (E,) int64
-        Steps of each.
+        Steps.
     returns : (E,) float64
-        Their unshaped, undiscounted returns.
+        Unshaped, undiscounted.
 
     Examples
     --------

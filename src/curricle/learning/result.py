@@ -1,43 +1,54 @@
-"""The result of learning: curves, values and totals of K seeds."""
+"""The result of learning: curves, values and totals of K seeds, joined, saved and shown."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, NamedTuple, Self, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
 from curricle.display import block, curves, table
-from curricle.errors import SettingError
+from curricle.errors import CurricleError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved
-from curricle.learning.learners import Learner
-from curricle.learning.record import Snapshots
-from curricle.learning.run import Outcome
-from curricle.learning.saved_result import (
-    CURVES,
-    FIELDS,
-    TOTALS,
+from curricle.learning.learners import (
+    SARSA,
+    DoubleQLearning,
+    ExpectedSARSA,
+    Learner,
+    OptimisticQLearning,
+    QLearning,
+)
+from curricle.learning.record import Record, Snapshots
+from curricle.learning.schedules import Schedule
+from curricle.learning.storage import SparseValues
+from curricle.learning.tabular_policy import (
     Arrays,
+    TabularPolicy,
     all_values_of,
-    arrays_of,
+    arrays_of_values,
     as_saved,
-    check_result_arrays,
     check_value_arrays,
-    learner_of,
-    learner_record,
     pairs_of,
     task_record,
 )
-from curricle.learning.tabular_policy import TabularPolicy
 from curricle.planning.episode import Episode
 from curricle.statistics.intervals import mean_interval, seed_line
 from curricle.tasks.mdp import Task
 from curricle.text import counted
+
+
+class ResultField(NamedTuple):
+    """An array of a result, as it is joined, checked, saved and shown."""
+
+    axes: str  # K a seed, T a checkpoint
+    dtype: str
+    unit: str = ""  # of its column in a table
+    held: bool = False  # whether a curve keeps its last value after a seed's end; else it is NaN
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +63,8 @@ class LearningResult(Frozen):
         K of them.
     values : (K, S, A) float64 or float32
         What each seed learnt, in the task's own rewards: Q, plus what shaping took off it (phi,
-        or Phi(s)). Transfers hand these on, and policies act on them (plus what is left of a
-        :class:`DecayingAdvice`). They are 0 in the ends that the task knows, or that were reached.
-        From sparse tables K :class:`SparseValues`; None if the :class:`Storage` saves none.
+        or Phi(s)); 0 in the ends that the task knows, or that were reached. From sparse tables K
+        :class:`SparseValues`; None if the :class:`Storage` saves none.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.
     training_return : (K, T) float64
@@ -74,7 +84,7 @@ class LearningResult(Frozen):
     out_of_memory : (K,) bool
         Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
-        Whether the values are in the task's own rewards. No transfer takes others: those after
+        Whether the values are in the task's own rewards. No transfer takes others, those of
         :class:`LookBackAdvice`, :class:`RewardBonus` and a changing :class:`StateShaping`.
     snapshots : Snapshots or None
         Values of the first seed on the way, if asked for.
@@ -90,16 +100,20 @@ class LearningResult(Frozen):
     learner: Learner
     seeds: tuple[int, ...]
     values: Any
-    steps: IntArray
-    training_return: FloatArray
-    greedy_return: FloatArray
-    episodes: IntArray
-    steps_used: IntArray
-    episodes_used: IntArray
-    evaluation_steps: IntArray
-    out_of_memory: BoolArray
-    guard_share: FloatArray
-    own_rewards: BoolArray
+    steps: Annotated[IntArray, ResultField("T", "int64", "steps in the task")]
+    training_return: Annotated[
+        FloatArray, ResultField("KT", "float64", "mean undiscounted return of an episode")
+    ]
+    greedy_return: Annotated[
+        FloatArray, ResultField("KT", "float64", "return of the greedy policy", held=True)
+    ]
+    episodes: Annotated[IntArray, ResultField("KT", "int64", "episodes ended", held=True)]
+    steps_used: Annotated[IntArray, ResultField("K", "int64")]
+    episodes_used: Annotated[IntArray, ResultField("K", "int64")]
+    evaluation_steps: Annotated[IntArray, ResultField("K", "int64")]
+    out_of_memory: Annotated[BoolArray, ResultField("K", "bool")]
+    guard_share: Annotated[FloatArray, ResultField("KT", "float64", "share of steps", held=True)]
+    own_rewards: Annotated[BoolArray, ResultField("K", "bool")]
     snapshots: Snapshots | None = None
 
     # -- to take away --------------------------------------------------------------------------
@@ -118,18 +132,13 @@ class LearningResult(Frozen):
     def policy(self) -> Any:
         """The policy of the seed whose last greedy return is best; of the first, without any.
 
-        That return says too much of it, as it was chosen by it.
+        Its return is biased upwards, as the seed was chosen by it.
         """
         last = self.greedy_return[:, -1]
         return self.policies[0 if np.isnan(last).all() else int(np.nanargmax(last))]
 
     def watch(self, *, seed: int = 0, max_steps: int | None = None) -> Episode:
-        """Return an episode of :attr:`policy`: a notebook shows it, ``print`` prints it.
-
-        Parameters
-        ----------
-        seed, max_steps
-            As in :meth:`TabularPolicy.episode`.
+        """Return an episode of :attr:`policy`, as :meth:`TabularPolicy.episode` does.
 
         Examples
         --------
@@ -157,15 +166,14 @@ class LearningResult(Frozen):
         return data_frame(curve_columns(arrays_of(self)))
 
     def save(self, path: str | Path) -> Path:
-        """Write the result into a file, without pickles, and return its path, an ``.npz``.
+        """Write the result into an ``.npz`` file, and return its path; StoreError if it cannot.
 
         Equal results give equal bytes. The task is not in it: :meth:`load` takes it again.
-        StoreError when it cannot be written.
         """
         return write_saved(path, type(self).__name__, *self.parts_of_file())
 
     def parts_of_file(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-        """Return the arrays and the words that :meth:`save` writes."""
+        """Return the arrays and the plain JSON that :meth:`save` writes."""
         about: dict[str, Any] = {"task": task_record(self.task), "learner": None}
         if self.learner is not None:
             about["learner"] = learner_record(self.learner)
@@ -177,12 +185,7 @@ class LearningResult(Frozen):
     def load(cls, path: str | Path, task: Any = None) -> Self:
         """Return the result in a file that :meth:`save` wrote, bit for bit.
 
-        Parameters
-        ----------
-        path : path
-        task : Task, optional
-            The one that was learnt. Without it the policy plays no episodes, and no transfer takes
-            the result.
+        Without `task`, which was learnt, the policy plays no episodes, and no transfer takes it.
 
         Raises
         ------
@@ -206,7 +209,7 @@ class LearningResult(Frozen):
 
     @classmethod
     def of_file(cls, saved: SavedFile, arrays: Arrays, about: Any, task: Any) -> Self:
-        """Return the result whose arrays and words, of all or of a part of it, a file holds."""
+        """Return the result whose arrays and plain JSON a file holds, of all or a part of it."""
         with as_saved(saved):
             pairs = pairs_of(saved, about.get("task"), task)
             if not (seeds := arrays["seeds"].tolist() if "seeds" in arrays else []):
@@ -230,10 +233,8 @@ class LearningResult(Frozen):
             steps, tables = (frozen(arrays[f"snapshot_{name}"]) for name in ("steps", "values"))
             snapshots = Snapshots(seeds[0], steps, tables)
         values = all_values_of(arrays, len(seeds))
-        fields: dict[str, Any] = {name: frozen(arrays[name]) for name in FIELDS}
-        return cls(
-            task=task, learner=learner, seeds=seeds, values=values, snapshots=snapshots, **fields
-        )
+        curves: dict[str, Any] = {name: frozen(arrays[name]) for name in FIELDS}
+        return cls(task, learner, seeds, values, **curves, snapshots=snapshots)
 
     def __repr__(self) -> str:
         learner = "" if self.learner is None else f"{type(self.learner).__name__}, "
@@ -248,6 +249,39 @@ class LearningResult(Frozen):
         return block(type(self).__name__, learnt_curve(self), learnt_table({name: self}, {}))
 
 
+FIELDS: dict[str, ResultField] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(LearningResult, include_extras=True).items()
+    if get_origin(hint) is Annotated
+}
+"""The arrays of a :class:`LearningResult`, in the order in which files hold them."""
+CURVES = tuple(
+    sorted(
+        (name for name, field in FIELDS.items() if field.axes == "KT"),
+        key=lambda name: FIELDS[name].dtype == "int64",
+    )
+)
+"""In the order of a table's columns: counts come last."""
+TOTALS = tuple(name for name, field in FIELDS.items() if field.axes == "K")
+
+
+# -- made of the seeds' records, or of the results of groups of seeds ------------------------------
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one seed leaves: its record, its values if saved, its totals as in LearningResult."""
+
+    record: Record
+    values: FloatTable | SparseValues | None
+    steps_used: int
+    episodes_used: int
+    evaluation_steps: int
+    out_of_memory: bool = False
+    own_rewards: bool = True
+    advice: Any = 0.0  # what the policy acts on besides values
+
+
 def learning_result(
     task: Task,
     learner: Learner,
@@ -257,39 +291,27 @@ def learning_result(
     eval_freq: int,
 ) -> LearningResult:
     """Put the seeds' records on one axis of checkpoints."""
-    n = max(outcome.steps for outcome in outcomes) // eval_freq + 1
-    curves = {
-        name: np.stack([getattr(outcome.record, name)[:n] for outcome in outcomes])
-        for name in CURVES
-    }
-    for k, outcome in enumerate(outcomes):
-        end = outcome.steps // eval_freq
-        for name in (name for name in CURVES if FIELDS[name].held):
-            curves[name][k, end + 1 :] = curves[name][k, end]
+    n = max(outcome.steps_used for outcome in outcomes) // eval_freq + 1
+    arrays = {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in TOTALS}
+    for name in CURVES:
+        curve = np.stack([getattr(outcome.record, name)[:n] for outcome in outcomes])
+        for k, end in enumerate(arrays["steps_used"] // eval_freq if FIELDS[name].held else ()):
+            curve[k, end + 1 :] = curve[k, end]
+        arrays[name] = curve
     first, snapshots = outcomes[0], None
     if len(first.record.snapshot_at):
-        taken = first.record.snapshot_at * eval_freq <= first.steps
+        taken = first.record.snapshot_at * eval_freq <= first.steps_used
         steps, tables = first.record.snapshot_at[taken] * eval_freq, first.record.snapshots[taken]
         last = None if values is None else values[0]
-        if isinstance(last, np.ndarray) and steps[-1] < first.steps:  # the last values too
-            steps = np.append(steps, first.steps)
+        if isinstance(last, np.ndarray) and steps[-1] < first.steps_used:  # the last values too
+            steps = np.append(steps, first.steps_used)
             acting = (last + first.advice).astype(np.float32)
             tables = np.concatenate([tables, acting[None]])
         snapshots = Snapshots(seeds[0], frozen(steps), frozen(tables))
-    return LearningResult(
-        task=task,
-        learner=learner,
-        seeds=seeds,
-        values=frozen(values) if isinstance(values, np.ndarray) else values,
-        steps=frozen(np.arange(n) * eval_freq),
-        steps_used=frozen(np.array([outcome.steps for outcome in outcomes])),
-        episodes_used=frozen(np.array([outcome.episodes for outcome in outcomes])),
-        evaluation_steps=frozen(np.array([outcome.evaluation_steps for outcome in outcomes])),
-        out_of_memory=frozen(np.array([outcome.out_of_memory for outcome in outcomes])),
-        own_rewards=frozen(np.array([outcome.own_rewards for outcome in outcomes])),
-        snapshots=snapshots,
-        **{name: frozen(curve) for name, curve in curves.items()},
-    )
+    values = frozen(values) if isinstance(values, np.ndarray) else values
+    curves: dict[str, Any] = {name: frozen(array) for name, array in arrays.items()}
+    axis = frozen(np.arange(n) * eval_freq)
+    return LearningResult(task, learner, seeds, values, axis, **curves, snapshots=snapshots)
 
 
 def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
@@ -299,24 +321,20 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
     seeds = sorted(place)
     order = np.array([place[seed] for seed in seeds])
 
-    def joined(arrays: Sequence[npt.NDArray[Any]]) -> Any:
+    def joined(name: str) -> Any:
+        """Return an array of all seeds; curves of seeds that have ended are held, or else NaN."""
+        arrays, n = [getattr(part, name) for part in parts], len(longest.steps)
+        if name in CURVES:
+            after: Any = {"mode": "edge"} if FIELDS[name].held else {"constant_values": np.nan}
+            pad: Any = partial(np.pad, **after)
+            arrays = [pad(curve, ((0, 0), (0, n - curve.shape[1]))) for curve in arrays]
         return frozen(np.concatenate(arrays)[order])
-
-    def lengthened(name: str) -> Any:
-        """Return the curves of all seeds, those of seeds that have ended held, or else NaN."""
-        after = {"mode": "edge"} if FIELDS[name].held else {"constant_values": np.nan}
-        more = [len(longest.steps) - len(part.steps) for part in parts]
-        curves = [getattr(part, name) for part in parts]
-        pad: Any = np.pad
-        return joined(
-            [pad(x, ((0, 0), (0, n)), **after) for x, n in zip(curves, more, strict=True)]
-        )
 
     values: Any = [part.values for part in parts]
     if any(value is None for value in values):
         values = None
     elif all(isinstance(value, np.ndarray) for value in values):
-        values = joined(values)
+        values = joined("values")
     else:
         flat = list(chain.from_iterable(values))
         values = tuple(flat[k] for k in order)
@@ -326,9 +344,103 @@ def joined_results(parts: Sequence[LearningResult]) -> LearningResult:
         seeds=tuple(seeds),
         values=values,
         snapshots=min(snapshots, key=lambda snapshots: snapshots.seed, default=None),
-        **{name: lengthened(name) for name in CURVES},
-        **{name: joined([getattr(part, name) for part in parts]) for name in TOTALS},
+        **{name: joined(name) for name in (*CURVES, *TOTALS)},
     )
+
+
+# -- as arrays and plain JSON ----------------------------------------------------------------------
+
+MOST_STEPS = 2**53  # steps that a number of double precision counts
+LEARNERS: dict[str, type[Learner]] = {
+    kind.__name__: kind
+    for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
+}
+"""Those that a file may name; nothing else is made of what it says."""
+
+
+def learner_record(learner: Any) -> dict[str, Any]:
+    """Return a learner as JSON holds it: its class, and the settings of Curricle's own."""
+    kind = type(learner)
+    if LEARNERS.get(kind.__name__) is not kind:
+        return {"type": kind.__name__}
+    settings = {setting.name: getattr(learner, setting.name) for setting in fields(learner)}
+    return {
+        "type": kind.__name__,
+        "settings": {
+            name: {"schedule": list(value)} if isinstance(value, Schedule) else value
+            for name, value in settings.items()
+        },
+    }
+
+
+def learner_of(record: Any) -> Learner | None:
+    """Return the learner of a record; None where it is none of Curricle's. ValueError if wrong."""
+    if not isinstance(record, Mapping) or "settings" not in record:
+        return None
+    kind = LEARNERS.get(record.get("type", ""))
+    if kind is None or not isinstance(record["settings"], Mapping):
+        raise ValueError(f"a learner must be one of {', '.join(LEARNERS)}: got {record}")
+    try:
+        settings = dict[str, Any]()
+        for name, value in record["settings"].items():
+            if isinstance(value, Mapping):
+                shape, *numbers = value.get("schedule", ())
+                value = Schedule(int(shape), *map(float, numbers))
+            settings[name] = tuple(value) if isinstance(value, list) else value
+        return kind(**settings)
+    except (TypeError, CurricleError) as error:
+        raise ValueError(f"a learner must have its own settings: {error}") from None
+
+
+def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of a :class:`LearningResult` by name, those of its values among them."""
+    arrays = {name: getattr(result, name) for name in FIELDS}
+    arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
+    arrays |= arrays_of_values(result.values)
+    if result.snapshots is not None:
+        arrays["snapshot_steps"] = result.snapshots.steps
+        arrays["snapshot_values"] = result.snapshots.values
+    return arrays
+
+
+def checkpoints_of(arrays: Arrays) -> int:
+    """Return how many checkpoints a result's arrays have; ValueError if they do not say."""
+    if "steps" not in arrays:
+        raise ValueError("it has no steps")
+    return arrays["steps"].size
+
+
+def check_result_arrays(
+    arrays: Arrays,
+    seeds: Sequence[int],
+    pairs: tuple[int, int],
+    counts: Sequence[str] = ("steps_used",),
+) -> None:
+    """Raise ValueError unless arrays are those of a result."""
+    n, of_seeds = checkpoints_of(arrays), (len(seeds),)
+    shapes: dict[str, tuple[int, ...]] = {"T": (n,), "K": of_seeds, "KT": (*of_seeds, n)}
+    expected = {name: (shapes[field.axes], field.dtype) for name, field in FIELDS.items()}
+    expected |= dict.fromkeys(("seeds", *counts), (of_seeds, "int64"))
+    if "snapshot_steps" in arrays:
+        moments = arrays["snapshot_steps"].size
+        expected["snapshot_steps"] = (moments,), "int64"
+        expected["snapshot_values"] = (moments, *pairs), "float32"
+    for name, (shape, dtype) in expected.items():
+        array = arrays.get(name)
+        if array is None or array.shape != shape or not n:
+            raise ValueError(f"{name} must be an array of shape {shape}")
+        if array.dtype != dtype:
+            raise ValueError(f"{name} must be an array of {dtype}: got {array.dtype}")
+    if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
+        raise ValueError("steps must ascend from 0")
+    if arrays["seeds"].tolist() != list(seeds):
+        raise ValueError("seeds must be those of its unit")
+    for name in counts:
+        if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
+            raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
+    for name in expected.keys() & {*CURVES, "snapshot_values"}:
+        if np.isinf(arrays[name]).any():
+            raise ValueError(f"{name} must have finite numbers")
 
 
 # -- curves as rows --------------------------------------------------------------------------------
@@ -367,7 +479,7 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
-    """Return a row for each task's LearningResult, and in words what ended its learning."""
+    """Return a row for each task's LearningResult, with what ended its learning."""
     rows = []
     for name, result in results.items():
         learner = "" if result.learner is None else type(result.learner).__name__
@@ -376,10 +488,10 @@ def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup
         first, last = (str(mean_interval(curve[:, i])).rsplit(",", 1)[0] for i in (0, -1))
         seeds = len(result.seeds)
         rows.append((name, learner, seeds, steps, episodes, first, last, ended.get(name, "")))
-    words = ["ended by"] * any(ended.values())
-    shown = [row if words else row[:-1] for row in rows]
+    last_column = ["ended by"] * any(ended.values())
+    shown = [row if last_column else row[:-1] for row in rows]
     head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]
-    return table([*head, "first return", "last return", *words], shown, wide=words)
+    return table([*head, "first return", "last return", *last_column], shown, wide=last_column)
 
 
 def shown_returns(result: Any) -> tuple[str, FloatArray]:

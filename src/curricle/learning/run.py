@@ -1,73 +1,235 @@
-"""One seed's training: its tables, the loop that fills them, what it leaves."""
+"""Training one task over many seeds: :func:`learn`, and the run of each seed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import FloatTable, IntArray, frozen
-from curricle.learning import general_loop
-from curricle.learning.general_loop import Acting, Course, Learners
-from curricle.learning.guard import (
-    SCRATCH,
-    UNDECIDED,
-    longest_turn,
-)
-from curricle.learning.learners import Learner, OptimisticQLearning
-from curricle.learning.potential import PairPotential
-from curricle.learning.q_learning import train_q_learning
-from curricle.learning.record import Bounds, Record, Used
-from curricle.learning.seeds import SeedSettings
+from curricle.checks import instance, whole_number
+from curricle.errors import SettingError
+from curricle.learning.general_loop import Acting, Course, Learners, note, train
+from curricle.learning.guard import SCRATCH, UNDECIDED, longest_turn
+from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning, QLearning
+from curricle.learning.q_learning import Beside, train_q_learning
+from curricle.learning.record import Record, Used, WarmUp
+from curricle.learning.result import LearningResult, Outcome, learning_result
+from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
 from curricle.learning.shaping import QInitialisation, Shaping
-from curricle.learning.stopping import StoppingKernel, stops
+from curricle.learning.stopping import (
+    NEVER_STOPS,
+    Budget,
+    StoppingKernel,
+    StoppingRule,
+    levels,
+    limits,
+    longest_run,
+    spacing,
+    stops,
+)
 from curricle.learning.storage import (
     DenseTable,
-    OptimisticTables,
     SparseTable,
     SparseValues,
     StaticInt,
     Storage,
     reorder,
+    rows_allowed,
 )
 from curricle.learning.value_lookup import no_sources
-from curricle.planning.policy_evaluation import EvaluationKernel
-from curricle.tasks.kernel import compiled, splitmix64
+from curricle.planning.greedy import TIED
+from curricle.planning.policy_evaluation import (
+    EvaluationKernel,
+    ExactEvaluation,
+    GreedyEvaluation,
+    RolloutEvaluation,
+    address_of,
+)
+from curricle.progress import Bars, Progress, check_progress, shown
+from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import NO_LIMIT, GenerativeModel
+from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, Task, generative_model
 from curricle.tasks.models import Functions
 
-NEAR = 32_768
-"""Bytes of a table that stays in the processor's nearest cache."""
-UNROLLED = 64
-"""Actions up to which a loop is compiled for their number: an eighth faster."""
+MOST_ACTIONS = int(TIED)  # actions that 15 bits can tell apart
+SHORT = 2**20
+"""Steps, of evaluations too, for which an interrupt can wait: 5 to 200 ms; a thread costs .15."""
+NEAR = 32_768  # bytes of a table that stays in the processor's nearest cache
+UNROLLED = 64  # actions up to which a loop is compiled for their number: an eighth faster
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What one seed leaves: its record, its values if saved, its totals.
+def learn(
+    task: Task,
+    learner: Learner | None = None,
+    budget: Budget = 100_000,
+    *,
+    seeds: int | Sequence[int] = 1,
+    shaping: Shaping | Sequence[Shaping] | None = None,
+    eval_freq: int | None = None,
+    evaluation: GreedyEvaluation | None = None,
+    storage: Storage | None = None,
+    stream: str = "",
+    warm_up: Sequence[WarmUp] | None = None,
+    charged: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
+    snapshots: int = 0,
+    workers: int | None = None,
+    progress: Progress = None,
+) -> LearningResult:
+    """Return the result of training a learner in a task, for each of many seeds.
 
-    `evaluation_steps` and `own_rewards` are as in :class:`LearningResult`, `advice` is
-    what the policy acts on besides values.
+    Parameters
+    ----------
+    task : Task
+    learner : Learner
+        :class:`QLearning` by default.
+    budget : int, Episodes or StoppingRule
+        Steps (the last episode may be cut), episodes, or steps until learning is good enough.
+    seeds : int or sequence of int
+        K means seeds 0 .. K-1. The result of a seed does not depend on the other seeds or on
+        `workers`.
+    shaping : Shaping or sequence of K Shaping, optional
+        How a potential enters learning, of all seeds or of each.
+    eval_freq : int, optional
+        Steps between checkpoints; by default a hundredth of a budget in steps, 100 for one in
+        episodes.
+    evaluation : GreedyEvaluation, optional
+    storage : Storage, optional
+        Precision of the values, dense or sparse tables, memory; float64 by default.
+    stream : str
+        Name of the random stream: several trainings of one seed draw independently.
+    warm_up : sequence of K WarmUp, optional
+        Episodes that each seed acted in the task already. They count against the budget and are at
+        the start of the curves.
+    charged : sequence of K int, optional
+        Steps of the budget that each seed used elsewhere, in sources say.
+    snapshots : int
+        At most so many dense tables of the first seed are kept on the way (:class:`Snapshots`).
+    workers : int, optional
+        Threads over seeds; as many as there are processors by default. A live task has one.
+    progress : bool or callable, optional
+        True shows a bar; a function is called with each seed when it is done.
+
+    Raises
+    ------
+    SettingError
+        When an argument is invalid, before anything runs.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> result = learn(GridWorld("S.T"), QLearning(epsilon=0.2), 1000, seeds=2)
+    >>> result.values.shape, result.greedy_return[:, -1].round(2)
+    ((2, 3, 4), array([196.01, 196.01]))
     """
+    check_progress(progress)
+    learner = given_or_default("learner", learner, Learner, QLearning)
+    evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
+    storage = given_or_default("storage", storage, Storage)
+    generative = generative_model(task)
+    asked, learner = learner, learner.for_task(task)
+    if generative.actions.size > MOST_ACTIONS:
+        raise SettingError(
+            f"a task to be learnt may have at most {MOST_ACTIONS:,} actions: got "
+            f"{generative.actions.size:,}"
+        )
+    most = limits(budget)
+    eval_freq = spacing(eval_freq, budget)
+    longest = longest_run(generative.time_limit, budget, eval_freq)
+    settings = seed_settings(
+        seeds,
+        learner,
+        most,
+        lambda shaping: shaping.for_task(task),
+        shaping=shaping,
+        warm_up=warm_up,
+        charged=charged,
+    )
+    kernel = evaluation.kernel(task)
+    snapshots = whole_number("snapshots", snapshots, 0, SettingError)
+    stopping = stopping_kernel(budget, task, evaluation)
+    threads = threads_for(generative, workers, len(settings))
+    work = 0  # steps of an evaluation; a sweep of an exact one counts as one a pair
+    if isinstance(kernel, RolloutEvaluation):
+        work = kernel.episodes * kernel.horizon
+    elif isinstance(kernel, ExactEvaluation):
+        work = kernel.tables.outcome_row.size * kernel.horizon
+    if threads == 1 and len(settings) * (longest + (longest // eval_freq + 1) * work) <= SHORT:
+        threads = 0  # the caller's, where starting another takes long
+    guarded = any(seed.shaping is not None and seed.shaping.guard is not None for seed in settings)
+    rows = rows_allowed(
+        storage,
+        generative,
+        tables=learner.tables * (2 if guarded else 1),
+        counts=learner.counts,
+        seeds=len(settings) if storage.save_values else max(1, threads),
+        steps=longest,
+    )
+    run = Run(generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows)
+    if rows:
+        run.check_sparse(settings)
+    with shown(progress) as bars:
+        values, outcomes = train_all(run, settings, stream, snapshots, threads, bars)
+    numbers = tuple(seed.seed for seed in settings)
+    return learning_result(task, asked, numbers, values, outcomes, eval_freq)
 
-    record: Record
-    values: FloatTable | SparseValues | None
-    steps: int
-    episodes: int
-    evaluation_steps: int
-    out_of_memory: bool = False
-    own_rewards: bool = True
-    advice: Any = 0.0
+
+def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) -> StoppingKernel:
+    """Return the stopping rule of a budget for the compiled loops, which may have none."""
+    if not isinstance(budget, StoppingRule):
+        return NEVER_STOPS
+    return budget.kernel(*levels(budget, task, evaluation))
+
+
+def given_or_default(name: str, argument: Any, kind: type, default: type | None = None) -> Any:
+    """Return an argument of this kind, or its default where it is None; SettingError otherwise."""
+    argument = (default or kind)() if argument is None else argument
+    instance(name, argument, kind, SettingError)
+    return argument
+
+
+def train_all(
+    run: "Run",
+    settings: Sequence[SeedSettings],
+    stream: str,
+    snapshots: int,
+    threads: int,
+    bars: Bars,
+) -> tuple[Any, list[Outcome]]:
+    """Return the values of all seeds, None unless they are saved, and what each seed left.
+
+    A bar with the name of their random streams shows how many seeds are done.
+    """
+    save, values = run.storage.save_values, None
+    if save and not run.rows:
+        values = np.empty((len(settings), *run.shape), run.storage.dtype)
+
+    def train(k: int) -> Outcome:
+        out = None if values is None else values[k]
+        start = stream_start(settings[k].seed, stream)
+        return run.train(settings[k], start, out, 0 if k else snapshots)
+
+    grow = bars.bar(stream or "learning", len(settings))
+
+    def ended(k: int) -> None:
+        grow()
+        bars.tell(settings[k].seed)
+
+    outcomes = over_seeds(train, len(settings), threads, ended)
+    return tuple(outcome.values for outcome in outcomes) if save and run.rows else values, outcomes
+
+
+# -- the run of a seed -----------------------------------------------------------------------------
 
 
 class _Seed(NamedTuple):
     """A seed in its run."""
 
-    start: int
+    start: int  # of its random stream
     settings: SeedSettings
-    out: FloatTable | None
+    out: FloatTable | None  # (S, A) where its dense values go; they are dropped without it
     record: Record
     used: Used
     evaluation: EvaluationKernel
@@ -81,76 +243,112 @@ class _Seed(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """What the seeds of one call of :func:`learn` share.
-
-    `limits` are the most steps and episodes, `longest` is a bound of the steps that both allow.
-    `rows` are those that a sparse table may have; 0 means a dense table.
-    """
+    """What the seeds of one call of :func:`learn` share."""
 
     task: GenerativeModel
     learner: Learner
-    limits: tuple[int, int]
+    limits: tuple[int, int]  # the most steps and episodes
     eval_freq: int
-    longest: int
+    longest: int  # a bound of the steps that both limits allow
     evaluation: EvaluationKernel
     stopping: StoppingKernel
     storage: Storage
-    rows: int
+    rows: int  # that a sparse table may have; 0 for a dense table
 
     def train(
         self, settings: SeedSettings, start: int, out: FloatTable | None, snapshots: int = 0
     ) -> Outcome:
-        """Return what one seed learns, its random stream starting at `start`.
-
-        `out`, (S, A), is where dense values are to go; they are dropped without it.
-        """
+        """Return what one seed learns, its random stream starting at `start`, into `out`."""
         kept = () if self.rows else (snapshots, self.shape)
         unknown = out is not None and self.task.terminal is None
         n = self.longest // self.eval_freq + 1
         record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)
-        evaluation = self.evaluation.for_run(start)
-        seed = _Seed(start, settings, out, record, used, evaluation)
+        seed = _Seed(start, settings, out, record, used, self.evaluation.for_run(start))
         if not self.plain(settings.shaping):
             return self._train_learners(seed)
         return self._train_sparsely(seed) if self.rows else self._train_densely(seed)
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
-        if self.learner.update != general_loop.Q_LEARNING:
+        if self.learner.update != Q_LEARNING:
             return False
         return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
 
+    def check_sparse(self, settings: Sequence[SeedSettings]) -> None:
+        """Raise SettingError unless the loop for sparse tables can train every seed."""
+        for shaping in (seed.shaping for seed in settings):
+            if not self.plain(shaping) or isinstance(self.learner, OptimisticQLearning):
+                entering = "no shaping" if shaping is None else shaping.name
+                raise SettingError(
+                    "sparse tables are for QLearning with QInitialisation or LookAheadAdvice, "
+                    f"without a guard: got {type(self.learner).__name__} with {entering}"
+                    f"{' and a guard' if shaping is not None and shaping.guard else ''}"
+                )
+            potential = None if shaping is None else shaping.potential
+            if potential is not None and potential.kernel is None:
+                raise SettingError(
+                    "a sparse table is made from a potential that is read through mappings by name "
+                    f"(project): got {type(potential).__name__}, which is an array"
+                )
+
     def _train_densely(self, seed: _Seed) -> Outcome:
+        def dense(q: FloatTable) -> DenseTable:
+            best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
+            key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
+            return DenseTable(q, best, greedy, key, self._width, far)
+
         q = self._filled(seed.initial, seed.out)
-        acts, table = q, self._dense(q, seed)
+        acts, learnt = q, dense(q)
+        tables: Any = learnt, None
         if isinstance(self.learner, OptimisticQLearning):
             assert self.learner.value_range is not None
             lowest, highest = self.learner.value_range
             acts = np.add(q, highest - lowest, dtype=q.dtype)
             if self.task.terminal is not None:
                 acts[self.task.terminal] = 0.0
-            table = OptimisticTables(self._dense(acts, seed), table, highest)
-        steps, episodes = self._loop(train_q_learning, seed, table, acts[None])
+            tables = dense(acts), Beside(learnt, highest)
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
-        return self._outcome(seed, q, steps, episodes)
-
-    def _dense(self, q: FloatTable, seed: _Seed) -> Any:
-        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
-        key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
-        return DenseTable(q, best, greedy, key, self._width, far)
+        return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
     def _train_sparsely(self, seed: _Seed) -> Outcome:
-        table = self._sparse(seed.initial, np.uint64(splitmix64(seed.start)))
-        steps, episodes = self._loop(train_q_learning, seed, table, table.q[None])
+        # Pages of np.empty and np.zeros take no memory before they are written to.
+        n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
+        lookup = no_sources(n_actions) if seed.initial is None else seed.initial.kernel
+        # These are read together, so they lie together: a cache miss takes as long as all the rest.
+        fields = [("state", "u8"), ("best", dtype), ("greedy", "u2")]
+        heads = np.empty(rows, np.dtype(fields, align=True))
+        table = SparseTable(
+            np.empty((rows, n_actions), dtype),
+            heads["best"],
+            heads["greedy"],
+            np.empty(n_actions),
+            np.empty((1, n_actions), dtype),
+            heads["state"],
+            np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
+            np.ones(1, np.int64),
+            lookup._replace(initial=float(self.learner.initial_value)),
+            np.uint64(splitmix64(seed.start)),
+            self._width,
+            (None,),
+        )
+        steps, episodes = self._loop(train_q_learning, seed, (table, None), table, table.q[None])
         checkpoint, rest = divmod(steps, self.eval_freq)
         stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
-        values = _visited(table) if self.storage.save_values else None
-        return self._outcome(seed, values, steps, episodes, out_of_memory=early and not stopped)
+        values = None
+        if self.storage.save_values:  # of the states that have a row, in their order
+            used = slice(1, int(table.used[0]))
+            order = np.argsort(table.states[used])
+            states, q = table.states[used][order].astype(np.int64), table.q[used]
+            reorder(q, order)
+            values = SparseValues(frozen(states), frozen(q))
+        full = bool(early and not stopped)
+        return Outcome(seed.record, values, steps, episodes, seed.evaluation.steps, full)
 
     def _train_learners(self, seed: _Seed) -> Outcome:
-        """Train one learner with a shaping, under a guard another one beside it."""
+        """Train a learner with a shaping; under a guard also a learner without it."""
         shaping, record = seed.settings.shaping or QInitialisation(), seed.record
         guard, n = shaping.guard, 1 if shaping.guard is None else 2
         q = np.empty((n, self.learner.tables, *self.shape), self.storage.dtype)
@@ -158,8 +356,9 @@ class Run:
             for table in tables:
                 self._filled(None if guard is not None and k == SCRATCH else seed.initial, table)
         kernel = None if guard is None else guard.kernel
-        start = Learners.starting(q, self.learner.update, shaping.kernel(), kernel)
-        steps, episodes, ahead = self._loop(general_loop.train, seed, start, q[-1])
+        learners = Learners.starting(q, self.learner.update, shaping.kernel(), kernel)
+        acting = Acting(q[0], False, learners.shaping.pair_values, 0.0, learners.values)
+        steps, episodes, ahead = self._loop(train, seed, learners, acting, q[-1])
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             if guard is None or record.guard_share[checkpoint] > UNDECIDED:
                 step = checkpoint * self.eval_freq
@@ -170,40 +369,40 @@ class Run:
             initial = shaping.potential if shaping.starts_at_potential else None
             seed.out[...] = q[ahead].mean(axis=0) + shaping.offset(steps)
             seed.out[self._only_ends(record, q[ahead], initial)] = 0.0
-        own, advice = shaping.own_rewards, shaping.advice(steps)
-        return self._outcome(seed, seed.out, steps, episodes, own_rewards=own, advice=advice)
+        meaning = {"own_rewards": shaping.own_rewards, "advice": shaping.advice(steps)}
+        return Outcome(record, seed.out, steps, episodes, seed.evaluation.steps, **meaning)
 
-    def _outcome(self, seed: _Seed, values: Any, steps: int, episodes: int, **more: Any) -> Outcome:
-        return Outcome(
-            seed.record,
-            None if seed.out is None and not self.rows else values,
-            steps,
-            episodes,
-            seed.evaluation.steps,
-            **more,
-        )
-
-    def _loop(self, loop: Callable[..., Any], seed: _Seed, learns: Any, q: FloatTable) -> Any:
+    def _loop(
+        self, loop: Callable[..., Any], seed: _Seed, learns: Any, view: Any, q: FloatTable
+    ) -> Any:
         """Run a loop on a table or learners and return what it returns.
 
-        `q`, (m, S, A), are the tables of the learner that acts first.
+        It evaluates a view such as `view`; `q`, (m, S, A), are the tables that are acted on first.
         """
         discount, limit = self.task.discount, self.task.time_limit
+        limit = int(NO_LIMIT if limit is None else limit)
         steps, episodes = self.limits
+        visits, (n_states, n_actions) = None, self.shape
+        if n_tables := self.learner.counts:
+            rows = self.rows + 1 if self.rows else n_tables * n_states
+            visits = np.zeros((rows, n_actions), np.int64)
+        noted = seed.record, self.stopping, 0, (0, 0, 0, 0.0, 0.0, 0.0)  # for the types
         with self.opened(seed.settings, seed.start, q) as model:
             course = Course(
                 discount,
-                limit := int(NO_LIMIT if limit is None else limit),
+                limit,
                 longest_turn(discount, limit),
                 np.uint64(seed.start),
                 seed.used,
-                Bounds(steps - seed.settings.charged, episodes, self.stopping),
+                steps - seed.settings.charged,
+                episodes,
+                self.stopping,
                 self.eval_freq,
-                seed.evaluation.compiled_for(model, _evaluated(learns)),
+                seed.evaluation.compiled_for(model, view),
                 seed.record,
-                general_loop.address_of_note(seed.record, self.stopping, q[0]),
+                address_of(compiled(note, False), *noted, q[0], q[0]),
             )
-            rule = self.learner.kernel(self._visits())
+            rule = self.learner.kernel(visits)
             totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
         if seed.record.halted[0]:
             raise KeyboardInterrupt  # what is half learnt must not be taken for a result
@@ -212,10 +411,7 @@ class Run:
     def opened(
         self, settings: SeedSettings, start: int, q: FloatTable
     ) -> AbstractContextManager[Any]:
-        """Return a context with the model that one seed's loop samples.
-
-        `start` is where its random stream starts, `q`, (m, S, A), the tables that are acted on.
-        """
+        """Return a context with the model that one seed's loop samples from `start` on."""
         return open_model(self.task, start)
 
     @property
@@ -228,16 +424,8 @@ class Run:
         n_actions = self.task.actions.size
         return (None,) * (n_actions if n_actions <= UNROLLED else 0)
 
-    def _visits(self) -> IntArray | None:
-        """Return counts of updates, of which there are none yet; None if none are needed."""
-        n_tables, n_actions = self.learner.counts, self.task.actions.size
-        if not n_tables:
-            return None
-        rows = self.rows + 1 if self.rows else n_tables * self.task.states.size
-        return np.zeros((rows, n_actions), np.int64)
-
     def _filled(self, potential: Any, q: FloatTable | None = None) -> FloatTable:
-        """Return a table, a new one unless given, of the initial value plus the potential."""
+        """Fill a table, a new one without `q`, with the initial value plus the potential."""
         q = np.empty(self.shape, self.storage.dtype) if q is None else q
         initial = float(self.learner.initial_value)
         if potential is None:
@@ -259,43 +447,3 @@ class Run:
         start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
         same: Any = (tables[:, ends] == start.astype(tables.dtype)).all(axis=(0, 2))
         return np.asarray(ends[same])
-
-    def _sparse(self, potential: PairPotential | None, key: np.uint64) -> SparseTable:
-        # Pages of np.empty and np.zeros take no memory before they are written to.
-        n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
-        lookup = no_sources(n_actions) if potential is None else potential.kernel
-        assert lookup is not None
-        # These are read together, so they lie together: a cache miss takes as long as all the rest.
-        heads = np.empty(
-            rows, np.dtype([("state", "u8"), ("best", dtype), ("greedy", "u2")], align=True)
-        )
-        return SparseTable(
-            np.empty((rows, n_actions), dtype),
-            heads["best"],
-            heads["greedy"],
-            np.empty(n_actions),
-            np.empty((1, n_actions), dtype),
-            heads["state"],
-            np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
-            np.ones(1, np.int64),
-            lookup._replace(initial=float(self.learner.initial_value)),
-            key,
-            self._width,
-            (None,),
-        )
-
-
-def _evaluated(learns: Any) -> Any:
-    """Return the view of a table, or of learners, that their loop evaluates."""
-    if not isinstance(learns, Learners):
-        return learns.learnt if isinstance(learns, OptimisticTables) else learns
-    return Acting(learns.q[0], False, learns.shaping.pair_values, 0.0, learns.values)
-
-
-def _visited(table: SparseTable) -> SparseValues:
-    """Return the values of the states that have a row; the table is put in their order."""
-    rows = slice(1, int(table.used[0]))
-    order = np.argsort(table.states[rows])
-    states, q = table.states[rows][order].astype(np.int64), table.q[rows]
-    reorder(q, order)
-    return SparseValues(frozen(states), frozen(q))

@@ -54,13 +54,7 @@ def constant(value: float) -> Schedule:
 
 
 def linear(first: float, last: float, *, steps: int) -> Schedule:
-    """Return the schedule that is linear from `first` to `last`, then constant.
-
-    Parameters
-    ----------
-    first, last : float
-    steps : int
-        Steps from one to the other.
+    """Return the schedule that is linear from `first` to `last` over `steps`, then constant.
 
     Examples
     --------
@@ -71,14 +65,7 @@ def linear(first: float, last: float, *, steps: int) -> Schedule:
 
 
 def exponential(first: float, last: float = 0.0, *, half_life: float) -> Schedule:
-    """Return the schedule ``last + (first - last) * 0.5 ** (n / half_life)``.
-
-    Parameters
-    ----------
-    first, last : float
-        The value at step 0, and its limit.
-    half_life : float
-        Steps in which the distance from `last` halves.
+    """Return the schedule ``last + (first - last) * 0.5 ** (n / half_life)``, n the steps taken.
 
     Examples
     --------
@@ -89,17 +76,10 @@ def exponential(first: float, last: float = 0.0, *, half_life: float) -> Schedul
 
 
 def harmonic(first: float = 1.0, last: float = 0.0, *, half: float = 1.0) -> Schedule:
-    """Return the schedule ``last + (first - last) / (1 + n / half)``.
+    """Return the schedule ``last + (first - last) / (1 + n / half)``, n the steps taken.
 
-    As a learning rate `n` counts the updates of the pair, so that ``harmonic()`` is 1 / (n + 1),
-    the sample mean, and the Robbins-Monro conditions hold.
-
-    Parameters
-    ----------
-    first, last : float
-        The value at step 0, and its limit.
-    half : float
-        Steps (updates) after which the value is halfway.
+    As a learning rate n counts the updates of the pair, so that ``harmonic()`` is 1 / (n + 1), the
+    sample mean, and the Robbins-Monro conditions hold.
 
     Examples
     --------
@@ -141,10 +121,14 @@ class Constant(NamedTuple):
 
 
 class ByVisits(NamedTuple):
-    """A learning rate that depends on the updates of each pair, not on all steps."""
+    """A learning rate that depends on the updates of each pair."""
 
     schedule: Schedule
     visits: IntArray  # (rows, A)
+
+
+# Types of their own: a check of the shape at each step would take 5 % of the fast loop's time, and
+# 80 % of that of a guarded one.
 
 
 def at(schedule, step):

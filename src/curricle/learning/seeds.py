@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from itertools import repeat
 from threading import current_thread, main_thread
 from typing import Any, NamedTuple, TypeVar
@@ -53,21 +52,31 @@ def seed_settings(
 ) -> list[SeedSettings]:
     """Return what each seed is trained with, or raise SettingError."""
     numbers = seed_tuple(seeds)
-    checked = partial(_checked_shaping, learner=learner, fitted=fitted)
-    # One for all is fitted once, as each fitting may make an array of S x A.
+
+    def checked(shaping: Any) -> Shaping | None:
+        if shaping is None:
+            return None
+        if not isinstance(shaping, Shaping):
+            raise SettingError(
+                "shaping must be a Shaping, such as QInitialisation(potential): got "
+                f"{type(shaping).__name__}"
+            )
+        shaping.check(learner)
+        if shaping.guard is not None and shaping.potential is None:
+            raise SettingError("a guard needs a potential: got a shaping without one")
+        shaping = fitted(shaping)
+        return None if shaping.potential is None else shaping  # nothing added is no shaping
+
+    # A shaping of all seeds is fitted once, as each fitting may make an array of S x A.
     shapings: Iterable[Shaping | None]
     if _is_list(shaping):
-        shapings = map(checked, _one_a_seed("shaping", shaping, len(numbers), None))
+        shapings = map(checked, _of_seeds("shaping", shaping, len(numbers), None))
     else:
         shapings = repeat(checked(shaping), len(numbers))
     settings, (steps, episodes) = list[SeedSettings](), limits
-    for seed, seed_shaping, acted, cost in zip(
-        numbers,
-        shapings,
-        _one_a_seed("warm-up", warm_up, len(numbers), NO_WARM_UP),
-        _one_a_seed("charge", charged, len(numbers), 0),
-        strict=True,
-    ):
+    warm_ups = _of_seeds("warm-up", warm_up, len(numbers), NO_WARM_UP)
+    costs = _of_seeds("charge", charged, len(numbers), 0)
+    for seed, fit, acted, cost in zip(numbers, shapings, warm_ups, costs, strict=True):
         instance("each warm-up", acted, WarmUp, SettingError)
         cost = whole_number("each of charged", cost, 0, SettingError)
         if cost >= steps:
@@ -79,7 +88,7 @@ def seed_settings(
                 "a budget must exceed what was used before learning: the warm-up of seed "
                 f"{seed} took {acted.steps:,} steps in {len(acted.lengths):,} episodes"
             )
-        settings.append(SeedSettings(seed, seed_shaping, acted, cost))
+        settings.append(SeedSettings(seed, fit, acted, cost))
     return settings
 
 
@@ -87,38 +96,21 @@ def _is_list(value: Any) -> bool:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
 
 
-def _one_a_seed(what: str, values: Any, n_seeds: int, default: Any) -> list[Any]:
+def _of_seeds(name: str, values: Any, n_seeds: int, default: Any) -> list[Any]:
     if values is not None and not _is_list(values):
-        raise SettingError(f"{what} must be a list, one a seed: got {values!r}")
+        raise SettingError(f"{name} must be a list, one a seed: got {values!r}")
     of_seeds = [default] * n_seeds if values is None else list(values)
     if len(of_seeds) != n_seeds:
-        raise SettingError(f"one {what} a seed means {n_seeds} of them: got {len(of_seeds)}")
+        raise SettingError(f"one {name} a seed means {n_seeds} of them: got {len(of_seeds)}")
     return of_seeds
-
-
-def _checked_shaping(
-    shaping: Any, learner: Any, fitted: Callable[[Shaping], Shaping]
-) -> Shaping | None:
-    if shaping is None:
-        return None
-    if not isinstance(shaping, Shaping):
-        raise SettingError(
-            "shaping must be a Shaping, such as QInitialisation(potential): got "
-            f"{type(shaping).__name__}"
-        )
-    shaping.check(learner)
-    if shaping.guard is not None and shaping.potential is None:
-        raise SettingError("a guard needs a potential: got a shaping without one")
-    shaping = fitted(shaping)
-    return None if shaping.potential is None else shaping  # nothing added is no shaping
 
 
 def threads_for(task: Any, workers: int | None, seeds: int) -> int:
     """Return the threads for the seeds of a task: `workers`, by default one a processor."""
-    # It is 0, the caller's thread, for a live task: an interrupt must reach its environment, which
-    # Python runs in one thread at a time.
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)
+    # 0, the caller's thread, for a live task: an interrupt must reach its environment, which Python
+    # runs in one thread at a time.
     return 0 if is_live(task) else min(workers or os.cpu_count() or 1, seeds)
 
 

@@ -1,8 +1,7 @@
 """Shapings: how a potential enters learning, one class for each way.
 
-A class alone states what it adds (`_added`), what the values then mean (`offset`, `advice`,
-`own_rewards`) and why it is safe (`theorem` and the declarations beside it, which :func:`certify`
-asks for). The methods and class variables of :class:`Shaping` are all that a class may define.
+A class alone states what it adds (`adds`), what the values then mean (`offset`, `advice`,
+`own_rewards`) and why it is safe (`theorem` and what :func:`certify` asks for beside it).
 """
 
 from abc import ABC, abstractmethod
@@ -30,8 +29,7 @@ NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)
 class Shaping(ABC):
     """How a potential enters learning; see the classes derived from it.
 
-    Without a potential nothing is added. A :class:`Curriculum` takes a shaping without one and
-    fills in the one from its sources.
+    Without a potential nothing is added. A :class:`Curriculum` fills in that of its sources.
 
     Examples
     --------
@@ -41,13 +39,15 @@ class Shaping(ABC):
 
     for_tables: ClassVar[bool] = True
     for_networks: ClassVar[bool] = False
+    # What compiled loops add.
+    adds: ClassVar[int] = PLAIN
     # Whether Q starts at the potential, so that learning itself is plain.
     starts_at_potential: ClassVar[bool] = False
     # Whether it uses the potential's values, so that these can be calibrated or forecast.
     reads_values: ClassVar[bool] = True
     # What proves it safe where `meets_conditions` and the declarations below hold.
     theorem: ClassVar[str] = ""
-    # Whether it learns from other rewards than the task's, as if another reward were added.
+    # Whether it learns from other rewards than the task's.
     changes_rewards: ClassVar[bool] = True
     # Whether the reward added need not come from a potential: it is safe only if it does.
     any_reward: ClassVar[bool] = False
@@ -126,7 +126,13 @@ class Shaping(ABC):
 
     def kernel(self) -> ShapingKernel:
         """Return what compiled loops add; nothing where Q starts at the potential."""
-        return NOTHING_ADDED if self.potential is None else NOTHING_ADDED._replace(**self._added())
+        phi = self.potential
+        if phi is None or self.adds == PLAIN:
+            return NOTHING_ADDED
+        if isinstance(phi, StatePotential):
+            return ShapingKernel(self.adds, phi.weight, phi.frame_steps, phi.values, _NONE)
+        weight = schedule(getattr(self, "weight", 1.0))
+        return NOTHING_ADDED._replace(kind=self.adds, weight=weight, pair_values=phi.values)
 
     def offset(self, step: int) -> Any:
         """Return what takes the shaping off Q again after `step` steps, broadcast to (S, A)."""
@@ -135,10 +141,6 @@ class Shaping(ABC):
     def advice(self, step: int) -> Any:
         """Return what the policy acts on besides Q and the offset, broadcast to (S, A)."""
         return 0.0
-
-    def _added(self) -> dict[str, Any]:
-        """Return the fields of the kernel that differ from ``NOTHING_ADDED``."""
-        return {}
 
     def _taken(self, task: Task, potential: Any) -> Any:
         """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
@@ -204,7 +206,6 @@ class QInitialisation(_StartsAtPotential):
     ----------
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
     guard : Guard, optional
-        Bounds what a harmful potential costs.
 
     Examples
     --------
@@ -224,8 +225,7 @@ class LookAheadAdvice(_StartsAtPotential):
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
-    guard : Guard, optional
+    potential, guard : optional
         As for :class:`QInitialisation`.
 
     Examples
@@ -246,8 +246,7 @@ class LookBackAdvice(_Guarded):
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
-    guard : Guard, optional
+    potential, guard : optional
         As for :class:`QInitialisation`.
 
     Examples
@@ -256,6 +255,7 @@ class LookBackAdvice(_Guarded):
     (True, False)
     """
 
+    adds: ClassVar[int] = LOOK_BACK
     theorem: ClassVar[str] = "Wiewiora, Cottrell, Elkan 2003"
     one_way_in: ClassVar[bool] = True
     own_rewards: ClassVar[bool] = False  # phi of the step before cannot be taken off again
@@ -276,9 +276,6 @@ class LookBackAdvice(_Guarded):
             )
         return super().for_task(task)
 
-    def _added(self) -> dict[str, Any]:
-        return {"kind": LOOK_BACK, "pair_values": self.potential.values}
-
     def acted_on(self, shaped: Any) -> Any:
         """Return Q* for r + phi(s, a) - phi(before) / gamma: by theory Q* - phi(before) / gamma."""
         phi = shaped.phi
@@ -294,15 +291,14 @@ class LookBackAdvice(_Guarded):
 class StateShaping(_Guarded):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
-    Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it: a state holds the Phi of
-    its last visits, so that the values are not in the task's own rewards, by no known amount.
+    Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it, by no known amount: the
+    values are not in the task's own rewards.
 
     Parameters
     ----------
     potential : StatePotential or (S,) array, optional
-        Given phi(s, a), which may be an (S, A) array, it uses Phi(s) = max_a phi(s, a).
+        Of phi(s, a), also an (S, A) array, it uses Phi(s) = max_a phi(s, a).
     guard : Guard, optional
-        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -312,6 +308,7 @@ class StateShaping(_Guarded):
     """
 
     for_networks: ClassVar[bool] = True
+    adds: ClassVar[int] = STATE
     theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
     takes_discount: ClassVar[bool] = True
     at_ends: ClassVar[str] = "a tool is assumed that adds gamma Phi(end) to the reward there"
@@ -326,11 +323,6 @@ class StateShaping(_Guarded):
     def own_rewards(self) -> bool:
         """Whether Phi never changes."""
         return not (isinstance(self.potential, StatePotential) and self.potential.changes)
-
-    def _added(self) -> dict[str, Any]:
-        phi = self.potential
-        over_time = {"weight": phi.weight, "steps": phi.frame_steps, "state_values": phi.values}
-        return {"kind": STATE, **over_time}
 
     def offset(self, step: int) -> Any:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
@@ -357,16 +349,15 @@ class StateShaping(_Guarded):
 class DecayingAdvice(Shaping):
     """Q learns on plain rewards; the policy acts on Q + xi(t) phi (Behboudian et al. 2020).
 
-    The policy is the task's own only as the weight xi goes to 0; Q is in the task's own rewards all
-    the time.
+    The policy is the task's own only as the weight xi goes to 0.
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
+    potential : optional
+        As for :class:`QInitialisation`.
     weight : float or Schedule
         xi(t); a schedule counts steps.
     guard : Guard, optional
-        As for :class:`QInitialisation`.
 
     Examples
     --------
@@ -379,6 +370,7 @@ class DecayingAdvice(Shaping):
     weight: Any = 1.0
     guard: Guard | None = None
 
+    adds: ClassVar[int] = ADVICE
     theorem: ClassVar[str] = "Behboudian et al. 2020"
     changes_rewards: ClassVar[bool] = False
 
@@ -390,9 +382,6 @@ class DecayingAdvice(Shaping):
     def last_weight(self) -> float:
         """The last value of xi."""
         return float(self.weight.last)
-
-    def _added(self) -> dict[str, Any]:
-        return {"kind": ADVICE, "weight": self.weight, "pair_values": self.potential.values}
 
     def advice(self, step: int) -> Any:
         """Return xi(t) phi(s, a), (S, A)."""
@@ -422,8 +411,7 @@ class RewardBonus(_Guarded):
 
     Parameters
     ----------
-    potential : StateActionPotential, MappedPotential or (S, A) array, optional
-    guard : Guard, optional
+    potential, guard : optional
         As for :class:`QInitialisation`.
 
     Examples
@@ -432,12 +420,10 @@ class RewardBonus(_Guarded):
     (True, False)
     """
 
+    adds: ClassVar[int] = BONUS
     theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
     any_reward: ClassVar[bool] = True
     own_rewards: ClassVar[bool] = False  # the bonus cannot be taken off again
-
-    def _added(self) -> dict[str, Any]:
-        return {"kind": BONUS, "pair_values": self.potential.values}
 
     def reward(self, shaped: Any) -> Any:
         """Return phi(s, a) as a function of transitions."""

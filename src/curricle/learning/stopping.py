@@ -24,9 +24,8 @@ from curricle.text import counted
 class StoppingRule:
     """A budget that ends as soon as the greedy policy is good enough, or gets no better.
 
-    It is applied at each checkpoint after the first, and depends on the greedy evaluations of the
-    one seed alone: each seed ends in its own time. No budget is charged for these
-    (:class:`GreedyEvaluation`).
+    It is applied at each checkpoint after the first, to the greedy evaluations of one seed alone.
+    No budget is charged for these (:class:`GreedyEvaluation`).
 
     Parameters
     ----------
@@ -52,8 +51,7 @@ class StoppingRule:
         three tenths of those before by less than this share of the range so far, and lies past
         half of the way from random to the optimum: what has settled at the bottom has learnt
         nothing. Without a model it must exceed the random policy's return by more than the noise of
-        ten evaluations, which are free too. It takes 8 evaluations in each part, and a range above
-        0. Sources end by it.
+        ten evaluations, which are free too. It takes 8 evaluations in each part. Sources end by it.
 
     Raises
     ------
@@ -85,10 +83,8 @@ class StoppingRule:
 
     def __post_init__(self) -> None:
         for name, low in (("max_steps", 1), ("min_steps", 0), ("patience", 1)):
-            whole = whole_number(
-                f"{name} of a stopping rule", getattr(self, name), low, SettingError
-            )
-            object.__setattr__(self, name, whole)
+            label, value = f"{name} of a stopping rule", getattr(self, name)
+            object.__setattr__(self, name, whole_number(label, value, low, SettingError))
         if self.min_steps > self.max_steps:
             raise SettingError(
                 "min_steps of a stopping rule must not exceed max_steps: got "
@@ -111,7 +107,7 @@ class StoppingRule:
             f"a rise below {self.plateau}": self.plateau,
         }
         joint = " or " if self.when == "any" else " and "
-        until = joint.join(words for words, value in conditions.items() if value is not None)
+        until = joint.join(phrase for phrase, value in conditions.items() if value is not None)
         if until:
             until = f", until {until} over {counted(self.patience, 'evaluation')}"
         if self.settled is not None:
@@ -121,14 +117,13 @@ class StoppingRule:
 
     def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
         """Return the rule for compiled loops; for `level` and `floor` see ``levels``."""
-        value = self.threshold if self.fraction is None else level
+        level = self.threshold if self.fraction is None else level
         level, plateau, drop, settled = (
             math.nan if bound is None else float(bound)
-            for bound in (value, self.plateau, self.drop, self.settled)
+            for bound in (level, self.plateau, self.drop, self.settled)
         )
-        every = self.when == "all"
         numbers = level, plateau, drop, settled, floor
-        return StoppingKernel(self.min_steps, self.patience, *numbers, every)
+        return StoppingKernel(self.min_steps, self.patience, *numbers, self.when == "all")
 
     def decisions(
         self,
@@ -139,7 +134,7 @@ class StoppingRule:
         floor: float = -math.inf,
         used: int | None = None,
     ) -> list["Decision"]:
-        """Return what the rule decided at each checkpoint of one seed, up to the one it ended at.
+        """Return what the rule decided at each checkpoint of one seed, up to its end.
 
         Parameters
         ----------
@@ -159,12 +154,19 @@ class StoppingRule:
             if used is not None and step > used:
                 break
             ends = bool(stops(kernel, greedy, checkpoint, step))
-            last = kernel, greedy, checkpoint
-            lowest, highest = float(lowest_of_last(*last)), float(highest_of_last(*last))
-            rise, share = float(rise_of_last(*last)), float(share_of_rise(greedy, checkpoint))
-            recent = float(recent_return(greedy, checkpoint))
-            about = float(greedy[0]), lowest, highest, rise, share, recent
-            decisions.append(Decision(self, kernel, step, ends, *about))
+            decision = Decision(
+                self,
+                kernel,
+                step,
+                ends,
+                start=float(greedy[0]),
+                lowest=float(lowest_of_last(kernel, greedy, checkpoint, 1.0)),
+                highest=-float(lowest_of_last(kernel, greedy, checkpoint, -1.0)),
+                rise=float(rise_of_last(kernel, greedy, checkpoint)),
+                share=float(share_of_rise(greedy, checkpoint)),
+                recent=float(recent_return(greedy, checkpoint)),
+            )
+            decisions.append(decision)
             if ends or step >= self.max_steps:
                 break
         return decisions
@@ -202,27 +204,15 @@ plain_and_inlined: Any = register_jitable(**INLINED)
 
 
 @plain_and_inlined
-def lowest_of_last(rule, greedy, checkpoint):
-    """Return the lowest of the last evaluations up to a checkpoint; NaN if there are too few."""
+def lowest_of_last(rule, greedy, checkpoint, sign):
+    """Return the lowest of the last evaluations times `sign`; NaN if there are too few."""
     if checkpoint + 1 < rule.patience:
         return np.nan
     lowest = np.inf
     for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
-        if not (greedy[i] >= lowest or np.isnan(lowest)):  # one NaN makes the result NaN
-            lowest = greedy[i]
+        if not (sign * greedy[i] >= lowest or np.isnan(lowest)):  # one NaN makes the result NaN
+            lowest = sign * greedy[i]
     return lowest
-
-
-@plain_and_inlined
-def highest_of_last(rule, greedy, checkpoint):
-    """Return the highest of the last evaluations after the first one; NaN if there are too few."""
-    if checkpoint < rule.patience:
-        return np.nan
-    highest = -np.inf
-    for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
-        if not (greedy[i] <= highest or np.isnan(highest)):
-            highest = greedy[i]
-    return highest
 
 
 @plain_and_inlined
@@ -239,10 +229,8 @@ def rise_of_last(rule, greedy, checkpoint):
 
 @plain_and_inlined
 def share_of_rise(greedy, checkpoint):
-    """Return by how much the return rose lately, as a share of its range.
-
-    NaN where evaluations are too few, or all equal. What takes long to learn is watched for long.
-    """
+    """Return by how much the return rose lately, as a share of its range; NaN if that is 0."""
+    # What takes long to learn is watched for long.
     recent = int(RECENT * checkpoint) + 1
     before = int(RECENT * RECENT * checkpoint) + 1
     if recent - before < MIN_EVALUATIONS:
@@ -276,12 +264,12 @@ def stops(rule, greedy, checkpoint, step):
     """Return whether a rule ends a run at a checkpoint, given the greedy returns, (T,)."""
     if step == 0 or step < rule.min_steps:
         return False
-    if highest_of_last(rule, greedy, checkpoint) < greedy[0] - rule.drop:
+    if -lowest_of_last(rule, greedy, checkpoint, -1.0) < greedy[0] - rule.drop:
         return True
     conditions, met = 0, 0
     if not np.isnan(rule.level):
         conditions += 1
-        met += lowest_of_last(rule, greedy, checkpoint) >= rule.level
+        met += lowest_of_last(rule, greedy, checkpoint, 1.0) >= rule.level
     if not np.isnan(rule.plateau):
         conditions += 1
         met += rise_of_last(rule, greedy, checkpoint) < rule.plateau
@@ -301,12 +289,12 @@ class Decision:
     step: int
     ends: bool  # whether the rule ended the run
     start: float  # the first evaluation, a return
-    lowest: float  # of the last evaluations; this and the next NaN if there were too few
+    lowest: float  # of the last evaluations; NaN like the next if there were too few
     highest: float
     rise: float  # their mean less the mean of as many before; NaN if there were too few
     share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
     recent: float  # the mean of the evaluations in these steps
-    evaluation_steps: int = 0  # that all of a run's decisions read, given with its last one
+    evaluation_steps: int = 0  # of all of a run's decisions, in its last one
 
     @property
     def dropped(self) -> bool:
@@ -339,44 +327,35 @@ class Decision:
             return f"{' and '.join(name for name, holds in met.items() if holds)} reached"
         return (UNLEARNT if self.unlearnt else "all steps used") if self.spent else ""
 
-    @property
-    def reasons(self) -> list[str]:
-        """Each condition with the numbers that it compared."""
-        n, kernel, few = self.rule.patience, self.kernel, "too few evaluations"
+    def __str__(self) -> str:
+        """Return the verdict, each condition with the numbers that it compared, and the steps."""
+        n, rule, kernel, few = self.rule.patience, self.rule, self.kernel, "too few evaluations"
         over = f"over {counted(n, 'evaluation')}"
-        level = f"{few} for a value over {n}"
         plateau = f"{few} for a plateau over {n} and {n} before"
         settled = f"{few}, or all equal, to tell whether the return has settled"
-        conditions = (
-            (kernel.level, self.lowest, "greedy", ".4g", over, level),
+        parts = ["ends" if self.ends or self.spent else "goes on"]
+        for bound, value, name, form, of, unknown in (
+            (kernel.level, self.lowest, "greedy", ".4g", over, f"{few} for a value over {n}"),
             (kernel.plateau, self.rise, "rise", ".3g", over, plateau),
             (kernel.settled, self.share, "rise", ".2g", "of its range", settled),
-        )
-        reasons = list[str]()
-        for bound, value, name, form, of, unknown in conditions:
+        ):
             if not math.isnan(bound):
                 sign = "<" if value < bound else ">="
                 compared = f"{name} {value:{form}} {sign} {bound:{form}} {of}"
-                reasons.append(unknown if math.isnan(value) else compared)
+                parts.append(unknown if math.isnan(value) else compared)
         if self.dropped:
-            reasons.append(
-                f"dropped: greedy {self.highest:.4g} < {self.start:.4g} - {self.kernel.drop:.4g}, "
-                f"where it started, {over}"
-            )
+            from_start = f"{self.start:.4g} - {kernel.drop:.4g}, where it started, {over}"
+            parts.append(f"dropped: greedy {self.highest:.4g} < {from_start}")
         if self.unlearnt:
-            reasons.append(
-                f"greedy {self.recent:.4g} <= {kernel.floor:.4g}, too low to have settled"
-            )
-        return reasons
-
-    def __str__(self) -> str:
-        used = f"{self.step:,} of at most {self.rule.max_steps:,} steps used"
+            low = f"greedy {self.recent:.4g} <= {kernel.floor:.4g}, too low to have settled"
+            parts.append(low)
+        if self.step < rule.min_steps:
+            parts.append(f"at least {rule.min_steps:,} steps first")
+        parts.append(f"{self.step:,} of at most {rule.max_steps:,} steps used")
         if self.evaluation_steps:
-            used += f", and {counted(self.evaluation_steps, 'step')} of evaluations, which are free"
-        too_early = self.step < self.rule.min_steps
-        early = [f"at least {self.rule.min_steps:,} steps first"] if too_early else []
-        verdict = "ends" if self.ends or self.spent else "goes on"
-        return "; ".join([verdict, *self.reasons, *early, used])
+            free = f"and {counted(self.evaluation_steps, 'step')} of evaluations, which are free"
+            parts[-1] += f", {free}"
+        return "; ".join(parts)
 
 
 def levels(
@@ -384,7 +363,7 @@ def levels(
 ) -> tuple[float | None, float]:
     """Return the return that a rule's fraction stands for, and that above which it may settle.
 
-    None and -inf if it has neither. `target` makes a :class:`Target` of a task.
+    They are None and -inf where it has neither. `target` makes a :class:`Target` of a task.
     """
     evaluated = evaluation.method != "off" and evaluation.horizon(task) < NO_LIMIT
     settles = rule.settled is not None and evaluated
@@ -409,11 +388,11 @@ class Decisions(list[list[Decision]]):
     def in_words(self) -> str:
         """What ended training, and of how many seeds; empty without a rule."""
         ends = Counter(decisions[-1].criterion or "none yet" for decisions in self if decisions)
-        return ", ".join(f"{words} ({number})" for words, number in ends.most_common())
+        return ", ".join(f"{criterion} ({number})" for criterion, number in ends.most_common())
 
     def __repr__(self) -> str:
-        words = self.in_words or "no stopping rule"
-        return f"Decisions({counted(len(self), 'seed')}: {words})"
+        ends = self.in_words or "no stopping rule"
+        return f"Decisions({counted(len(self), 'seed')}: {ends})"
 
     def _repr_html_(self) -> str:
         of_seeds = zip(self.seeds, self, strict=True)
@@ -436,11 +415,7 @@ class Episodes:
     Parameters
     ----------
     number : int
-
-    Raises
-    ------
-    SettingError
-        Unless the number is whole and at least 1.
+        SettingError unless it is whole and at least 1.
 
     Examples
     --------
@@ -458,8 +433,7 @@ class Episodes:
         return counted(self.number, "episode")
 
 
-Budget = int | Episodes | StoppingRule
-"""Steps, episodes, or a stopping rule."""
+Budget = int | Episodes | StoppingRule  # steps, episodes, or a stopping rule
 
 
 def limits(budget: Budget) -> tuple[int, int]:
@@ -500,6 +474,5 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
 
 def ended_by(budget: Budget, out_of_memory: bool) -> str:
     """Return what ended a run that no stopping rule ended, in a few fixed words."""
-    if out_of_memory:
-        return "memory full"
-    return "all episodes done" if isinstance(budget, Episodes) else "all steps used"
+    done = "all episodes done" if isinstance(budget, Episodes) else "all steps used"
+    return "memory full" if out_of_memory else done

@@ -1,8 +1,4 @@
-"""Storage of values: precision and memory limit, and the dense and sparse tables of Q-learning.
-
-:class:`DenseTable` has a row for every state, :class:`SparseTable` one for each state visited so
-far, filled from the potential on the first visit. Both keep each row's maximum and a greedy action.
-"""
+"""Storage of values: precision and memory limit, and the dense and sparse tables of Q-learning."""
 
 import re
 from dataclasses import dataclass
@@ -26,8 +22,7 @@ UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 UNITS |= {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
 ROW_EXTRAS = 4 + 8 + 4 * 4
 """Bytes of a sparse row besides its values and their maximum: greedy action, state, slots."""
-COUNT = 8
-"""Bytes of the count of a pair's updates."""
+COUNT = 8  # bytes of the count of a pair's updates
 
 
 @dataclass(frozen=True)
@@ -46,11 +41,11 @@ class Storage:
         Precision of the values, and of what plain Q-learning computes with.
     memory_limit : int or str, optional
         Bytes that all tables of a call of :func:`learn` may take, such as ``"4 GiB"``; half of the
-        machine's memory by default. A sparse run stops before a state that would not fit; its
-        result has :attr:`LearningResult.out_of_memory` set.
+        machine's memory by default. A sparse run stops before a state that would not fit, with
+        :attr:`LearningResult.out_of_memory` set.
     save_values : bool
-        Whether the result has the values. Without them, memory is needed only for the seeds that
-        are trained at the same time.
+        Whether the result has the values. Without them only the seeds that are trained at the same
+        time need memory.
 
     Raises
     ------
@@ -105,9 +100,8 @@ def rows_allowed(
 ) -> int:
     """Return the rows a sparse table may have, or 0 if tables are dense.
 
-    `seeds` of them hold tables at the same time, each `tables` of them and `counts` of counted
-    updates, and a run has up to `steps` steps. Raises SettingError when dense tables that were
-    asked for exceed the memory limit.
+    So many seeds hold tables at a time, of values and of counted updates, for up to `steps` steps.
+    SettingError when dense tables that were asked for exceed the memory limit.
     """
     n_states, n_actions = task.states.size, task.actions.size
     needed = seeds * storage.dense_bytes(n_states, n_actions, tables, counts)
@@ -159,8 +153,7 @@ class SparseValues(Frozen):
 # -- tables of Q-learning, with the maximum and a greedy action of each row ---------------------
 
 
-StaticInt = tuple[None, ...]
-"""A number as a type, the tuple's length: loops are compiled for each."""
+StaticInt = tuple[None, ...]  # a number as a type, the tuple's length: loops are compiled for each
 
 
 class DenseTable(NamedTuple):
@@ -174,16 +167,8 @@ class DenseTable(NamedTuple):
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
 
-class OptimisticTables(NamedTuple):
-    """Two dense tables that learn from the same steps: optimistic values, acted on, and Q."""
-
-    hoped: DenseTable
-    learnt: DenseTable
-    highest: float  # that the values are cut at which the optimistic ones bootstrap from
-
-
 class SparseTable(NamedTuple):
-    """Rows for the states visited so far, found by hashing; R at most. Row 0 has no state."""
+    """Rows for the states visited so far, by hashing; R at most. Row 0 has no state."""
 
     q: FloatTable  # (R, A)
     row_max: FloatTable  # (R,)
@@ -204,18 +189,17 @@ def find_row_maxima(table):
 
 
 def row_of(table, state, terminated):
-    """Return the row of a state, added if need be; R where the table is full.
-
-    A state in which the episode has terminated needs no row: any is returned.
-    """
+    """Return the row of a state, added if need be; R where the table is full; any after an end."""
 
 
 def is_full(table, row):
     """Return whether a row is out of range because the table was full."""
 
 
-row_maxima, rows_of = Overloaded(find_row_maxima), Overloaded(row_of)
-full_tables = Overloaded(is_full)
+# Of dense tables; row 0 alone exists before a sparse table learns.
+row_maxima = Overloaded(find_row_maxima, otherwise=lambda table: None)
+rows_of = Overloaded(row_of, otherwise=lambda table, state, terminated: state)
+full_tables = Overloaded(is_full, otherwise=lambda table, row: False)
 
 
 @inlined
@@ -233,24 +217,6 @@ def _find_dense_maxima(table):
     for state in range(np.uint64(q.shape[0])):
         bits = tie_bits(table.key, state)
         table.row_max[state], table.row_argmax[state] = best_of(q, state, bits)
-
-
-@row_maxima.body(OptimisticTables)
-def _find_maxima_of_both(table):
-    find_row_maxima(table.hoped)
-    find_row_maxima(table.learnt)
-
-
-@rows_of.body(OptimisticTables)
-@rows_of.body(DenseTable)
-def _dense_row_of(table, state, terminated):
-    return state
-
-
-@full_tables.body(OptimisticTables)
-@full_tables.body(DenseTable)
-def _dense_is_full(table, row):
-    return False
 
 
 @greedy_actions.body(DenseTable)
@@ -303,11 +269,6 @@ def add_row(table, state, slot):
     return row
 
 
-@row_maxima.body(SparseTable)
-def _no_rows_yet(table):
-    pass
-
-
 @rows_of.body(SparseTable)
 def _sparse_row_of(table, state, terminated):
     if terminated:
@@ -324,45 +285,37 @@ def _sparse_is_full(table, row):
 
 
 @inlined
-def row_to_be_added(view, state):
-    """Write the row that a state not yet visited would get into the work space."""
-    read_row(view.lookup, state, view.phi)
-    for action in range(view.row.shape[1]):
-        view.row[0, action] = view.phi[action]
+def row_or_none(view, state):
+    """Return the row of a state; 0 if it was not visited: the one it would get is ``view.row``."""
+    row = np.uint64(view.slots[find(view, state)])
+    if row == np.uint64(0):
+        read_row(view.lookup, state, view.phi)
+        for action in range(view.row.shape[1]):
+            view.row[0, action] = view.phi[action]
+    return row
 
 
 @greedy_actions.body(SparseTable)
 def _sparse_greedy(view, state, bits):
-    slot = view.slots[find(view, state)]
-    if slot == 0:
-        row_to_be_added(view, state)
+    row = row_or_none(view, state)
+    if row == np.uint64(0):
         return best_of(view.row, ONLY_ROW, bits)[1]
-    row = np.uint64(slot)
     greedy = np.uint64(view.row_argmax[row])
-    if greedy >= TIED:
-        greedy = best_of(view.q, row, bits)[1]
-    return greedy
+    return best_of(view.q, row, bits)[1] if greedy >= TIED else greedy
 
 
 @acting_rows.body(SparseTable)
 def _sparse_acting_row(view, state, out):
-    slot = view.slots[find(view, state)]
-    if slot == 0:
-        row_to_be_added(view, state)
+    row = row_or_none(view, state)
     for action in range(out.shape[1]):
-        if slot == 0:
-            out[0, action] = view.row[0, action]
-        else:
-            out[0, action] = view.q[np.uint64(slot), action]
+        out[0, action] = view.row[0, action] if row == np.uint64(0) else view.q[row, action]
 
 
 @compiled_once
 def reorder(table, order):
-    """Put the rows of a table in order, in place: row i becomes what row order[i] was.
-
-    `order` is overwritten. Values are moved one by one: NumPy's assignment of rows would take
-    seconds to compile.
-    """
+    """Put the rows of a table in order, in place: row i becomes what row order[i] was."""
+    # `order` is overwritten. Values are moved singly: NumPy's assignment of rows would take seconds
+    # to compile.
     kept = np.empty(table.shape[1], table.dtype)
     for first in range(order.shape[0]):
         here = first

@@ -1,6 +1,7 @@
 """The policy of a learnt table, to take away: acting, a file of its own, episodes to look at."""
 
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -8,18 +9,10 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatTable, Frozen, adopted
+from curricle.arrays import FloatTable, Frozen, adopted, frozen
 from curricle.checks import brief, numbers, whole_number
-from curricle.errors import SettingError
-from curricle.files import read_saved, write_saved
-from curricle.learning.saved_result import (
-    all_values_of,
-    arrays_of_values,
-    as_saved,
-    check_value_arrays,
-    pairs_of,
-    task_record,
-)
+from curricle.errors import CurricleError, SettingError, StoreError
+from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.storage import SparseValues
 from curricle.planning.episode import (
     Episode,
@@ -33,6 +26,7 @@ from curricle.planning.rollouts import greedy_rollout
 from curricle.show.scenes import scene_of
 from curricle.tasks.live import LiveMDP, is_live, numbering
 from curricle.tasks.mdp import Task, generative_model
+from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_value
 
 
@@ -40,20 +34,16 @@ from curricle.text import brief_value
 class TabularPolicy(Frozen):
     """What a learnt table says to do: ``result.policy`` of a tabular learner's result.
 
-    In each state it takes an action of the highest value. Where several are as high,
-    :meth:`predict` takes the first of them; :meth:`episode` draws among them, as evaluations do. In
-    a state that sparse learning never visited, all are.
+    In each state it takes an action of the highest value; of several, :meth:`predict` takes the
+    first, and :meth:`episode` draws among them, as evaluations do. In a state that sparse learning
+    never visited, all are as high.
 
     Parameters
     ----------
     task : Task or None
-        What it acts in; without it, it reads numbers of states alone, and plays no episodes.
+        Without it the policy reads numbers of states alone, and plays no episodes.
     values : (S, A) float array or SparseValues
-
-    Raises
-    ------
-    SettingError
-        When the values are not of the states and actions of the task.
+        SettingError unless they are of the states and actions of the task.
 
     Examples
     --------
@@ -97,7 +87,7 @@ class TabularPolicy(Frozen):
         observation : int or sequence of int
             As an environment of the task gives it (:func:`to_gymnasium`): the state's number, or
             for each component of the state the offset from its lowest value. In a live task the
-            environment's own observation, whose action is returned.
+            environment's own.
         """
         if self.task is not None and is_live(self.task):
             live: Any = self.task
@@ -139,14 +129,12 @@ class TabularPolicy(Frozen):
         """Return one episode of the policy, drawn at each step.
 
         Mazes, pursuits and tasks that say where their states lie are seen from above, others as the
-        values of their components. A live task shows its environment's own pictures, where it has
-        some.
+        values of their components, a live task by its environment's own pictures, if any.
 
         Parameters
         ----------
         seed : int
-            Of where it starts, of what is random in the task, and of the choice among actions that
-            are as good.
+            Of the start, of what is random in the task, and of the choice among equal actions.
         max_steps : int, optional
             Steps after which it is cut off; by default the task's time limit.
 
@@ -197,10 +185,7 @@ class TabularPolicy(Frozen):
             )
 
     def save(self, path: str | Path) -> Path:
-        """Write the values into a file, without pickles, and return its path, an ``.npz``.
-
-        StoreError when it cannot be written.
-        """
+        """Write the values into an ``.npz`` file, and return its path; StoreError if it cannot."""
         arrays = arrays_of_values(self._of_one_seed)
         return write_saved(path, type(self).__name__, arrays, {"task": task_record(self.task)})
 
@@ -210,13 +195,7 @@ class TabularPolicy(Frozen):
 
     @classmethod
     def load(cls, path: str | Path, task: Task | None = None) -> Self:
-        """Return the policy in a file that :meth:`save` wrote.
-
-        Parameters
-        ----------
-        path : path
-        task : Task, optional
-            The one that it acts in; the file holds none.
+        """Return the policy in a file that :meth:`save` wrote, acting in a task.
 
         Raises
         ------
@@ -233,3 +212,107 @@ class TabularPolicy(Frozen):
 
     def __repr__(self) -> str:
         return f"TabularPolicy({'no task' if self.task is None else brief_value(self.task)})"
+
+
+# -- values, and what a file says of their task ----------------------------------------------------
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+FLOATS = "float64", "float32"  # of values that were learnt
+
+
+def task_record(task: Any) -> dict[str, Any]:
+    """Return what tells whether a task fits values: its spaces in words, and their sizes."""
+    if task is None:
+        return {}
+    if is_observation_task(task):
+        return {"spaces": f"observations {task.observations}, actions {task.actions}"}
+    rules = generative_model(task)
+    spaces = f"states {rules.states}, actions {rules.actions}"
+    return {"spaces": spaces, "pairs": [rules.states.size, rules.actions.size]}
+
+
+def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None:
+    """Return the states and actions of values that were saved, those of the task if it is known."""
+    present, recorded = task_record(task), record if isinstance(record, Mapping) else {}
+    if present and recorded and present["spaces"] != recorded.get("spaces"):
+        raise SettingError(
+            f"a result must be loaded with its own task: {saved.path} has "
+            f"{recorded.get('spaces')}, the task has {present['spaces']}"
+        )
+    pairs = (present or recorded).get("pairs")
+    return None if pairs is None else (int(pairs[0]), int(pairs[1]))
+
+
+@contextmanager
+def as_saved(saved: SavedFile) -> Iterator[None]:
+    """Turn what reading a file's arrays and words may raise into a StoreError in one line."""
+    try:
+        yield
+    except CurricleError:
+        raise
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
+        why = " ".join(f"{kind}{error}".split())
+        raise StoreError(f"{saved.path} is not as save() writes it: {why}") from None
+
+
+def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of what K seeds learnt: a dense table, sparse ones, networks, or None."""
+    if values is None:
+        return {}
+    if isinstance(values, np.ndarray):
+        return {"values": values}
+    arrays = dict[str, npt.NDArray[Any]]()
+    for k, table in enumerate(values):
+        if isinstance(table, SparseValues):
+            arrays |= {f"states_{k}": table.states, f"values_{k}": table.values}
+        else:
+            named = table if isinstance(table, Mapping) else table.parameters()
+            arrays |= {f"values_{k}/{name}": array for name, array in named.items()}
+    return arrays
+
+
+def all_values_of(arrays: Arrays, n_seeds: int) -> Any:
+    """Return what :func:`arrays_of_values` was called on; networks are dicts of parameters."""
+    if "values" in arrays:
+        return frozen(arrays["values"])
+    if "states_0" in arrays:
+        return tuple(
+            SparseValues(frozen(arrays[f"states_{k}"]), frozen(arrays[f"values_{k}"]))
+            for k in range(n_seeds)
+        )
+    networks = tuple(values_of(arrays, k) for k in range(n_seeds))
+    return None if networks[0] is None else networks
+
+
+def values_of(arrays: Arrays, k: int) -> Any:
+    """Return the k-th seed's table, or its network's parameters; None where neither is there."""
+    if "values" in arrays:
+        return arrays["values"][k]
+    prefix = f"values_{k}/"
+    return {
+        name.removeprefix(prefix): v for name, v in arrays.items() if name.startswith(prefix)
+    } or None
+
+
+def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
+    """Raise ValueError unless the values among arrays are those of so many seeds."""
+    # `pairs` are the states and actions of their task, None where that is not known; compiled loops
+    # read tables without looking whether a state lies in them.
+    size = "one value for each state and action"
+    if pairs is not None:
+        size = f"{pairs[0]:,} states x {pairs[1]:,} actions"
+    table = arrays.get("values")
+    if table is not None:
+        fits = pairs is None or table.shape[-2:] == pairs
+        if table.dtype not in FLOATS or table.ndim != 3 or len(table) != n_seeds or not fits:
+            raise ValueError(f"values must be a table for each seed ({n_seeds}), {size}")
+    for k in range(n_seeds if "states_0" in arrays else 0):
+        states, values = (arrays.get(f"{name}_{k}") for name in ("states", "values"))
+        if states is None or values is None or states.ndim != 1 or values.ndim != 2:
+            raise ValueError(f"states_{k} and values_{k} must be a sparse table")
+        ascend = states.dtype == "int64" and (np.diff(states, prepend=-1) > 0).all()
+        within = pairs is None or (not len(states) or states[-1] < pairs[0])
+        wide = len(values) == len(states) and (pairs is None or values.shape[1] == pairs[1])
+        if not (ascend and within and wide and values.dtype in FLOATS):
+            raise ValueError(f"states_{k} and values_{k} must be a sparse table, {size}")

@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from inspect import signature
 from itertools import zip_longest
@@ -21,19 +21,14 @@ from curricle.planning.rollouts import Trajectory
 from curricle.show.scenes import scene_of
 from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
-from curricle.tasks.spaces import Space, action_name, values_of
+from curricle.tasks.spaces import action_name, values_of
 from curricle.text import counted
 
-FASTEST = 50.0
-"""Pictures a second that browsers show of a GIF, at most."""
-LAST = 1000
-"""Milliseconds for which the last picture is shown."""
-OF_TASKS = 4.0
-"""Pictures a second of a task that Curricle draws."""
-LINE, APART = 96, 3
-"""Characters of a printed line at most, and between two moments in it."""
-MOST_MOMENTS = 60
-"""Moments that are printed at most."""
+FASTEST = 50.0  # pictures a second that browsers show of a GIF, at most
+LAST = 1000  # milliseconds for which the last picture is shown
+OF_TASKS = 4.0  # pictures a second of a task that Curricle draws
+LINE, APART = 96, 3  # characters of a printed line at most, and between two moments in it
+MOST_MOMENTS = 60  # moments that are printed at most
 Frame = npt.NDArray[np.uint8]
 
 
@@ -66,11 +61,11 @@ class Episode:
     terminated : bool
         Rather than truncated.
     fps : float
-        Pictures a second, the environment's own.
+        Pictures a second.
     texts : T + 1 str
-        The same drawn with characters; empty where the environment draws none.
+        The same drawn with characters, or empty.
     action_names : T str
-        The actions in words; empty where they have none.
+        The actions in words, or empty.
 
     Examples
     --------
@@ -103,6 +98,13 @@ class Episode:
         Episode(2 steps, return 198, terminated)
         """
         scene, actions = scene_of(task), generative_model(task).actions
+
+        def name(action: int) -> str:
+            if len(actions.names) == 1:
+                return action_name(actions, action)
+            values = values_of(actions, action)  # of a joint action, without names of its parts
+            return " + ".join(part.label(values[part.name]) for part in actions.components)
+
         return cls(
             frames=Drawn(scene.image, path.states),
             actions=path.actions,
@@ -110,7 +112,7 @@ class Episode:
             terminated=path.terminated,
             fps=OF_TASKS,
             texts=Drawn(scene.text, path.states),
-            action_names=[_words(actions, action) for action in path.actions.tolist()],
+            action_names=[name(action) for action in path.actions.tolist()],
         )
 
     def save(self, path: str | Path, *, fps: float | None = None) -> Path:
@@ -134,15 +136,8 @@ class Episode:
             for frame in self.frames
         )
         durations = [shown] * len(others) + [max(shown, LAST)]
-        content = io.BytesIO()
-        first.save(
-            content,
-            format="GIF",
-            save_all=True,
-            append_images=others,
-            duration=durations,
-            loop=0,
-        )
+        content, moving = io.BytesIO(), {"save_all": True, "append_images": others, "loop": 0}
+        first.save(content, format="GIF", duration=durations, **moving)
         return content.getvalue()
 
     def _repr_html_(self) -> str:
@@ -159,43 +154,29 @@ class Episode:
 
     def __str__(self) -> str:
         moments = [self._moment(place) for place in range(self.rewards.size + 1)[:MOST_MOMENTS]]
-        left = self.rewards.size + 1 - len(moments)
-        more = [f"... and {counted(left, 'more step')}, which a GIF shows"] * (left > 0)
-        return "\n".join([*_side_by_side(moments), *more, self._summary])
+        width = max(len(line) for moment in moments for line in moment)
+        across, lines = max(1, (LINE + APART) // (width + APART)), list[str]()
+        for first in range(0, len(moments), across):
+            row = moments[first : first + across]
+            for parts in zip_longest(*row, fillvalue=""):
+                lines.append((" " * APART).join(part.ljust(width) for part in parts).rstrip())
+            lines += [""] * (len(row[0]) > 1)
+        if left := self.rewards.size + 1 - len(moments):
+            lines.append(f"... and {counted(left, 'more step')}, which a GIF shows")
+        return "\n".join([*lines, self._summary])
 
     def _moment(self, place: int) -> list[str]:
         """Return the lines of one moment: the step that led to it, and its drawing."""
         caption = "start"
         if place:
-            words = [str(place)]
+            caption, reward = str(place), self.rewards[place - 1]
             if self.action_names:
-                words += [self.action_names[place - 1]]
+                caption += f" {self.action_names[place - 1]}"
             elif len(self.actions):
                 action = np.asarray(self.actions[place - 1])
-                words += [np.array2string(action, precision=3)]
-            reward = self.rewards[place - 1]
-            caption = " ".join(words) + (f", {reward:+.4g}" if reward else "")
+                caption += f" {np.array2string(action, precision=3)}"
+            caption += f", {reward:+.4g}" if reward else ""
         return [caption, *(self.texts[place].splitlines() if self.texts else ())]
-
-
-def _words(actions: Space, action: int) -> str:
-    """Return an action in words, a joint one without the names of its parts."""
-    if len(actions.names) == 1:
-        return action_name(actions, action)
-    values = values_of(actions, action)
-    return " + ".join(part.label(values[part.name]) for part in actions.components)
-
-
-def _side_by_side(moments: Sequence[list[str]]) -> Iterator[str]:
-    """Yield the lines of drawings that stand side by side, as many as fit into a line."""
-    width = max(len(line) for lines in moments for line in lines)
-    across = max(1, (LINE + APART) // (width + APART))
-    for first in range(0, len(moments), across):
-        row = moments[first : first + across]
-        for lines in zip_longest(*row, fillvalue=""):
-            yield (" " * APART).join(line.ljust(width) for line in lines).rstrip()
-        if len(row[0]) > 1:
-            yield ""
 
 
 def played(
@@ -207,10 +188,10 @@ def played(
     picture: Callable[[Any], Frame],
     text: Callable[[Any], str] | None = None,
 ) -> Episode:
-    """Return one episode of a policy in an environment of Gymnasium's, reset with `seed`.
+    """Return one episode, of up to `limit` steps, of a policy in an environment of Gymnasium's.
 
     `act`, `picture` and `text` return the action, the frame and a drawing made of characters for an
-    observation; after `limit` steps the episode is cut off.
+    observation.
     """
     seen, _ = env.reset(seed=seed)
     frames, actions, rewards = [picture(seen)], list[Any](), list[float]()
@@ -225,14 +206,8 @@ def played(
         rewards.append(float(reward))
         over = terminated or truncated
     fps = float(getattr(env, "metadata", {}).get("render_fps") or 10)
-    return Episode(
-        frames=tuple(frames),
-        actions=frozen(np.array(actions)),
-        rewards=frozen(np.array(rewards, dtype=np.float64)),
-        terminated=bool(terminated),
-        fps=fps,
-        texts=texts,
-    )
+    shown = frozen(np.array(actions)), frozen(np.array(rewards, dtype=np.float64))
+    return Episode(tuple(frames), *shown, bool(terminated), fps, texts)
 
 
 # -- pictures that environments draw themselves ----------------------------------------------------
@@ -242,17 +217,12 @@ PICTURES = "rgb_array"
 
 def with_pictures(make: Callable[[], Any]) -> Callable[[], Any]:
     """Return what makes the same environments, with pictures where they can be asked for."""
-    if not isinstance(make, EnvironmentMaker):
-        return EnvironmentMaker(make, _render_mode(make)) if _render_mode(make) else make
-    if isinstance(make.what, EnvironmentMaker):
-        return replace(make, what=with_pictures(make.what))
-    return replace(make, arguments={**make.arguments, **_render_mode(make.what)})
-
-
-def _render_mode(what: Any) -> dict[str, str]:
-    """Return the argument that asks for pictures, if an environment's maker has it."""
-    asked = not callable(what) or "render_mode" in signature(what).parameters
-    return {"render_mode": PICTURES} if asked else {}
+    maker = make if isinstance(make, EnvironmentMaker) else EnvironmentMaker(make, {})
+    if isinstance(maker.what, EnvironmentMaker):
+        return replace(maker, what=with_pictures(maker.what))
+    if callable(maker.what) and "render_mode" not in signature(maker.what).parameters:
+        return make
+    return replace(maker, arguments={**maker.arguments, "render_mode": PICTURES})
 
 
 def draws_pictures(environment: Any) -> bool:

@@ -1,18 +1,18 @@
 """Greedy actions: the best of a row of values, ties broken uniformly; compiled.
 
-A *view* is a NamedTuple of the values that a policy is greedy on. Loops read it with
-:func:`greedy_action` and :func:`acting_row`. Here are the views of fixed values;
-``learning/storage.py`` adds those of the tables that a learner fills.
+A *view* is a NamedTuple of the values that a policy is greedy on, which loops read with
+:func:`greedy_action` and :func:`acting_row`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from curricle.arrays import FloatTable, IntArray
+from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.tasks.kernel import (
     LANES as LANES_OF_SIMD,
     Overloaded,
+    first_above,
     highest_of_lanes,
     inlined,
     integers,
@@ -22,10 +22,8 @@ from curricle.tasks.kernel import (
 )
 
 LANES, WORD = np.uint64(LANES_OF_SIMD), np.uint64(64)
-TIED = np.uint64(1 << 15)
-"""Flag of an action that was drawn among several of the same value."""
-ACTION = np.uint64((1 << 15) - 1)
-"""The bits of the action itself."""
+TIED = np.uint64(1 << 15)  # flag of an action that was drawn among several of the same value
+ACTION = np.uint64((1 << 15) - 1)  # the bits of the action itself
 ONLY_ROW = np.uint64(0)
 """The row of a table of one row; a literal 0 would be compiled for once more."""
 MULTIPLIER = np.uint64(0xD1342543DE82EF95)
@@ -54,11 +52,9 @@ def ties_in_word(table, row, first, value):
 
 @inlined
 def best_of(table, row, bits):
-    """Return the highest value of a row and an action that has it, drawn and flagged among ties.
-
-    No branch depends on the draw: the processor would often predict it wrongly, and then wait for
-    the row to arrive from memory.
-    """
+    """Return the highest value of a row and an action that has it, drawn and flagged among ties."""
+    # No branch depends on the draw: the processor would often predict it wrongly, and then wait
+    # for the row to arrive from memory.
     best, first = highest(table, row), np.uint64(0)
     tied = ties_in_word(table, row, first, best)
     ties = ones(tied)
@@ -102,33 +98,21 @@ def _row_of_values(view, state, out):
         out[0, action] = view.values[state, action]
 
 
-class EqualValues(NamedTuple):
-    """One row of values for all states; of equal ones, every action is greedy everywhere."""
-
-    values: FloatTable  # (1, A)
-
-
-@greedy_actions.body(EqualValues)
-def _greedy_on_equal_values(view, state, bits):
-    return best_of(view.values, ONLY_ROW, bits)[1]
-
-
-@acting_rows.body(EqualValues)
-def _equal_row(view, state, out):
-    for action in range(out.shape[1]):
-        out[0, action] = view.values[0, action]
-
-
 class VisitedValues(NamedTuple):
     """Fixed values of the R states that were visited; elsewhere every action is as good."""
 
     states: IntArray  # (R,) ascending
     values: FloatTable  # (R, A)
 
+    @classmethod
+    def none(cls, n_actions: int) -> "VisitedValues":
+        """Return the view without a visited state: the uniformly random policy is greedy on it."""
+        return cls(frozen(np.zeros(0, np.int64)), frozen(np.zeros((0, n_actions))))
+
 
 @greedy_actions.body(VisitedValues)
 def _greedy_where_visited(view, state, bits):
-    row = np.uint64(np.searchsorted(view.states, np.int64(state)))
-    if row < np.uint64(view.states.shape[0]) and view.states[row] == np.int64(state):
-        return best_of(view.values, row, bits)[1]
+    above = first_above(view.states, np.int64(state))
+    if above > np.uint64(0) and view.states[above - np.uint64(1)] == np.int64(state):
+        return best_of(view.values, above - np.uint64(1), bits)[1]
     return integers(bits * MULTIPLIER, np.uint64(view.values.shape[1])) | TIED

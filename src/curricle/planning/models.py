@@ -1,34 +1,468 @@
-"""Planning models: what exact planning reads of a task, its tables or its factored model.
+"""Planning models: what exact planning reads of a task, and the compiled sweeps that it makes.
 
-``solution.py`` decides how far to iterate and what that proves.
+Every iteration ends with a sweep in which each value was backed up from a vector within `change` of
+the values returned, which is all that the error bound in ``solution.py`` needs. Index tables are
+uint32: an unsigned index needs no test for being negative.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
-from curricle.planning import backups
-from curricle.planning.backups import MixedPolicy
+from curricle.tasks.kernel import Overloaded, compiled_once
 from curricle.tasks.mdp import FiniteMDP, Task, improper_states, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
+
+RowArray = npt.NDArray[np.uint32]
+SWEEPS = 5  # sweeps of the greedy policy after each greedy backup; 3 to 6 are about as good
+PATIENCE = 100
+"""Backups without progress near the limits of double precision before giving up, plus a horizon."""
+CONVERGED = -1
+
+
+# -- the loop ------------------------------------------------------------------------------------
+
+
+class Precision(NamedTuple):
+    """How far to iterate."""
+
+    enough: float  # the residual, rounding included, at which to end
+    relative: float  # or at which to end for each unit of the largest value
+    unit: float  # the relative rounding error of one backup
+    largest_reward: float
+    horizon: float  # what a residual is multiplied by to bound the error
+    discount: float
+
+
+def back_up(backup, values, sweep):
+    """Back up all values in place, as the sweep of this number; return the largest change."""
+
+
+def accelerate(backup, values, sweep, precision, progress):
+    """Bring values closer to the fixed point while changes shrink; return what `reach` grows by."""
+
+
+back_ups = Overloaded(back_up, outlined=True)
+accelerations = Overloaded(
+    accelerate, outlined=True, otherwise=lambda backup, values, sweep, precision, progress: 0.0
+)
+
+
+class Iteration(NamedTuple):
+    """How far an iteration is."""
+
+    sweeps: int  # done
+    change: float  # the largest of a value, in the last sweep
+    least: float  # the smallest change so far
+    waited: int  # backups without progress, or CONVERGED
+    reach: float  # a sum of changes: no value is larger
+
+
+@compiled_once
+def iterate(backup, values, precision, iteration, most):
+    """Back up `values` in place, at most so many sweeps more; return the fields of an Iteration."""
+    # A tuple is returned: Numba makes a NamedTuple by running Python, and dies if interrupted.
+    first, change, least, waited, reach = iteration
+    for sweep in range(first, first + most):
+        change = back_up(backup, values, sweep)
+        reach += change
+        waited = converged(change, least, waited, values, reach, precision)
+        if waited == CONVERGED:
+            break
+        least = min(least, change)
+        reach += accelerate(backup, values, sweep, precision, waited == 0)
+    return sweep + 1, change, least, waited, reach
+
+
+@compiled_once
+def largest_of(values):
+    """Return max |V|."""
+    largest = 0.0
+    for value in values:
+        largest = max(largest, abs(value))
+    return largest
+
+
+@compiled_once
+def converged(change, least, waited, values, reach, precision):
+    """Return for how many backups there has been no progress, or CONVERGED to end."""
+    # It ends if the residual (gamma times the change, plus the rounding of a backup: `unit` times
+    # the size of the numbers) is at most `enough`, or `relative` times the largest value; if the
+    # change is well below that rounding; or if, near it, `least` has not been undercut for long.
+    enough, relative, unit, largest_reward, horizon, discount = precision
+    if not change < np.inf:
+        return CONVERGED
+    # While the change is far from the largest value, `reach` spares the search for that value.
+    rough = max(enough, relative * reach)
+    if discount * change > rough and change > 64 * horizon * unit * (largest_reward + reach):
+        return 0
+    largest = largest_of(values)
+    rounding = unit * (largest_reward + largest)
+    if discount * change + rounding <= max(enough, relative * largest) or 2 * change <= rounding:
+        return CONVERGED
+    if change < least:
+        return 0
+    return waited + 1 if waited < PATIENCE + horizon else CONVERGED
+
+
+# -- the best policy -----------------------------------------------------------------------------
+
+
+class OutcomeRows(NamedTuple):
+    """The tables that backups read."""
+
+    mean: FloatArray  # (Y,) mean reward
+    probability: FloatArray  # (Y, O)
+    next_state: RowArray  # (Y, O)
+    terminal: BoolArray  # (S,)
+    discount: float
+
+
+class GreedyBackup(NamedTuple):
+    """Modified policy iteration: a greedy backup, then a few sweeps of the greedy policy."""
+
+    outcomes: OutcomeRows
+    outcome_row: RowArray  # (S, A)
+    chosen: RowArray  # (S,) work space: the row of a greedy action
+    rows: FloatArray  # (Y,) work space: rows backed up
+
+
+@back_ups.body(GreedyBackup)
+def _greedy_backup(backup, values, sweep):
+    back_up_rows(backup.outcomes, values, backup.rows)
+    terminal = backup.outcomes.terminal
+    return improve(backup.outcome_row, terminal, backup.rows, values, backup.chosen)
+
+
+@accelerations.body(GreedyBackup)
+def _greedy_policy_sweeps(backup, values, sweep, precision, progress):
+    for n in range(SWEEPS):
+        change = policy_backup(backup.outcomes, backup.chosen, values, n)
+        if change <= 0.5 * precision.enough:
+            break
+    return 0.0
+
+
+@compiled_once
+def back_up_rows(outcomes, values, rows):
+    """Write r + gamma sum_s' P(s') V(s') of each outcome row into `rows`."""
+    mean, probability, next_state, _, discount = outcomes
+    for row in range(len(probability)):
+        total = 0.0
+        for outcome in range(probability.shape[1]):
+            total += probability[row, outcome] * values[next_state[row, outcome]]
+        rows[row] = mean[row] + discount * total
+
+
+@compiled_once
+def improve(outcome_row, terminal, rows, values, chosen):
+    """Make each value the best of its state's rows, `chosen` such a row; return the change."""
+    # A choice that is still among the best is kept. Four running maxima hide the latency of one.
+    n_states, n_actions = outcome_row.shape
+    fours = n_actions // 4
+    change = 0.0
+    for state in range(n_states):
+        if terminal[state]:
+            continue
+        best = rows[chosen[state]]
+        second, third, fourth = best, best, best
+        for four in range(fours):
+            value = rows[outcome_row[state, 4 * four]]
+            best = value if value > best else best
+            value = rows[outcome_row[state, 4 * four + 1]]
+            second = value if value > second else second
+            value = rows[outcome_row[state, 4 * four + 2]]
+            third = value if value > third else third
+            value = rows[outcome_row[state, 4 * four + 3]]
+            fourth = value if value > fourth else fourth
+        for action in range(4 * fours, n_actions):
+            value = rows[outcome_row[state, action]]
+            best = value if value > best else best
+        best = max(max(best, second), max(third, fourth))
+        if rows[chosen[state]] < best:
+            for action in range(n_actions):
+                if rows[outcome_row[state, action]] == best:
+                    chosen[state] = outcome_row[state, action]
+                    break
+        change = max(change, abs(best - values[state]))
+        values[state] = best
+    return change
+
+
+# -- a given policy ------------------------------------------------------------------------------
+
+
+@compiled_once
+def policy_backup(outcomes, chosen, values, sweep):
+    """Back up a policy of one row a state in place, downwards in odd sweeps; return the change."""
+    mean, probability, next_state, terminal, discount = outcomes
+    n_states = len(values)
+    change = 0.0
+    for index in range(n_states):
+        state = n_states - 1 - index if sweep % 2 else index
+        if terminal[state]:
+            continue
+        row = chosen[state]
+        total = 0.0
+        for outcome in range(probability.shape[1]):
+            total += probability[row, outcome] * values[next_state[row, outcome]]
+        new = mean[row] + discount * total
+        change = max(change, abs(new - values[state]))
+        values[state] = new
+    return change
+
+
+class PolicyBackup(NamedTuple):
+    """Of a policy of one row a state: backed up in place, which takes fewer sweeps."""
+
+    outcomes: OutcomeRows
+    chosen: RowArray  # (S,)
+
+
+@back_ups.body(PolicyBackup)
+def _policy_backup(backup, values, sweep):
+    return policy_backup(backup.outcomes, backup.chosen, values, 0)  # upwards: equal sweeps
+
+
+class MixedPolicy(NamedTuple):
+    """A policy in compressed form: state s has the entries first[s] to first[s + 1]."""
+
+    first: IntArray  # (S + 1,)
+    row: RowArray  # (n,) outcome row of each entry
+    weight: FloatArray  # (n,)
+
+
+class MixedPolicyBackup(NamedTuple):
+    """Of any policy."""
+
+    outcomes: OutcomeRows
+    policy: MixedPolicy
+    rows: FloatArray  # (Y,) work space: rows backed up
+
+
+@back_ups.body(MixedPolicyBackup)
+def _mixed_policy_backup(backup, values, sweep):
+    back_up_rows(backup.outcomes, values, backup.rows)
+    return mixed_policy_backup(backup.policy, backup.outcomes.terminal, backup.rows, values, 0)
+
+
+@compiled_once
+def mixed_policy_backup(policy, terminal, rows, values, start):
+    """Make values the policy's mean of their rows, from state `start` on; return the change."""
+    first, row, weight = policy
+    change = 0.0
+    for index in range(len(values)):
+        state = start + index
+        if terminal[state]:
+            continue
+        new = 0.0
+        for entry in range(first[state], first[state + 1]):
+            new += weight[entry] * rows[row[entry]]
+        change = max(change, abs(new - values[index]))
+        values[index] = new
+    return change
+
+
+class ExtrapolatedBackup(NamedTuple):
+    """Of a policy, extrapolated along its last step from time to time (Anderson 1965, depth 1)."""
+
+    backup: Any  # linear, every sweep in the same direction
+    steps: FloatArray  # (2, S) work space: changes of the last two sweeps
+    last: IntArray  # (1,) work space: the sweep after which it was last extrapolated
+
+
+@back_ups.body(ExtrapolatedBackup)
+def _recorded_backup(backup, values, sweep):
+    step = backup.steps[sweep % 2]
+    for state in range(len(values)):  # the assignment of slices takes seconds to compile
+        step[state] = values[state]
+    change = back_up(backup.backup, values, sweep)
+    for state in range(len(values)):
+        step[state] = values[state] - step[state]
+    return change
+
+
+@accelerations.body(ExtrapolatedBackup)
+def _extrapolation(backup, values, sweep, precision, progress):
+    if not progress or sweep - backup.last[0] < 4:
+        return 0.0
+    if not extrapolate(values, backup.steps[sweep % 2], backup.steps[1 - sweep % 2]):
+        return 0.0
+    backup.last[0] = sweep
+    return largest_of(values)
+
+
+@compiled_once
+def extrapolate(values, step, last):
+    """Extrapolate along the last step; return whether it was done."""
+    # After two equal linear sweeps, V + last and then V + last + step, the sweep from the mixture
+    # V + (1 - t) last changes it by (1 - t) step + t last, and leads to the values returned. t
+    # minimises that change in the mean square. It is used only if the change is then less than half
+    # of `step` in the maximum norm, so that no sweep is lost.
+    along, across, longest = 0.0, 0.0, 0.0
+    for state in range(len(values)):
+        bend = step[state] - last[state]
+        along += step[state] * bend
+        across += bend * bend
+        longest = max(longest, abs(step[state]))
+    if across == 0.0:
+        return False
+    t = along / across
+    for state in range(len(values)):
+        if abs((1 - t) * step[state] + t * last[state]) > 0.5 * longest:
+            return False
+    for state in range(len(values)):
+        values[state] -= t * step[state]
+    return True
+
+
+# -- a factored model ----------------------------------------------------------------------------
+#
+# No tables: first the prey moves, then each predator. The values of all states with the prey on
+# one cell are a *plane*, C^k numbers. A sweep backs up plane by plane, in place: the mean over the
+# prey's moves is a sum of planes, and the best joint move is the best move of each predator in
+# turn, since max over (a, b) is max over a of max over b. So a state costs M + k M numbers instead
+# of M^k; all loops but one run along memory.
+
+
+class Planes(NamedTuple):
+    """What backups read of a factored model."""
+
+    mean: FloatArray  # (S,) reward of a step from the prey's cell to the predators' cells
+    landing: npt.NDArray[np.int32]  # (C, M)
+    prey_policy: FloatArray  # (C, M)
+    terminal: BoolArray  # (S,)
+    discount: float
+
+
+class GreedyPlanes(NamedTuple):
+    """Value iteration: one sweep goes through the planes upwards, the next downwards."""
+
+    planes: Planes
+    predators: int
+    space: FloatArray  # (3, C^k) work space: a plane, its best moves, the largest change of each
+
+
+@back_ups.body(GreedyPlanes)
+def _greedy_planes_backup(backup, values, sweep):
+    planes, n_cells = backup.planes, len(backup.planes.landing)
+    plane, best, worst = backup.space[0], backup.space[1], backup.space[2]
+    worst.fill(0.0)
+    for index in range(n_cells):
+        cell = n_cells - 1 - index if sweep % 2 else index
+        expect(planes, values, cell, plane)
+        best_of_moves(plane, planes.landing, best)
+        # Values that are symmetric in the predators, which are interchangeable, stay symmetric:
+        # the last transposition is left out.
+        for _ in range(1, backup.predators):
+            next_predator_first(best, n_cells, plane)
+            best_of_moves(plane, planes.landing, best)
+        keep(best, planes.terminal, values, cell * len(plane), worst)
+    return largest_of(worst)
+
+
+class PolicyPlanes(NamedTuple):
+    """Of a given policy, plane by plane; its outcome rows are numbered within a plane."""
+
+    planes: Planes
+    policy: MixedPolicy
+    plane: FloatArray  # (C^k,) work space
+
+
+@back_ups.body(PolicyPlanes)
+def _policy_planes_backup(backup, values, sweep):
+    plane, n, change = backup.plane, len(backup.plane), 0.0
+    for cell in range(len(backup.planes.landing)):
+        expect(backup.planes, values, cell, plane)
+        there, start = values[cell * n : (cell + 1) * n], cell * n
+        here = mixed_policy_backup(backup.policy, backup.planes.terminal, plane, there, start)
+        change = here if here > change else change
+    return change
+
+
+@compiled_once
+def expect(planes, values, cell, plane):
+    """Write r + gamma times the mean over the prey's moves from `cell` into `plane`."""
+    mean, landing, prey_policy, _, discount = planes
+    n, n_moves = len(plane), landing.shape[1]
+    base = mean[cell * n : (cell + 1) * n]
+    source = values[landing[cell, 0] * n : (landing[cell, 0] + 1) * n]
+    chance = discount * prey_policy[cell, 0]
+    for index in range(n):
+        plane[index] = base[index] + chance * source[index]
+    for move in range(1, n_moves):
+        source = values[landing[cell, move] * n : (landing[cell, move] + 1) * n]
+        chance = discount * prey_policy[cell, move]
+        for index in range(n):
+            plane[index] += chance * source[index]
+
+
+@compiled_once
+def best_of_moves(plane, landing, best):
+    """Write the best over the moves of the first predator, the slowest axis, into `best`."""
+    n_cells, n_moves = landing.shape
+    n = len(plane) // n_cells
+    second = min(1, n_moves - 1)
+    for cell in range(n_cells):
+        target = best[cell * n : (cell + 1) * n]
+        source = plane[landing[cell, 0] * n : (landing[cell, 0] + 1) * n]
+        other = plane[landing[cell, second] * n : (landing[cell, second] + 1) * n]
+        for index in range(n):
+            target[index] = source[index] if source[index] > other[index] else other[index]
+        for move in range(2, n_moves):
+            source = plane[landing[cell, move] * n : (landing[cell, move] + 1) * n]
+            for index in range(n):
+                target[index] = source[index] if source[index] > target[index] else target[index]
+
+
+@compiled_once
+def next_predator_first(plane, n_cells, turned):
+    """Write the plane with its first axis moved to the end into `turned`."""
+    n = len(plane) // n_cells
+    source, target = plane.reshape(n_cells, n), turned.reshape(n, n_cells)
+    for cell in range(n_cells):
+        for index in range(n):
+            target[index, cell] = source[cell, index]
+
+
+@compiled_once
+def keep(best, terminal, values, start, worst):
+    """Store a plane, terminal states at 0; `worst` collects the largest change of each entry."""
+    n = len(best)
+    target, ended = values[start : start + n], terminal[start : start + n]
+    for index in range(n):
+        new = 0.0 if ended[index] else best[index]
+        change = abs(new - target[index])
+        worst[index] = change if change > worst[index] else worst[index]
+        target[index] = new
+
+
+# -- the models of a task --------------------------------------------------------------------------
+
 
 Policy = npt.NDArray[np.integer[Any]] | FloatArray
 """An action for each state, (S,), or the probability of each action, (S, A)."""
 
 
 @dataclass(frozen=True, eq=False)
-class TabularPlanningModel(Frozen):
-    """A model read from the tables of a FiniteMDP."""
+class _Model(Frozen):
+    """What both kinds of model have."""
 
     terminal: BoolArray  # (S,)
-    mean_reward: FloatArray  # (Y,) of each outcome row
+    mean_reward: FloatArray  # (Y,) of each outcome row; or (S,) of steps from the prey's cell
     largest_reward: float  # no reward is larger in size
     n_actions: int
     n_outcomes: int  # that a backup adds up
     discount: float
+
+
+@dataclass(frozen=True, eq=False)
+class TabularPlanningModel(_Model):
+    """A model read from the tables of a FiniteMDP."""
+
     mdp: FiniteMDP
 
     @classmethod
@@ -52,28 +486,26 @@ class TabularPlanningModel(Frozen):
         return self.mdp.outcome_row.view(np.uint32)
 
     @property
-    def _outcomes(self) -> backups.OutcomeRows:
-        mdp = self.mdp
-        successor = mdp.next_state.view(np.uint32)
-        return backups.OutcomeRows(
-            self.mean_reward, mdp.probability, successor, mdp.terminal, self.discount
-        )
+    def _outcomes(self) -> OutcomeRows:
+        mdp, after = self.mdp, self.mdp.next_state.view(np.uint32)
+        tables = self.mean_reward, mdp.probability, after, mdp.terminal
+        return OutcomeRows(*tables, self.discount)
 
     def greedy_backup(self) -> tuple[Any, float]:
         """Return the greedy backup, and the lowest best mean reward of a state, at most 0."""
         chosen, best = self._rows[:, 0].copy(), np.zeros(len(self.terminal))
-        backups.improve(self._rows, self.terminal, self.mean_reward, best, chosen)
+        improve(self._rows, self.terminal, self.mean_reward, best, chosen)
         space = np.empty(len(self.mean_reward))
-        backup = backups.GreedyBackup(self._outcomes, self._rows, chosen, space)
+        backup = GreedyBackup(self._outcomes, self._rows, chosen, space)
         return backup, min(0.0, float(best.min()))
 
     def policy_backup(self, policy: Policy) -> Any:
         """Return the backup of a policy; faster where it takes one action a state."""
         mixed = mixed_policy(policy, self.terminal, self._rows)
-        one_each = len(mixed.row) == len(self.terminal)
-        if one_each and (self.terminal | (mixed.weight == 1.0)).all():
-            return backups.PolicyBackup(self._outcomes, mixed.row)
-        return backups.MixedPolicyBackup(self._outcomes, mixed, np.empty(len(self.mean_reward)))
+        certain = len(mixed.row) == len(self.terminal)
+        if certain and (self.terminal | (mixed.weight == 1.0)).all():
+            return PolicyBackup(self._outcomes, mixed.row)
+        return MixedPolicyBackup(self._outcomes, mixed, np.empty(len(self.mean_reward)))
 
     def largest_sum(self, policy: Policy | None) -> float:
         """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
@@ -108,15 +540,9 @@ class TabularPlanningModel(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class FactoredPlanningModel(Frozen):
+class FactoredPlanningModel(_Model):
     """A model computed from a factored model; its discount is below 1."""
 
-    terminal: BoolArray  # (S,)
-    mean_reward: FloatArray  # (S,) of steps from the prey's cell to the predators' cells
-    largest_reward: float  # no reward is larger in size
-    n_actions: int
-    n_outcomes: int  # that a backup adds up
-    discount: float
     factored_model: FactoredModel
 
     @classmethod
@@ -139,11 +565,9 @@ class FactoredPlanningModel(Frozen):
         return replace(model, mean_reward=mean, discount=factored_model.discount)
 
     @property
-    def _planes(self) -> backups.Planes:
-        m = self.factored_model
-        return backups.Planes(
-            self.mean_reward, m.landing, m.prey_policy, self.terminal, self.discount
-        )
+    def _planes(self) -> Planes:
+        moves = self.factored_model.landing, self.factored_model.prey_policy
+        return Planes(self.mean_reward, *moves, self.terminal, self.discount)
 
     @property
     def _plane_size(self) -> int:
@@ -152,7 +576,7 @@ class FactoredPlanningModel(Frozen):
     def greedy_backup(self) -> tuple[Any, float]:
         """Return the greedy backup, and the lowest reward, at most 0."""
         m, space = self.factored_model, np.empty((3, self._plane_size))
-        backup = backups.GreedyPlanes(self._planes, m.predators, space)
+        backup = GreedyPlanes(self._planes, m.predators, space)
         return backup, min(0.0, float(m.rewards.min()))
 
     def policy_backup(self, policy: Policy) -> Any:
@@ -160,7 +584,7 @@ class FactoredPlanningModel(Frozen):
         m = self.factored_model
         rows = joint_landing(m.landing, m.predators).view(np.uint32)
         mixed = mixed_policy(policy, self.terminal, rows)
-        return backups.PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
+        return PolicyPlanes(self._planes, mixed, np.empty(self._plane_size))
 
     def largest_sum(self, policy: Policy | None) -> float:
         """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
@@ -183,7 +607,7 @@ class FactoredPlanningModel(Frozen):
         """Return r + gamma times the mean of `values` over the prey's moves, (S,)."""
         rows = np.empty((len(self.factored_model.landing), self._plane_size))
         for cell, plane in enumerate(rows):
-            backups.expect(self._planes, values, cell, plane)
+            expect(self._planes, values, cell, plane)
         return rows.ravel()
 
 
@@ -202,10 +626,9 @@ def policy_sum(policy: Policy | None, terminal: BoolArray) -> float:
 def mixed_policy(
     policy: Policy, terminal: BoolArray, row_of: npt.NDArray[np.uint32]
 ) -> MixedPolicy:
-    """Return a policy in compressed form.
+    """Return a policy in compressed form; a terminal state has one entry, which means nothing.
 
-    `row_of` has the outcome row of each pair, for all states or, repeating, for a part of them. A
-    terminal state has one entry, which means nothing.
+    `row_of` has the outcome row of each pair, for all states or, repeating, for a part of them.
     """
     n_states, n_actions = len(terminal), row_of.shape[1]
     if policy.ndim == 1:

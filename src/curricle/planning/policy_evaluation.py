@@ -16,12 +16,12 @@ from curricle.errors import SettingError
 from curricle.planning.greedy import (
     ACTION,
     TIED,
-    EqualValues,
     Values,
+    VisitedValues,
     acting_row,
     greedy_action,
 )
-from curricle.planning.simulator import GreedyPolicy, ReturnRecord, simulate_episode
+from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_episode
 from curricle.progress import HALTED
 from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
 from curricle.tasks.live import is_live, open_model
@@ -41,13 +41,11 @@ Method = Literal["auto", "exact", "rollouts", "off"]
 EPISODES, LIVE_EPISODES = 100, 5
 """Rollouts a checkpoint; fewer in a live task, whose steps take a hundred times longer."""
 MOST_EPISODES = 1_000_000
-"""The error of a mean is then a thousandth of a return's; more would seem to hang."""
-LARGEST_EXACT = 20_000
-"""Outcomes (S x A x O) up to which ``method="auto"`` is exact."""
+"""Of which the mean's error is a thousandth of a return's; more would seem to hang."""
+LARGEST_EXACT = 20_000  # outcomes (S x A x O) up to which ``method="auto"`` is exact
 NEGLIGIBLE = 1e-9
 """Probability (or discounted weight) of not having ended at which an evaluation stops."""
-SLICE = 2**16
-"""Steps between two looks at whether the run was interrupted."""
+SLICE = 2**16  # steps between two looks at whether the run was interrupted
 EVALUATION_STREAM = 0x5851F42D4C957F2D
 """Separates the random stream of evaluations from that of learning."""
 
@@ -71,10 +69,8 @@ class RolloutEvaluation(NamedTuple):
 
     def for_run(self, start: int) -> "RolloutEvaluation":
         """Return this for a run whose random stream starts at `start`."""
-        stream = np.array([start ^ EVALUATION_STREAM], dtype=np.uint64)
-        return RolloutEvaluation(
-            *self[:3], stream, np.zeros(2), np.zeros(1, np.int64), HALTED.get()
-        )
+        stream, total = np.array([start ^ EVALUATION_STREAM], dtype=np.uint64), np.zeros(2)
+        return RolloutEvaluation(*self[:3], stream, total, np.zeros(1, np.int64), HALTED.get())
 
     def compiled_for(self, model: Any, view: Any) -> "RolloutEvaluation":
         """Return this with its machine code for such a view in such a model."""
@@ -93,15 +89,6 @@ class GreedyChain(NamedTuple):
     probability: FloatArray  # (P,)
     place: IntArray  # (S,) work space: where a next state was written last
     values: FloatArray  # (1, A) work space
-
-    @classmethod
-    def empty(cls, n_states: int, n_actions: int, outcomes: int) -> "GreedyChain":
-        """Return room for the chain of any policy; memory that no state reaches is never used."""
-        most = n_states * min(n_actions * outcomes, n_states)
-        first, end, place = np.zeros((3, n_states), np.int64)
-        reward, goes_on = np.zeros((2, n_states))
-        transitions = np.empty(most, np.int32), np.empty(most)
-        return cls(first, end, reward, goes_on, *transitions, place, np.zeros((1, n_actions)))
 
 
 class ExactEvaluation(NamedTuple):
@@ -122,10 +109,24 @@ class ExactEvaluation(NamedTuple):
         """None of the task: the tables are read."""
         return 0
 
+    @classmethod
+    def of(
+        cls, tables: Tables, discount: float, horizon: int, size: tuple[int, int]
+    ) -> "ExactEvaluation":
+        """Return the evaluation with work space for so many states and actions."""
+        n_states, n_actions = size
+        # Room for the chain of any policy; memory that no state reaches is never used.
+        most = n_states * min(n_actions * tables.probability.shape[1], n_states)
+        first, end, place = np.zeros((3, n_states), np.int64)
+        reward, goes_on = np.zeros((2, n_states))
+        edges = np.empty(most, np.int32), np.empty(most)
+        chain = GreedyChain(first, end, reward, goes_on, *edges, place, np.zeros((1, n_actions)))
+        mass, alive = np.zeros((2, n_states)), np.zeros((2, n_states), np.int64)
+        return cls(tables, discount, horizon, NEGLIGIBLE, mass, alive, chain, HALTED.get())
+
     def for_run(self, start: int) -> "ExactEvaluation":
-        """Return this with work space of its own for a run."""
-        sizes = *self.tables.outcome_row.shape, self.tables.probability.shape[1]
-        return ExactEvaluation(*self[:4], *_work_space(*sizes), HALTED.get())
+        """Return this with work space for a run."""
+        return self.of(*self[:3], self.tables.outcome_row.shape)
 
     def compiled_for(self, model: Any, view: Any) -> "ExactEvaluation":
         """Return this with its machine code for such a view; it needs no model but its tables."""
@@ -153,21 +154,14 @@ class NoEvaluation(NamedTuple):
 EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
 
 
-def _work_space(n_states: int, n_actions: int, outcomes: int) -> tuple[Any, Any, GreedyChain]:
-    """Return the arrays that an exact evaluation works in."""
-    chain = GreedyChain.empty(n_states, n_actions, outcomes)
-    return np.zeros((2, n_states)), np.zeros((2, n_states), np.int64), chain
-
-
 @dataclass(frozen=True)
 class GreedyEvaluation:
     """How the greedy policy is evaluated at each checkpoint.
 
     Estimated is the expected return of one episode from the start distribution, cut at the time
     limit, ties broken uniformly, in the task's own (unshaped) rewards. No budget is charged for it:
-    an exact evaluation takes a model of the task and no steps, and the steps that rollouts take are
-    counted in ``LearningResult.evaluation_steps``, also where a :class:`StoppingRule` decides
-    on them.
+    an exact evaluation takes no steps, and ``LearningResult.evaluation_steps`` counts those of
+    rollouts.
 
     Parameters
     ----------
@@ -176,11 +170,10 @@ class GreedyEvaluation:
         "auto" is exact up to 20,000 outcomes (states x actions x outcomes of a pair). With "off"
         greedy returns are NaN. Networks are evaluated by rollouts.
     episodes : int, optional
-        Rollouts a checkpoint. 100 by default, 5 in a live task, where a hundred checkpoints cost
-        as much as 500 training episodes.
+        Rollouts a checkpoint; by default 100, and 5 in a live task.
     discounted : bool, optional
-        Whether rewards are discounted, as in :func:`solve`, or summed, as in the paper. By default
-        they are discounted where tables learn, and summed where networks learn.
+        Whether rewards are discounted, as in :func:`solve`, or summed, as in the paper; by default
+        where tables learn, not where networks do.
     sampled : bool
         Draw actions from the policy of an actor-critic instead of taking the likeliest. Where
         observations hide a part of the state, the likeliest actions can lead in circles.
@@ -214,11 +207,11 @@ class GreedyEvaluation:
             raise SettingError("actions are sampled from networks' policies: a table has none")
         horizon = self.horizon(task)
         discount = self.discount(generative_model(task))
-        if self.method == "exact" or (self.method == "auto" and _small(task)):
-            rows = table_model(tables(task))
-            return ExactEvaluation(
-                rows, discount, horizon, NEGLIGIBLE, *_work_space(0, 0, 0), HALTED.get()
-            )
+        exact, pairs = self.method == "exact", task.states.size * task.actions.size
+        if self.method == "auto" and pairs <= LARGEST_EXACT and has_tables(task):
+            exact = pairs * tables(task).probability.shape[1] <= LARGEST_EXACT
+        if exact:
+            return ExactEvaluation.of(table_model(tables(task)), discount, horizon, (0, 0))
         none = np.zeros(0, np.uint64), np.zeros(0), np.zeros(0, np.int64), HALTED.get()
         return RolloutEvaluation(self.rollouts(task), discount, horizon, *none)
 
@@ -254,14 +247,6 @@ class GreedyEvaluation:
         return 1 if discount == 0 else int(NO_LIMIT)
 
 
-def _small(task: Task) -> bool:
-    """Return whether a task has tables small enough to evaluate policies exactly."""
-    pairs = task.states.size * task.actions.size
-    if pairs > LARGEST_EXACT or not has_tables(task):
-        return False
-    return bool(pairs * tables(task).probability.shape[1] <= LARGEST_EXACT)
-
-
 def greedy_policy_return(
     task: Task, view: Any, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
 ) -> float:
@@ -274,9 +259,10 @@ def greedy_policy_return(
     if isinstance(kernel, NoEvaluation):
         return np.nan
     if isinstance(kernel, ExactEvaluation):
-        if isinstance(view, Values | EqualValues):  # one type, as of the tables that learn
-            values = np.broadcast_to(view.values, kernel.tables.outcome_row.shape)
-            view = Values(np.array(values, np.float64, order="C"))
+        if isinstance(view, Values | VisitedValues):  # one type, as of the tables that learn
+            values = np.zeros(kernel.tables.outcome_row.shape)
+            values[view.states if isinstance(view, VisitedValues) else ...] = view.values
+            view = Values(values)
         return float(compiled(exact_return, False)(kernel, view))
     with open_model(generative_model(task), start) as model:
         loop = compiled(rollout_return, isinstance(model, Functions))
@@ -290,8 +276,7 @@ def greedy_policy_return(
 # what they call by name into each of them anew.
 
 
-CALLABLE = set[tuple[Any, ...]]()
-"""The types of arguments for which there is machine code to be called at its address."""
+CALLABLE = set[tuple[Any, ...]]()  # the types of arguments for which there is machine code
 _ADDRESSES = dict[Any, int]()
 
 
@@ -312,11 +297,9 @@ def address_of(loop: Any, *arguments: Any) -> int:
 
 @intrinsic
 def called(_, address, arguments):
-    """Return the float64 that the machine code at an address returns for a tuple of arguments.
-
-    Nothing at run time knows what the machine code takes: :func:`address_of` must have been given
-    an example of these arguments.
-    """
+    """Return the float64 that the machine code at an address returns for a tuple of arguments."""
+    # Nothing at run time knows what the machine code takes: `address_of` must have been given an
+    # example of these arguments.
     kinds = tuple(types.unliteral(kind) for kind in arguments)
     if kinds not in CALLABLE:
         raise TypeError(f"no machine code takes arguments of types {kinds}")
@@ -341,10 +324,7 @@ def called(_, address, arguments):
 
 
 def greedy_return(evaluation, model, view):
-    """Return the greedy policy's expected return from the start to the horizon.
-
-    `view` is what the policy is greedy on (:func:`greedy_action`); ties are broken uniformly.
-    """
+    """Return the expected return of the policy that is greedy on a view, to the horizon."""
 
 
 def fixed_values(view):
@@ -402,13 +382,6 @@ def exact_return(evaluation, view):
 
 
 @inlined
-def return_of_chain(evaluation, view):
-    """Do what :func:`exact_return` says."""
-    write_chain(evaluation, view)
-    return chain_return(evaluation)
-
-
-@inlined
 def write_chain(evaluation, view):
     """Write the chain of the greedy policy, from the start states to all that it reaches."""
     tables, chain, reached = evaluation.tables, evaluation.chain, evaluation.alive[0]
@@ -437,7 +410,7 @@ def write_chain(evaluation, view):
 def write_transitions(chain, tables, state, action, end):
     """Write the transitions from a state at `end`; return where they end.
 
-    They are those of an action; where it is flagged, of all with the same of `chain.values`.
+    They are those of an action; where it is flagged, of all that are as high in `chain.values`.
     """
     first, last, ties, best = action, action + np.uint64(1), 1, 0.0
     if action >= TIED:
@@ -469,8 +442,9 @@ def write_transitions(chain, tables, state, action, end):
 
 
 @inlined
-def chain_return(evaluation):
-    """Return the expected return from the start to the horizon in a chain that is written."""
+def return_of_chain(evaluation, view):
+    """Return the expected return from the start to the horizon in the greedy policy's chain."""
+    write_chain(evaluation, view)
     tables, chain = evaluation.tables, evaluation.chain
     mass, alive = evaluation.mass, evaluation.alive
     now, n_alive, before = 0, tables.start_states.shape[0], 0.0

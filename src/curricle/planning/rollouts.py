@@ -1,8 +1,12 @@
-"""Rollouts: one episode of a given policy, and many of the uniformly random one."""
+"""Rollouts: episodes of any policy in any kind of task, compiled; a single one, and random ones.
+
+All rollouts draw from their random stream in the same order: one draw for the start, then one
+for each step, for the action and (mixed once more) for its outcome.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,22 +15,186 @@ from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import whole_number
 from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.planning.simulator import (
-    GreedyPolicy,
-    StepRecord,
-    TablePolicy,
-    UniformPolicy,
-    simulate,
-    simulated_policy,
-)
+from curricle.planning.greedy import ACTION, Values, greedy_action
 from curricle.planning.solution import checked_policy
-from curricle.tasks.kernel import stream_start
+from curricle.tasks.kernel import (
+    Overloaded,
+    compiled,
+    draw,
+    inlined,
+    integers,
+    splitmix64,
+    stream_start,
+    uniform,
+)
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.mdp import GenerativeModel, Task, generative_model
+from curricle.tasks.models import (
+    Functions,
+    cumulated,
+    first_state,
+    has_failed,
+    transition,
+    truncated,
+)
 from curricle.text import brief_repr, counted
 
-CHUNK = 65_536
-"""Steps of one long episode that are simulated at a time."""
+# -- policies ------------------------------------------------------------------------------------
+
+
+def policy_action(policy, state, bits):
+    """Return the action that a policy takes in a state, drawn with 64 random bits."""
+
+
+policy_actions = Overloaded(policy_action)
+
+
+class UniformPolicy(NamedTuple):
+    """Takes every action with the same probability."""
+
+    n_actions: np.uint64
+
+
+class TablePolicy(NamedTuple):
+    """Takes actions with given probabilities."""
+
+    cumulative: FloatArray  # (S, A), the last possible action has 1
+
+
+class GreedyPolicy(NamedTuple):
+    """Takes a greedy action, ties broken uniformly."""
+
+    values: Any  # a view of what it is greedy on; numba reserves the name "view"
+
+
+@policy_actions.body(UniformPolicy)
+def _uniform_action(policy, state, bits):
+    return integers(bits, policy.n_actions)
+
+
+@policy_actions.body(TablePolicy)
+def _table_action(policy, state, bits):
+    action, chance = np.uint64(0), uniform(bits)
+    for i in range(np.uint64(policy.cumulative.shape[1] - 1)):
+        action += np.uint64(chance >= policy.cumulative[state, i])
+    return action
+
+
+@policy_actions.body(GreedyPolicy)
+def _greedy_policy_action(policy, state, bits):
+    return greedy_action(policy.values, state, bits) & ACTION
+
+
+# -- the simulator -------------------------------------------------------------------------------
+
+
+def record_step(record, n, state, action, reward):
+    """Record the n-th step of all episodes: state, action and reward."""
+
+
+step_records = Overloaded(record_step)
+
+
+class StepRecord(NamedTuple):
+    """Every step, one after the other."""
+
+    states: IntArray  # (n,)
+    actions: IntArray  # (n,)
+    rewards: FloatArray  # (n,)
+
+
+class ReturnRecord(NamedTuple):
+    """The sum of returns, nothing else."""
+
+    discount: float
+    total: FloatArray  # (2,) the sum; the weight of the next reward
+
+
+@step_records.body(StepRecord)
+def _record_all(record, n, state, action, reward):
+    record.states[n] = np.int64(state)
+    record.actions[n] = np.int64(action)
+    record.rewards[n] = reward
+
+
+@step_records.body(ReturnRecord)
+def _record_return(record, n, state, action, reward):
+    record.total[0] += record.total[1] * reward
+    record.total[1] *= record.discount
+
+
+@inlined
+def simulate_episode(model, policy, state, stream, limit, record, n):
+    """Simulate an episode; return the steps of all so far, the last state, whether it terminated.
+
+    It starts in `state`, has at most `limit` steps, and is recorded from the n-th step on.
+    """
+    last, terminated, stopped = n + limit, False, False
+    while n < last and not stopped:
+        bits = draw(stream)
+        action = policy_action(policy, state, bits)
+        next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
+        record_step(record, n, state, action, reward)
+        state, n = next_state, n + 1
+        stopped = terminated or truncated(model)
+    return n, state, terminated
+
+
+class EpisodeEnds(NamedTuple):
+    """How each of E episodes ended."""
+
+    lengths: IntArray  # (E,) steps
+    last_states: IntArray  # (E,)
+    terminated: BoolArray  # (E,)
+    truncated: BoolArray  # (E,) by the task itself, not by the limit
+
+
+def _simulate(model, policy, starts, stream, limit, record, ends):
+    n = np.int64(0)
+    for episode in range(ends.lengths.shape[0]):
+        if has_failed(model):
+            break
+        if starts.shape[0] > 0:
+            state = np.uint64(starts[episode])
+        else:
+            state = np.uint64(first_state(model, draw(stream)))
+        first = n
+        n, state, terminated = simulate_episode(model, policy, state, stream, limit, record, n)
+        ends.lengths[episode] = n - first
+        ends.last_states[episode] = np.int64(state)
+        ends.terminated[episode] = terminated
+        ends.truncated[episode] = not terminated and truncated(model)
+
+
+def simulate(
+    model: Any,
+    policy: UniformPolicy | TablePolicy | GreedyPolicy,
+    stream: npt.NDArray[np.uint64],
+    *,
+    episodes: int,
+    limit: int,
+    starts: npt.NDArray[np.integer[Any]] | None = None,
+) -> tuple[StepRecord, EpisodeEnds]:
+    """Return the steps of some episodes, one after the other, and how each ended.
+
+    The model must be open (:func:`open_model`); `stream`, (1,), advances. Each episode has at most
+    `limit` steps, and starts in a state of `starts`, (E,), or where the task draws it.
+    """
+    size = episodes * limit  # memory that no step reaches is never allocated
+    record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
+    ends = EpisodeEnds(*np.zeros((2, episodes), np.int64), *np.zeros((2, episodes), np.bool_))
+    first = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
+    loop = compiled(_simulate, isinstance(model, Functions))
+    loop(model, policy, first, stream, limit, record, ends)
+    n = int(ends.lengths.sum())
+    taken = record.states[:n].copy(), record.actions[:n].copy(), record.rewards[:n].copy()
+    return StepRecord(*taken), ends
+
+
+# -- a single episode, and random ones -------------------------------------------------------------
+
+
+CHUNK = 65_536  # steps of one long episode that are simulated at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +254,12 @@ def rollout(
     Parameters
     ----------
     task : Task
-        With or without tables; a live one is played in an environment of its own.
+        A live one is played in an environment of its own.
     policy : (S,) int array or (S, A) float array
         As in :func:`evaluate`.
     seed : int
     start : int, optional
-        First state; drawn as episodes start by default, as in a live task they must be.
+        First state; by default, and always in a live task, drawn as episodes start.
     steps : int, optional
         Where to cut off; the task's time limit by default.
 
@@ -112,19 +280,24 @@ def rollout(
     n_states, n_actions = generative.states.size, generative.actions.size
     terminal = generative.terminal
     known = np.zeros(n_states, dtype=bool) if terminal is None else terminal
-    simulated = simulated_policy(checked_policy(policy, known, n_actions), n_actions)
-    return _trajectory(generative, simulated, seed=seed, start=start, steps=steps)
+    checked = checked_policy(policy, known, n_actions)
+    if checked.ndim == 2:
+        probabilities = TablePolicy(cumulated(checked.astype(np.float64, copy=False)))
+        return _trajectory(generative, probabilities, seed, steps, start)
+    # It is greedy on values of 1, as most policies are: they share a compiled loop.
+    values = np.zeros((n_states, n_actions))
+    values[np.arange(n_states), checked] = 1.0
+    return _trajectory(generative, GreedyPolicy(Values(frozen(values))), seed, steps, start)
 
 
 def greedy_rollout(task: Task, view: Any, *, seed: int = 0, steps: int | None = None) -> Trajectory:
     """Return one episode of the policy that is greedy on a view of values, ties drawn uniformly."""
-    return _trajectory(generative_model(task), GreedyPolicy(view), seed=seed, steps=steps)
+    return _trajectory(generative_model(task), GreedyPolicy(view), seed, steps)
 
 
 def _trajectory(
     generative: GenerativeModel,
     policy: TablePolicy | GreedyPolicy,
-    *,
     seed: int,
     steps: int | None,
     start: int | None = None,
@@ -196,8 +369,7 @@ def random_rollouts(
 ) -> RandomRollouts:
     """Return episodes in which every action is equally likely at every step.
 
-    One that is shorter than `length` terminated, or the task truncated it. Episodes start as the
-    task draws them, or in `starts`, (E,), as many states as `episodes`.
+    They start as the task draws them, or in `starts`, (E,), as many states as `episodes`.
     """
     n = whole_number("episodes of random rollouts", episodes, 1, SettingError)
     length = whole_number("the length of a random rollout in steps", length, 1, SettingError)

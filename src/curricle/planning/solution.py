@@ -12,14 +12,17 @@ from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray,
 from curricle.checks import number, numbers
 from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.planning.backups import (
+from curricle.planning.models import (
     CONVERGED,
     ExtrapolatedBackup,
     Iteration,
+    PlanningModel,
+    Policy,
     Precision,
+    TabularPlanningModel,
     iterate,
+    model_of,
 )
-from curricle.planning.models import PlanningModel, Policy, TabularPlanningModel, model_of
 from curricle.progress import Bars, Progress, shown
 from curricle.tasks.mdp import (
     PROBABILITY_TOLERANCE,
@@ -35,14 +38,10 @@ from curricle.text import brief_repr
 
 EPSILON = float(np.finfo(np.float64).eps)
 RELATIVE_TOLERANCE = 1e-10
-"""Largest error by default, in units of the largest value.
-
-Rounding alone is about 1e-15 / (1 - gamma) of it, so this is reached up to a discount of 0.9999.
-"""
+"""Largest error by default, of the largest value; rounding allows it up to a discount of 0.9999."""
 AT_ONCE = 10_000_000
 """Pairs (s, a) backed up between two looks at the progress: a tenth of a second to a second."""
-DIRECT_AFTER = 300_000
-"""Sweeps after which a small system is solved directly."""
+DIRECT_AFTER = 300_000  # sweeps after which a small system is solved directly
 MOST_WORK = 1e13
 """Pairs backed up that are expected in a large system, up to which it is swept: some hours."""
 TINIEST = float(np.finfo(np.float64).smallest_subnormal)
@@ -59,8 +58,8 @@ class PolicyValues(Frozen):
     start_value : float
         V averaged over the start distribution.
     error_bound : float
-        Proven: no V(s) here, and no Q(s, a) of `action_values`, is further than this from the true
-        one. Rounding is included; the numbers in the task's tables count as exact.
+        Proven: no V(s), and no Q(s, a) of `action_values`, is further than this from the true one,
+        rounding included. The numbers in the task's tables count as exact.
 
     Examples
     --------
@@ -83,10 +82,7 @@ class PolicyValues(Frozen):
 
     @cached_property
     def action_values(self) -> FloatArray:
-        """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states.
-
-        Computed at the first access.
-        """
+        """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states."""
         return frozen(self._model.action_values(self.values))
 
 
@@ -128,29 +124,27 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs
     up each V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
     ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) bounds the error. At discount 1
-    the longest expected episode replaces 1 / (1 - gamma); where some policy never ends, and costs
-    without bound, V* are those of a stochastic shortest path (Bertsekas, Tsitsiklis 1991), of up to
-    5,000 states. What 300,000 sweeps do not solve is solved directly, if it is that small. The time
-    limit is ignored: it is a limit of learning, not of the task.
+    the longest expected episode replaces 1 / (1 - gamma). Where some policy never ends and costs
+    without bound, V* are those of a stochastic shortest path (Bertsekas, Tsitsiklis 1991). Up to
+    5,000 states, these and what 300,000 sweeps do not solve are solved directly. The time limit is
+    ignored: it is a limit of learning, not of the task.
 
     Parameters
     ----------
     task : Task
     tolerance : float, optional
-        Largest error allowed, in return units. By default 1e-10 of the largest value, or where
-        rounding alone exceeds that, as close as double precision gets; ``error_bound`` says how
-        close.
+        Largest error allowed, in return units; by default 1e-10 of the largest value, or as close
+        as double precision gets.
     progress : bool or callable, optional
-        True counts the sweeps, as nobody knows how many there will be; a function is called from
-        time to time with the largest change of a value in the last sweep, a float.
+        True counts the sweeps; a function is called from time to time with the largest change of a
+        value in the last sweep.
 
     Raises
     ------
     SettingError
-        When the discount is 1 and some policy never ends and does not cost without bound, when
-        more sweeps are expected than end within hours, when rounding alone exceeds a tolerance
-        that was given, when the values have no finite bound in double precision, or when
-        `progress` is none of these.
+        When at discount 1 some policy never ends and does not cost without bound, when more sweeps
+        are expected than end within hours, when rounding alone exceeds `tolerance`, or when the
+        values have no finite bound in double precision.
 
     Examples
     --------
@@ -171,26 +165,23 @@ def evaluate(
     """Return the exact values of a policy, with a guaranteed error bound.
 
     V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
-    extrapolation (Anderson 1965); the error bound is that of :func:`solve`.
+    extrapolation (Anderson 1965).
 
     Parameters
     ----------
     task : Task
     policy : (S,) int array, (S, A) float array or model
         An action for each state, or the probability of each action. Or a model with a method
-        ``predict`` from observations to actions, as those of Stable-Baselines3 have: what it does
-        deterministically in each state of a task that knows what is observed there
-        (:class:`TabulatedTask`).
-    tolerance : float, optional
-        As in :func:`solve`.
-    progress : bool or callable, optional
+        ``predict`` from observations to actions, as those of Stable-Baselines3 have, in a task that
+        knows what is observed in each state (:class:`TabulatedTask`).
+    tolerance, progress : optional
         As in :func:`solve`.
 
     Raises
     ------
     SettingError
-        When the policy is malformed, or a model and the task does not know its observations, when
-        at discount 1 it may never end, or as in :func:`solve`.
+        When the policy is malformed, is a model and the task does not know its observations, may
+        never end at discount 1, or as in :func:`solve`.
 
     Examples
     --------
@@ -277,46 +268,42 @@ def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -
 def _iterate(
     model: PlanningModel, policy: Policy | None, tolerance: float | None, bars: Bars
 ) -> tuple[FloatArray, float]:
-    """Return the values of a policy, the best if None, and their error bound.
-
-    If each V(s) was backed up from values within d of V, then |TV - V| <= gamma d, so V is within
-    horizon gamma d of the fixed point, and likewise with rounding added to gamma d. One more backup
-    of such values, which gives Q, stays within that bound: gamma horizon + 1 <= horizon.
-    """
+    """Return the values of a policy, the best if None, and their error bound."""
+    # If each V(s) was backed up from values within d of V, then |TV - V| <= gamma d, so V is within
+    # horizon gamma d of the fixed point, and likewise with rounding added to gamma d. One more
+    # backup of such values, which gives Q, stays within that: gamma horizon + 1 <= horizon.
     if tolerance is not None and not number("tolerance", tolerance, SettingError) > 0:
         raise SettingError(f"tolerance must be positive: got {tolerance}")
     unit = _unit(model, policy)
-    if policy is None and model.discount == 1:
-        assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
-        if model.endless(None).size:
-            values, error = shortest_paths(model, unit)
-            return values, _within(tolerance, error, 2 * error)
-    lengths = _lengths(model, policy, bars)
-    horizon = float(np.max(lengths)) + (model.discount == 1)
-    if not horizon * model.largest_reward < np.inf:
-        raise _unbounded(model, horizon)
-    enough = 0.0 if tolerance is None else 0.999 * tolerance / horizon
-    relative = 0.999 * RELATIVE_TOLERANCE / horizon if tolerance is None else 0.0
-    precision = Precision(enough, relative, unit, model.largest_reward, horizon, model.discount)
-    values, change = _fixed_point(model, policy, lengths, precision, bars)
-    rounding = unit * (model.largest_reward + float(abs(values).max()))
-    if model.largest_reward > 0:  # products below the normal numbers have an error of their own
-        rounding += unit / EPSILON * TINIEST
-    # The last factor is for the rounding of this line itself.
-    error = (model.discount * change + rounding) * horizon * (1 + 8 * EPSILON)
-    if not error < np.inf:
-        raise _unbounded(model, horizon)
-    return values, _within(tolerance, error, 2 * rounding * horizon)
-
-
-def _within(tolerance: float | None, error: float, reached: float) -> float:
-    """Return an error, or raise SettingError where it exceeds a tolerance that was given."""
+    if policy is None and model.discount == 1 and _tabular(model).endless(None).size:
+        values, error = shortest_paths(_tabular(model), unit)
+        reached = 2 * error
+    else:
+        lengths = _lengths(model, policy, bars)
+        horizon, error = float(np.max(lengths)) + (model.discount == 1), np.inf
+        if horizon * model.largest_reward < np.inf:
+            enough = 0.0 if tolerance is None else 0.999 * tolerance / horizon
+            relative = 0.999 * RELATIVE_TOLERANCE / horizon if tolerance is None else 0.0
+            reward, discount = model.largest_reward, model.discount
+            precision = Precision(enough, relative, unit, reward, horizon, discount)
+            values, change = _fixed_point(model, policy, lengths, precision, bars)
+            rounding = unit * (reward + float(abs(values).max()))
+            if reward > 0:  # products below the normal numbers have an error of their own
+                rounding += unit / EPSILON * TINIEST
+            # The last factor is for the rounding of this line itself.
+            error = (discount * change + rounding) * horizon * (1 + 8 * EPSILON)
+            reached = 2 * rounding * horizon
+        if not error < np.inf:
+            raise SettingError(
+                f"values need a finite error bound: rewards of up to {model.largest_reward:.3g} in "
+                f"episodes of {horizon:.3g} expected steps leave none in double precision"
+            )
     if tolerance is not None and error > tolerance:
         raise SettingError(
             f"tolerance must be at least {max(reached, 1.1 * error):.1e} for this "
             f"task in double precision: got {tolerance:g}"
         )
-    return error
+    return values, error
 
 
 def _unit(model: PlanningModel, policy: Policy | None) -> float:
@@ -325,12 +312,9 @@ def _unit(model: PlanningModel, policy: Policy | None) -> float:
     return products * EPSILON
 
 
-def _unbounded(model: PlanningModel, horizon: float) -> SettingError:
-    """Return the error that values cannot be bounded."""
-    return SettingError(
-        f"values need a finite error bound: rewards of up to {model.largest_reward:.3g} in "
-        f"episodes of {horizon:.3g} expected steps leave none in double precision"
-    )
+def _tabular(model: PlanningModel) -> TabularPlanningModel:
+    assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
+    return model
 
 
 def _fixed_point(
@@ -359,7 +343,17 @@ def _fixed_point(
         if iteration.waited == CONVERGED or iteration.sweeps < DIRECT_AFTER:
             continue
         if not isinstance(model, TabularPlanningModel) or values.size > LARGEST_DIRECT:
-            _check_work(values, precision, iteration, pairs)
+            # As many sweeps as a contraction may take.
+            largest = precision.largest_reward + float(abs(values).max())
+            enough = max(precision.enough, precision.relative * largest, precision.unit * largest)
+            sweeps = precision.horizon * max(0.0, np.log(iteration.change / enough))
+            if sweeps * pairs > MOST_WORK:
+                raise SettingError(
+                    f"up to {LARGEST_DIRECT:,} states are solved directly, and {values.size:,} by "
+                    f"sweeps: after {iteration.sweeps:,} about {sweeps:.2g} more are expected of "
+                    f"episodes of up to {precision.horizon:.3g} steps; a lower discount or a "
+                    "larger tolerance needs fewer"
+                )
             continue
         unit = precision.unit
         values = policy_values(model, policy) if policy is not None else best_policy(model, unit)[0]
@@ -368,31 +362,16 @@ def _fixed_point(
     return values, iteration.change
 
 
-def _check_work(values: FloatArray, precision: Precision, iteration: Iteration, pairs: int) -> None:
-    """Raise SettingError where as many sweeps as a contraction may take would not end."""
-    largest = precision.largest_reward + float(abs(values).max())
-    enough = max(precision.enough, precision.relative * largest, precision.unit * largest)
-    sweeps = precision.horizon * max(0.0, np.log(iteration.change / enough))
-    if sweeps * pairs > MOST_WORK:
-        raise SettingError(
-            f"up to {LARGEST_DIRECT:,} states are solved directly, and {values.size:,} by sweeps: "
-            f"after {iteration.sweeps:,} about {sweeps:.2g} more are expected of episodes of up to "
-            f"{precision.horizon:.3g} steps; a lower discount or a larger tolerance needs fewer"
-        )
-
-
 def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatArray | float:
-    """Return a bound w of the expected (discounted) length of an episode from each state.
-
-    It satisfies w >= 1 + gamma max_a P w, so that r w is a V <= TV for any r <= 0 that no state's
-    best mean reward is below. 1 / (1 - gamma), where probabilities sum to 1; or at discount 1
-    lengths computed up to a residual of about 1/2: if |1 + P w - w| <= d < 1, rounding included,
-    then w / (1 - d) has the property.
-    """
+    """Return a bound w of the expected (discounted) length of an episode from each state."""
+    # It satisfies w >= 1 + gamma max_a P w, so that r w is a V <= TV for any r <= 0 that no state's
+    # best mean reward is below. 1 / (1 - gamma), where probabilities sum to 1; or at discount 1
+    # lengths computed up to a residual of about 1/2: if |1 + P w - w| <= d < 1, rounding included,
+    # then w / (1 - d) has the property.
     if model.discount < 1:
         kept = model.discount * model.largest_sum(policy)
         return 1 / (1 - kept) if kept < 1 else np.inf
-    assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
+    model = _tabular(model)
     if policy is not None and (endless := model.endless(policy)).size:  # else `_iterate` has looked
         raise SettingError(
             "discount 1 needs every policy considered to end: from state "
@@ -425,7 +404,7 @@ COSTS = 2.0 ** -np.arange(1, 41, 3)
 
 
 def transitions(mdp: FiniteMDP, chances: FloatArray) -> Any:
-    """Return the chance of each next state that goes on, a sparse (S, S) array, for (S, A) ones."""
+    """Return the chances of next states that go on, sparse (S, S), for those of actions, (S, A)."""
     from scipy.sparse import csr_array  # takes time, and few need it
 
     n_states = mdp.states.size
@@ -466,8 +445,8 @@ def backed_up(model: TabularPlanningModel, values: FloatArray) -> FloatArray:
 def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, IntArray]:
     """Return V of the policy that policy iteration ends with, (S,), and its actions (Howard 1960).
 
-    It starts from a policy that ends. At discount 1 one that improves it never ends only if it need
-    not pay for going on: it is returned with values that are not finite.
+    It starts from a policy that ends. A better one that never ends, at discount 1, need not pay for
+    going on: it is returned with values that are not finite.
     """
     mdp, places = model.mdp, np.arange(len(model.terminal))
     nearest = np.where(mdp.probability > 0, steps_to(mdp, mdp.terminal)[mdp.next_state], np.inf)
@@ -489,8 +468,7 @@ def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, I
 def shortest_paths(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, float]:
     """Return V* at discount 1, (S,), and its error bound, where not every policy ends.
 
-    `unit` is the relative rounding error of a backup. SettingError where there is no finite V*, or
-    where an endless way costs less than can be told from nothing.
+    SettingError where there is no finite V*, or an endless way costs less than can be told from 0.
     """
     away = steps_to(model.mdp, model.mdp.terminal)
     endless, why = np.flatnonzero(np.isinf(away)), "no way leads to an end"
@@ -520,10 +498,8 @@ def _error(
     values: FloatArray,
     above: FloatArray,
 ) -> float:
-    """Return how far `values`, of a policy that ends, are from V*; infinite if not known.
-
-    `above` is W of the comment above. V* is at least what the policy is worth.
-    """
+    """Return how far V of a policy that ends is from V*, given W `above`; infinite if not known."""
+    # V* is at least what the policy is worth.
     live, places = ~model.terminal, np.arange(len(policy))
     counted = model.counting_steps()
     lengths = policy_values(counted, policy)
@@ -548,8 +524,7 @@ def _error(
 # -- how often a policy is where -------------------------------------------------------------------
 
 
-NEGLIGIBLE = 1e-13
-"""Share of the visits so far below which those of later steps are left out."""
+NEGLIGIBLE = 1e-13  # share of the visits so far below which those of later steps are left out
 STEPS_AT_MOST = 30_000
 """Steps of visits that are added up without a time limit; later ones come from a linear system."""
 
@@ -560,15 +535,15 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     mu(s) = eta(s) / sum_s' eta(s') with the expected discounted visits of an episode,
     eta(s) = sum_t gamma^t Pr(s_t = s), t below the time limit: the on-policy distribution, with
     discounting as a form of termination (Sutton & Barto 2018, section 9.2). It is 0 in terminal
-    states. The visits of late steps are left out once they are less than 1e-13 of all, and without
-    a time limit those after 30,000 steps come from one linear system.
+    states. Visits of late steps are left out once they are less than 1e-13 of all; without a time
+    limit those after 30,000 steps come from one linear system.
 
     Parameters
     ----------
     task : Task
-        Any task with tables.
+        With tables.
     policy : (S,) int array or (S, A) float array, optional
-        An action for each state, or the probability of each action; uniformly random by default.
+        As in :func:`evaluate`; uniformly random by default.
 
     Raises
     ------

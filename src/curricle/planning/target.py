@@ -7,25 +7,20 @@ from typing import Any, Literal
 import numpy as np
 
 from curricle.errors import SettingError
-from curricle.planning.greedy import EqualValues, Values
+from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
 from curricle.planning.solution import Solution, solve
 from curricle.statistics.curves import fraction_of_optimum
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.text import brief_repr
 
-LARGEST_SOLVED = 5_000_000
-"""Pairs (S x A) up to which a target is solved."""
+LARGEST_SOLVED = 5_000_000  # pairs (S x A) up to which a target is solved
 LARGEST_EVALUATED = 300_000_000
 """Outcomes in all steps (S x A x O x horizon) up to which greedy policies are evaluated exactly."""
-ROLLOUTS = 1000
-"""Rollouts of an evaluation that is not exact."""
-BATCHES = 10
-"""Parts into which the rollouts of an evaluation are divided, for their standard error."""
-STANDARD_ERRORS = 2.0
-"""Within which two returns are called the same."""
-NOT_LEARNT = 0.5
-"""Share of the way from random to the optimum below which a task was not learnt."""
+ROLLOUTS = 1000  # rollouts of an evaluation that is not exact
+BATCHES = 10  # parts into which the rollouts of an evaluation are divided, for their standard error
+STANDARD_ERRORS = 2.0  # within which two returns are called the same
+NOT_LEARNT = 0.5  # share of the way from random to the optimum below which a task was not learnt
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +31,6 @@ class Target:
     ----------
     task : Task
     evaluation : GreedyEvaluation
-        Of greedy policies.
     solution : Solution or None
         None where the target is too large to solve, or where at discount 1 only the time limit
         ends some policy's episodes.
@@ -73,7 +67,11 @@ class Target:
         method: Literal["exact", "rollouts"] = "rollouts"
         if has_tables(task) and pairs <= LARGEST_SOLVED:
             mdp = tables(task)
-            solution = _solution(task)
+            try:
+                solution = solve(task)
+            except SettingError:
+                if generative.discount < 1:
+                    raise  # at discount 1 not every policy ends
             sizes = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
             typical = float(np.median(sizes)) if sizes.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
@@ -92,20 +90,21 @@ class Target:
     @cached_property
     def random_return(self) -> float:
         """The expected return of the uniformly random policy."""
-        equal = EqualValues(np.zeros((1, generative_model(self.task).actions.size)))
-        return greedy_policy_return(self.task, equal, self.evaluation)
+        return greedy_policy_return(self.task, self._no_values, self.evaluation)
+
+    @property
+    def _no_values(self) -> VisitedValues:
+        return VisitedValues.none(generative_model(self.task).actions.size)
 
     @cached_property
     def floor(self) -> float:
-        """The return above which something was learnt.
+        """The return above which something was learnt: half of the way from random to the optimum.
 
-        Half of the way from random to the optimum, or, where that is unknown, the random policy's
-        return and its noise.
+        Where the optimum is unknown, the random policy's return and its noise.
         """
         if self.solution is not None:
             return self.level(NOT_LEARNT)
-        equal = EqualValues(np.zeros((1, generative_model(self.task).actions.size)))
-        random, noise = self.estimated(equal)
+        random, noise = self.estimated(self._no_values)
         return random + STANDARD_ERRORS * noise
 
     def estimated(self, view: Any) -> tuple[float, float]:
@@ -135,12 +134,3 @@ def not_solved(fraction: float, task: Any) -> SettingError:
         f"a fraction of the optimum needs a task that can be solved: got {fraction:g} of {task!r}; "
         "give a return instead"
     )
-
-
-def _solution(task: Task) -> Solution | None:
-    try:
-        return solve(task)
-    except SettingError:
-        if generative_model(task).discount < 1:
-            raise
-        return None  # not every policy ends

@@ -23,7 +23,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import StoredValues, source_values
 from curricle.errors import ConfigError, SettingError
 from curricle.files import Place
-from curricle.learning.saved_result import arrays_of
+from curricle.learning.result import arrays_of
 from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH

@@ -30,8 +30,12 @@ from curricle.errors import (
 )
 from curricle.files import Place
 from curricle.learning.record import MAX_SNAPSHOT_BYTES
-from curricle.learning.result import LearningResult, curve_columns, joined_results
-from curricle.learning.saved_result import check_result_arrays
+from curricle.learning.result import (
+    LearningResult,
+    check_result_arrays,
+    curve_columns,
+    joined_results,
+)
 from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH, midpoint
 from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record

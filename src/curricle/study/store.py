@@ -41,8 +41,8 @@ from curricle.files import (
     unsealed,
     write_whole,
 )
-from curricle.learning.result import LearningResult, joined_results
-from curricle.learning.saved_result import Arrays, arrays_of, checkpoints_of, values_of
+from curricle.learning.result import LearningResult, arrays_of, checkpoints_of, joined_results
+from curricle.learning.tabular_policy import Arrays, values_of
 from curricle.study.dependencies import differences, shown
 from curricle.study.record import (
     CurriculaRecord,

@@ -15,11 +15,10 @@ from curricle.display import block, table
 from curricle.errors import SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.result import LearningResult, learning_result, learnt_curve, learnt_table
-from curricle.learning.run import Run
+from curricle.learning.run import Run, given_or_default, stopping_kernel, train_all
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
 from curricle.learning.storage import Storage
-from curricle.learning.training import given_or_default, stopping_kernel, train_all
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import Progress, check_progress, shown
 from curricle.statistics.curves import Curve

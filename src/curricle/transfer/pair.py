@@ -10,7 +10,7 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
 from curricle.errors import SettingError, TaskError
-from curricle.planning.simulator import UniformPolicy, simulate
+from curricle.planning.rollouts import UniformPolicy, simulate
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
 from curricle.tasks.kernel import stream_start
 from curricle.tasks.live import open_model

@@ -27,7 +27,7 @@ from curricle.planning.greedy import (
     highest,
 )
 from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
-from curricle.planning.simulator import EpisodeEnds, GreedyPolicy, StepRecord, simulate
+from curricle.planning.rollouts import EpisodeEnds, GreedyPolicy, StepRecord, simulate
 from curricle.planning.solution import right_choices
 from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
