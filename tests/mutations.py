@@ -389,16 +389,16 @@ MUTATIONS = [
     ),
     Mutation(
         "the river's large reward on every way out of the last state",
-        "tasks/river_swim.py",
+        "tasks/exploration.py",
         "reward[-1, 1] = self.right_reward",
         "reward[-1, :] = self.right_reward",
         ("tests/unit/test_river_swim.py::test_the_paper_s_figure",),
     ),
     Mutation(
         "a slip in DeepSea that costs nothing",
-        "tasks/deep_sea.py",
-        "[moved, fallen], [paid, paid]",
-        "[moved, fallen], [paid, paid * 0]",
+        "tasks/exploration.py",
+        "np.stack(pays * ways, axis=-1)",
+        "np.stack(pays + [paid * 0] * (ways - 1), axis=-1)",
         ("tests/unit/test_deep_sea.py::test_slips_go_straight_down_and_pay_the_same",),
     ),
     Mutation(
@@ -424,7 +424,7 @@ MUTATIONS = [
     ),
     Mutation(
         "a taxi that drives through walls",
-        "tasks/taxi.py",
+        "tasks/toy_text.py",
         "right != 0 for",
         "right < 0 for",
         ("tests/unit/test_toy_text_tasks.py::test_the_taxi_is_that_of_gymnasium",),

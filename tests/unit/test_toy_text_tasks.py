@@ -11,8 +11,13 @@ from scipy.sparse.csgraph import floyd_warshall
 
 from curricle import from_gymnasium, solve
 from curricle.errors import TaskError
-from curricle.tasks import CliffWalking, FrozenLake, Taxi, goal_distance
-from curricle.tasks.frozen_lake import random_lake
+from curricle.tasks import (
+    CliffWalking,
+    FrozenLake,
+    Taxi,
+    frozen_lake_family,
+    goal_distance,
+)
 from curricle.tasks.mdp import reachable_states
 from tests.refusals import check_values
 
@@ -58,18 +63,21 @@ def test_lakes_are_those_of_gymnasium(name, slippery):
 )
 @settings(max_examples=15, deadline=None)
 def test_random_lakes_are_those_of_gymnasium(size, share, seed, success_rate, rewards):
-    lines = random_lake(size, share, seed)
-    assert list(lines) == generate_random_map(size=size, p=share, seed=seed)
+    lines = generate_random_map(size=size, p=share, seed=seed)
     goal, hole, frozen = rewards
-    lake = FrozenLake(
-        lines,
+    lake = frozen_lake_family(
+        map="random",
+        size=size,
+        frozen_share=share,
+        seed=seed,
         success_rate=success_rate,
         goal_reward=goal,
         hole_reward=hole,
         step_reward=frozen,
-    )
+    ).task
     others = {"success_rate": success_rate, "reward_schedule": rewards}
-    assert_equal_to_gymnasium(lake, "FrozenLake-v1", desc=list(lines), **others)
+    assert list(lake.map) == lines
+    assert_equal_to_gymnasium(lake, "FrozenLake-v1", desc=lines, **others)
 
 
 @pytest.mark.parametrize("slippery", [False, True])
@@ -169,8 +177,7 @@ WRONG = {
         "origin": [(1, 2, 3)],
     },
     CliffWalking: {"start": [[(3, 5)], "goal", 3]},
-    random_lake: {"size": [1]},
-    partial(random_lake, 4): {"frozen_share": [0.2], "seed": [-1]},
+    partial(frozen_lake_family, map="random"): {"size": [1], "frozen_share": [0.2], "seed": [-1]},
 }
 
 

@@ -27,8 +27,8 @@ Harder = Literal["larger", "smaller", "later"]
 class Parameter:
     """One declared parameter of a :class:`TaskFamily`.
 
-    What is left out is taken from the signature of the family's function: the kind from the
-    annotation (``Literal[...]`` gives `values`, ``| None`` makes it optional), and the default.
+    The signature of the family's function says what is left out: the annotation the kind
+    (``Literal[...]`` gives `values`, ``| None`` makes it optional), and the default.
 
     Parameters
     ----------
@@ -70,22 +70,23 @@ class Parameter:
         of = f"of parameter {self.name!r}"
         if not self.name.isidentifier():
             raise TaskError(f"the name of a parameter must be one of Python's: got {self.name!r}")
-        if self.kind is not None and not any(self.kind is kind for kind in KINDS):
+        if self.kind is not None and self.kind not in KINDS:
             raise TaskError(f"the kind {of} must be int, float, bool or str: got {self.kind!r}")
         if self.harder is not None:
             one_of(f"harder {of}", self.harder, get_args(Harder), TaskError)
         instance(f"optional {of}", self.optional, bool, TaskError)
+        limits = {name: getattr(self, name) for name in ("low", "high")}
+        limits = {name: limit for name, limit in limits.items() if limit is not None}
         if self.values is not None:
-            if isinstance(self.values, str) or not hasattr(self.values, "__iter__"):
-                raise TaskError(f"the values {of} must be a list: got {self.values!r}")
-            values = tuple(self.values)
+            several = not isinstance(self.values, str) and hasattr(self.values, "__iter__")
+            values = tuple(self.values) if several else ()
             kinds = {type(value) for value in values}
             if not values or not kinds <= {*KINDS} or len(set(map(_key, values))) < len(values):
                 raise TaskError(
                     f"the values {of} must be different numbers, words or flags, at least one: got "
-                    f"{values!r}"
+                    f"{self.values!r}"
                 )
-            if (self.kind, self.low, self.high) != (None, None, None):
+            if self.kind is not None or limits:
                 raise TaskError(f"the values {of} say all: leave out kind, low and high")
             if self.harder in ("larger", "smaller") and str in kinds:
                 raise TaskError(
@@ -94,10 +95,9 @@ class Parameter:
             object.__setattr__(self, "values", values)
         elif self.harder == "later" and self.kind is not None:
             raise TaskError(f"harder='later' {of} needs values in that order: there are none")
-        for name in ("low", "high"):
-            if getattr(self, name) is not None:
-                number(f"{name} {of}", getattr(self, name), TaskError)
-        if self.low is not None and self.high is not None and self.low > self.high:
+        for name, limit in limits.items():
+            number(f"{name} {of}", limit, TaskError)
+        if len(limits) == 2 and limits["low"] > limits["high"]:
             raise TaskError(f"low {of} must be at most high: got {self.low} and {self.high}")
 
     @property
@@ -118,26 +118,26 @@ class Parameter:
             return None
         if self.values is not None:
             whole = isinstance(value, float) and value.is_integer()
-            for form in (value, int(value)) if whole else (value,):
-                for known in self.values:
-                    if _key(known) == _key(form):
-                        return known
-            raise TaskError(f"{name} must be one of {self.listed()}: got {value!r}")
+            keys = [_key(form) for form in ((value, int(value)) if whole else (value,))]
+            matching = [known for key in keys for known in self.values if _key(known) == key]
+            if not matching:
+                raise TaskError(f"{name} must be one of {self.listed()}: got {value!r}")
+            return matching[0]
         if self.kind is bool:
             if not isinstance(value, bool):
                 raise TaskError(f"{name} must be True or False: got {value!r}")
         elif self.kind is str:
             text(name, value, TaskError)
-        elif self.kind is int:
-            low = 1 - BEYOND_64_BITS if self.low is None else int(self.low)
-            high = BEYOND_64_BITS if self.high is None else self.high
+        else:
+            farthest = BEYOND_64_BITS if self.kind is int else math.inf
+            low = 1 - farthest if self.low is None else self.low
+            high = farthest if self.high is None else self.high
+            if self.kind is not int:
+                return number(name, value, TaskError, low, high)
             if self.low is None and number(name, value, TaskError) % 1:
                 raise TaskError(f"{name} must be a whole number: got {value!r}")
-            value = whole_number(name, value, low, TaskError)
+            value = whole_number(name, value, int(low), TaskError)
             number(name, value, TaskError, low, high)
-        else:
-            limits = {"low": self.low, "high": self.high}.items()
-            value = number(name, value, TaskError, **{k: v for k, v in limits if v is not None})
         return value
 
     def choices(self, family: str) -> tuple[Any, ...]:
@@ -212,14 +212,11 @@ def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
     """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
     known = dict[str, tuple[Any, Rule, bool]]()
     for name, hint in get_type_hints(function, include_extras=True).items():
-        kind, rule = hint, Rule()
-        if get_origin(hint) is Annotated:
-            kind, *extras = get_args(hint)
-            rule = next((extra for extra in extras if isinstance(extra, Rule)), rule)
+        kind, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        rule = next((extra for extra in extras if isinstance(extra, Rule)), Rule())
         members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
         others = [member for member in members if member is not NoneType]
-        optional = len(others) < len(members)
-        known[name] = (others[0] if len(others) == 1 else kind), rule, optional
+        known[name] = (others[0] if len(others) == 1 else kind), rule, len(others) < len(members)
     return known
 
 
@@ -231,8 +228,7 @@ def complete_parameters(
     by_name = {parameter.name: parameter for parameter in declared}
     variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
     free = any(entry.kind is variadic[0] for entry in signature.values())
-    strange = [name for name in by_name if name not in signature and not free]
-    if strange or len(by_name) < len(declared):
+    if len(by_name) < len(declared) or not (free or by_name.keys() <= signature.keys()):
         raise TaskError(
             f"the parameters of {family} must be different ones of its function, "
             f"{', '.join(signature)}: got {', '.join(parameter.name for parameter in declared)}"
@@ -244,16 +240,16 @@ def complete_parameters(
         default = ... if entry.default is inspect.Parameter.empty else entry.default
         unannotated: tuple[Any, Rule, bool] = type(default), Rule(), False
         kind, rule, optional = rules.get(name, unannotated)
-        parameter = by_name.get(name, Parameter(name))
+        low, high, harder, values, varies = rule
+        parameter = by_name.get(name)
+        if parameter is None:
+            parameter = Parameter(name, None, low, high, values, harder=harder)
         if parameter.default is ...:
             parameter = replace(parameter, default=default)
-        unknown = parameter.kind is None and parameter.values is None
+        unknown = parameter.kind is None and parameter.values in (None, values)
         if parameter.default is None or (unknown and optional):
             parameter = replace(parameter, optional=True)
-        if name not in by_name:
-            low, high, harder, values, _ = rule
-            parameter = replace(parameter, low=low, high=high, harder=harder, values=values)
-        if unknown and parameter.values is None:
+        if parameter.kind is None and parameter.values is None:
             if kind in KINDS:  # bool, int, float or str
                 parameter = replace(parameter, kind=kind)
             elif get_origin(kind) is Literal:
@@ -265,15 +261,14 @@ def complete_parameters(
                 )
             else:  # no kind of a family's: it keeps its default
                 continue
-        if rule.varies or name in by_name:
+        if varies or name in by_name:
             parameters.append(parameter)
     parameters += [parameter for name, parameter in by_name.items() if name not in signature]
+    place = f"{family}, its default,"
     return tuple(
         parameter
         if parameter.required
-        else replace(
-            parameter, default=parameter.checked(parameter.default, f"{family}, its default,")
-        )
+        else replace(parameter, default=parameter.checked(parameter.default, place))
         for parameter in parameters
     )
 
@@ -308,13 +303,14 @@ class ComponentsByName:
     renaming: Any = ()
 
     def __post_init__(self) -> None:
-        one_of("unequal", self.unequal, ("unmapped", "clip", "scale"), TaskError)
+        one_of("unequal", self.unequal, get_args(Unequal), TaskError)
         named = self.renaming.items() if isinstance(self.renaming, Mapping) else self.renaming
         try:
             pairs = tuple(sorted((source, target) for source, target in named))
+            fit = all(isinstance(name, str) for pair in pairs for name in pair)
         except (TypeError, ValueError):
-            pairs = ((None, None),)
-        if not all(isinstance(name, str) for pair in pairs for name in pair):
+            fit = False
+        if not fit:
             raise TaskError(
                 "renaming must be a dict of source components to target components: got "
                 f"{self.renaming!r}"
@@ -379,16 +375,16 @@ class TaskFamily(Frozen):
         fit_name("a task family", self.name, TaskError)
         if self.mapping is None:
             object.__setattr__(self, "mapping", ComponentsByName())
-        for part, rule, fits in (
-            ("factory", "a function", callable(self.factory)),
-            (
-                "mapping",
+        rules = {
+            "factory": ("a function", callable(self.factory)),
+            "mapping": (
                 "a ComponentsByName or a function of target and source",
                 isinstance(self.mapping, ComponentsByName) or callable(self.mapping),
             ),
-            ("constraint", "a function", self.constraint is None or callable(self.constraint)),
-            ("parameters", "a list of Parameter", isinstance(self.parameters, list | tuple)),
-        ):
+            "constraint": ("a function", self.constraint is None or callable(self.constraint)),
+            "parameters": ("a list of Parameter", isinstance(self.parameters, list | tuple)),
+        }
+        for part, (rule, fits) in rules.items():
             if not fits:
                 value = getattr(self, part)
                 raise TaskError(f"the {part} of {self.name} must be {rule}: got {value!r}")
@@ -401,15 +397,14 @@ class TaskFamily(Frozen):
         """Return the member with these parameters; the others have their defaults."""
         for name in values:
             self.parameter(name)
-        checked = list[Any]()
         for parameter in self.parameters:
             if parameter.required and parameter.name not in values:
                 raise TaskError(
                     f"{parameter.name} of {self.name} must be given: it has no default, and is "
                     f"{parameter.listed()}"
                 )
-            value = values.get(parameter.name, parameter.default)
-            checked.append(parameter.checked(value, self.name))
+        values = {known.name: known.default for known in self.parameters} | values
+        checked = [known.checked(values[known.name], self.name) for known in self.parameters]
         member = FamilyMember(self, tuple(checked))
         if refused := member.refusal():
             raise TaskError(f"{refused}: got {member}")
@@ -431,10 +426,9 @@ class TaskFamily(Frozen):
                 several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
                 listed = wanted if several else (wanted,)
                 columns.append(tuple(parameter.checked(value, self.name) for value in listed))
-            elif parameter.required:
-                columns.append(parameter.choices(self.name))
             else:
-                columns.append((parameter.default,))
+                required, default = parameter.required, parameter.default
+                columns.append(parameter.choices(self.name) if required else (default,))
         yield from self._allowed(columns)
 
     def easier(self, member: "FamilyMember") -> Iterator["FamilyMember"]:

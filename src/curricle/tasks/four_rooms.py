@@ -1,26 +1,4 @@
-"""Four rooms: a grid of rooms joined by hallways, in which moves slip.
-
-Sutton, Precup, Singh 1999, "Between MDPs and semi-MDPs: a framework for temporal abstraction in
-reinforcement learning", section 3 and figure 2, has the defaults and other goals besides: 104 cells
-on a 13x13 grid, walls included. A move into a wall leaves the agent where it is. ::
-
-    #############
-    #     #     #
-    #     #     #
-    #           #
-    #     #     #
-    #     #     #
-    ## ####     #
-    #     ### ###
-    #     #     #
-    #     #     #
-    #           #
-    #     #     #
-    #############
-
-Other sizes have the same plan: the wall between west and east in the middle, the wall between north
-and south there in the west and one row further south in the east, a hallway in each.
-"""
+"""Four rooms joined by hallways: a grid of rooms in which moves slip."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,20 +14,28 @@ from curricle.tasks.domain import (
     Discount,
     GridDomain,
     TimeLimit,
-    check_part,
+    cell_of,
     family_of,
     in_proportion,
+    part_of,
 )
 from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.spaces import MISSING, Decoded, whole
+from curricle.tasks.spaces import MISSING, Decoded
 
 SMALLEST_SIZE, LARGEST_SIZE = 7, 1000  # cells per side, walls included
 
 
 @dataclass(frozen=True)
 class FourRooms(GridDomain):
-    """Four rooms joined by hallways; entering the goal ends the episode.
+    """Four rooms joined by hallways, in which moves slip; entering the goal ends the episode.
+
+    Sutton, Precup, Singh 1999, "Between MDPs and semi-MDPs: a framework for temporal abstraction in
+    reinforcement learning", section 3 and figure 2, has the defaults and other goals besides: 104
+    cells on a 13x13 grid, walls included. A move into a wall leaves the agent where it is.
+
+    All sizes have the same plan: the wall between west and east in the middle, that between north
+    and south there in the west and one row further south in the east, a hallway in each.
 
     Parameters
     ----------
@@ -64,7 +50,7 @@ class FourRooms(GridDomain):
     start : "corner", "uniform" or cells
         In the first free cell, in any cell but the goal, or in one of these ``(row, column)``.
     rows, columns : (int, int), optional
-        Half-open ranges: the part of the plan that the task has, all by default.
+        Half-open ranges: the part of the plan that the task has.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
@@ -95,22 +81,11 @@ class FourRooms(GridDomain):
 
     def _check(self) -> None:
         for name in ("rows", "columns"):
-            part = getattr(self, name)
-            if part is not None:
-                check_part(name, part, 0, self.size)
-                object.__setattr__(self, name, (int(part[0]), int(part[1])))
-        if isinstance(self.goal, str):
-            if self.goal not in MOVES:
-                known = ", ".join(map(repr, MOVES))
-                raise TaskError(
-                    f"goal must be one of the hallways {known}, or a row and a column: got "
-                    f"{self.goal!r}"
-                )
-        else:
-            cell = whole(self.goal, "the goal's row and column")
-            if cell.shape != (2,):
-                raise TaskError(f"goal must be a hallway, or a row and a column: got {self.goal!r}")
-            object.__setattr__(self, "goal", (int(cell[0]), int(cell[1])))
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, part_of(name, getattr(self, name), 0, self.size))
+        if not isinstance(self.goal, str) or self.goal not in MOVES:
+            rule = f"one of the hallways {', '.join(map(repr, MOVES))}, or a row and a column"
+            object.__setattr__(self, "goal", cell_of("goal", self.goal, rule))
         row, column = self.goal_cell
         if self._cell_space.encode(row=row, column=column) == MISSING:
             raise TaskError(f"the goal needs a free cell of the rooms: got ({row}, {column})")
@@ -124,8 +99,8 @@ class FourRooms(GridDomain):
         A move off the part leaves the agent where it is. The part must have the goal.
         """
         (top, bottom), (left, right) = self._part
-        check_part("rows", rows, top, bottom - top)
-        check_part("columns", columns, left, right - left)
+        part_of("rows", rows, top, bottom - top)
+        part_of("columns", columns, left, right - left)
         return replace(self, rows=rows, columns=columns, goal=self.goal_cell, start=start)
 
     @property
@@ -189,7 +164,7 @@ class FourRooms(GridDomain):
 
 def _hallways_as_hallways(target: FamilyMember, source: FamilyMember) -> Any:
     """Return how four rooms read others: hallways as hallways, the cells of rooms in proportion."""
-    marks, others = (_marks(member["size"]) for member in (target, source))
+    marks, others = (_marks(member.task) for member in (target, source))
 
     def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
         row, column = states["row"], states["column"]
@@ -201,14 +176,14 @@ def _hallways_as_hallways(target: FamilyMember, source: FamilyMember) -> Any:
     return function
 
 
-def _marks(size: int) -> dict[str, list[int]]:
+def _marks(rooms: FourRooms) -> dict[str, list[int]]:
     """Return the rows, in the west and the east, and the columns of hallways, walls and corners."""
-    half, sixth, first = size // 2, (size - 1) // 6, size // 4
-    last = size - 1 - sixth
+    half, halls, sides = rooms.size // 2, rooms.hallways, [1, rooms.size - 2]
+    rows = [halls["north"][0], halls["south"][0]]
     return {
-        "west": [first, last, half, half - 1, half + 1, 1, size - 2],
-        "east": [first, last, half + 1, half, half + 2, 1, size - 2],
-        "columns": [sixth, half + half // 2, half, half - 1, half + 1, 1, size - 2],
+        "west": [*rows, half, half - 1, half + 1, *sides],
+        "east": [*rows, half + 1, half, half + 2, *sides],
+        "columns": [halls["west"][1], halls["east"][1], half, half - 1, half + 1, *sides],
     }
 
 

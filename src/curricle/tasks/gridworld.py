@@ -1,8 +1,4 @@
-"""Grid worlds with fire, pits and treasure, drawn as text or at random (paper, on the maze; F1-F3).
-
-The agent moves one cell north, east, south or west. A move off the grid or into a wall leaves it
-where it is. The reward depends on the cell entered; an agent that stays enters its cell again.
-"""
+"""Grid worlds with fire, pits and treasure, drawn as text or at random (paper, the maze; F1-F3)."""
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
@@ -72,7 +68,10 @@ class Rewards:
 
 @dataclass(frozen=True)
 class GridWorld(MapDomain, CellDomain):
-    """A maze drawn as a text map.
+    """A maze drawn as a text map, in which the agent moves one cell north, east, south or west.
+
+    A move off the grid or into a wall leaves it where it is. The reward depends on the cell
+    entered; an agent that stays enters its cell again.
 
     Parameters
     ----------
@@ -149,10 +148,6 @@ class GridWorld(MapDomain, CellDomain):
             axes.append(Component(f"{label}_column", 2 * width - 1, low=1 - width))
             points += [row - self.cells[:, 0], column - self.cells[:, 1]]
         return Space(axes, np.stack(points, axis=1))
-
-    @property
-    def _where(self) -> tuple[str, ...]:
-        return self.states.names
 
     def state(self, row: int, column: int) -> int:
         """Return the number of the state in which the agent is at (row, column)."""

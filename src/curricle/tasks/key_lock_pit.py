@@ -1,16 +1,4 @@
-"""A room with keys, locks and pits, drawn as text: pick up the keys, open the locks, do not fall.
-
-Narvekar, Sinapov, Stone 2017, "Autonomous task sequencing for customized curriculum design in
-reinforcement learning" (also Narvekar and Stone 2019, "Learning curriculum policies for
-reinforcement learning"). The agent moves one cell north, east, south or west; a wall or the edge
-leaves it where it is. In a cell with a key it can pick the key up. In a cell with a lock it can
-open the lock, if it holds the keys that the lock depends on. The episode ends in a pit, or when all
-locks are open. The papers' beacons are features for function approximation and have no counterpart
-in a table.
-
-For source tasks a map may lack one of them: without locks the episode ends when all keys are held,
-and a lock without keys on the map is opened by an agent that holds none.
-"""
+"""A room with keys, locks and pits: pick up the keys, open the locks, do not fall."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
-from curricle.arrays import BoolArray, IntArray, frozen
+from curricle.arrays import BoolArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
@@ -56,6 +44,15 @@ ROOM = "\n".join(_room(8))
 @dataclass(frozen=True)
 class KeyLockPit(MapDomain):
     """Keys, locks and pits in a room drawn as a text map.
+
+    Narvekar, Sinapov, Stone 2017, "Autonomous task sequencing for customized curriculum design in
+    reinforcement learning" (also Narvekar and Stone 2019, "Learning curriculum policies for
+    reinforcement learning"); their beacons are features and have no counterpart in a table.
+
+    The agent moves one cell; a wall or the edge leaves it where it is. In a cell with a key it can
+    pick the key up, in a cell with a lock it can open the lock if it holds the keys that the lock
+    depends on. The episode ends in a pit, or when all locks are open; without locks, when all keys
+    are held.
 
     Parameters
     ----------
@@ -107,22 +104,21 @@ class KeyLockPit(MapDomain):
     def _check(self) -> None:
         self._read_map(self.map, "KL", "a map needs a key K or a lock L")
         keys, locks = len(self._keys), len(self._locks)
-        if not isinstance(self.needs, str) or self.needs != "all":
-            needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else [None]
+        if self.needs != "all":
+            needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else []
             if len(needs) != locks or not all(isinstance(needed, list | tuple) for needed in needs):
                 raise TaskError(
                     f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
                     f"{self.needs!r}"
                 )
-            checked = list[tuple[int, ...]]()
-            for needed in needs:
-                numbers = whole(list(needed), "the keys of a lock")
+            for i, needed in enumerate(needs):
+                numbers = whole(needed, "the keys of a lock")
                 if numbers.ndim != 1 or ((numbers < 1) | (numbers > keys)).any():
                     raise TaskError(
                         f"the keys of a lock must be numbers from 1 to {keys}: got {needed!r}"
                     )
-                checked.append(tuple(sorted(set(numbers.tolist()))))
-            object.__setattr__(self, "needs", tuple(checked))
+                needs[i] = tuple(sorted(set(numbers.tolist())))
+            object.__setattr__(self, "needs", tuple(needs))
         things = keys + locks
         if 2**things * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
@@ -177,9 +173,11 @@ class KeyLockPit(MapDomain):
         ]
         return Space(axes, np.concatenate(points))
 
-    @property
-    def _state_cells(self) -> IntArray:
-        return frozen(self.states.points[:, :2].copy())
+    @cached_property
+    def _cell(self) -> IntArray:
+        """The number of the agent's cell in each state, (S,)."""
+        row, column = self.states.points[:, :2].T
+        return self._cell_space.encode(row=row, column=column)
 
     @cached_property
     def _keys(self) -> IntArray:
@@ -212,48 +210,37 @@ class KeyLockPit(MapDomain):
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The task as tables: a row for entering each state by a move, one for using its object."""
-        states, n_states = self.states, self.states.size
-        values, here = states.decode(), np.arange(n_states)
-        cell = self._cell_space.encode(row=values["row"], column=values["column"])
-        after = self._landing()[cell]
+        states, values, here = self.states, self.states.decode(), np.arange(self.states.size)
         others = {name: values[name][:, None] for name in states.names[2:]}
-        row, column = self.cells[after].transpose(2, 0, 1)
+        row, column = self.cells[self._landing()[self._cell]].transpose(2, 0, 1)
         entered = states.encode(row=row, column=column, **others)
         entered = np.where(entered == MISSING, here[:, None], entered)  # of states that ended
-        used, paid = here.copy(), np.full(n_states, self.step_reward)
-        picked, opened = self._use(used, paid)
-        use = [np.where(does, n_states + here, here)[:, None] for does in (picked, opened)]
-        move_reward = np.where(self._fallen, self.pit_reward, self.step_reward)
+        used, paid = here.copy(), np.full(len(here), self.step_reward)
+        picks, opens = np.zeros((2, len(here)), bool)
+        held, keys = states.points[:, 2:] == 1, len(self._keys)
+        needs = [set[int]()] * keys + self._keys_of
+        for i, (row, column) in enumerate([*self._keys, *self._locks]):
+            can = (values["row"] == row) & (values["column"] == column) & ~held[:, i]
+            can &= held[:, sorted(needs[i])].all(axis=1)
+            changed = {**values, states.names[2 + i]: np.ones_like(here)}
+            used[can] = states.encode(**{name: value[can] for name, value in changed.items()})
+            paid[can] = self.key_reward if i < keys else self.lock_reward
+            (picks if i < keys else opens)[can] = True
+        use = [np.where(does, len(here) + here, here)[:, None] for does in (picks, opens)]
+        moved = np.where(self._fallen, self.pit_reward, self.step_reward)
         return self._tables(
-            np.ones((2 * n_states, 1)),
+            np.ones((2 * len(here), 1)),
             np.concatenate([here, used])[:, None],
-            np.concatenate([move_reward, paid])[:, None],
+            np.concatenate([moved, paid])[:, None],
             terminal=self._ends,
             starting=self._start_states(),
             outcome_row=np.concatenate([entered, *use], axis=1),
         )
 
-    def _use(self, used: IntArray, paid: Any) -> tuple[BoolArray, BoolArray]:
-        """Write where using a cell's object leads and what it pays; return who picks, who opens."""
-        values, held = self.states.decode(), self.states.points[:, 2:] == 1
-        does = np.zeros((2, len(used)), bool)
-        pays = [self.key_reward] * len(self._keys) + [self.lock_reward] * len(self._locks)
-        needs = [set[int]()] * len(self._keys) + self._keys_of
-        for i, (row, column) in enumerate([*self._keys, *self._locks]):
-            can = (values["row"] == row) & (values["column"] == column) & ~held[:, i]
-            can &= held[:, sorted(needs[i])].all(axis=1)
-            name = self.states.names[2 + i]
-            changed = {**values, name: np.ones_like(values[name])}
-            used[can] = self.states.encode(**{n: v[can] for n, v in changed.items()})
-            paid[can] = pays[i]
-            does[int(i >= len(self._keys))] |= can
-        return does[0], does[1]
-
     @property
     def _fallen(self) -> BoolArray:
         """Whether the agent is in a pit, (S,) bool."""
-        row, column = (self.states.points[:, :2] - np.array(self.origin)).T
-        return np.asarray(self._grid[row, column] == "P")
+        return self._holds("P")[self._cell]
 
     @property
     def _ends(self) -> BoolArray:
