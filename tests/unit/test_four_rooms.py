@@ -106,9 +106,12 @@ def test_a_crop_moves_as_the_whole_does_and_stays_inside():
 REFUSED = [
     (lambda: FourRooms(goal="up"), "one of the hallways 'north', .*got 'up'"),
     (lambda: FourRooms(goal=(0, 3)), r"goal needs a free .*got \(0, 3\)"),
-    (lambda: FourRooms(goal=(1, 2, 3)), "goal must be a hallway, or"),
+    (
+        lambda: FourRooms(goal=(1, 2, 3)),
+        "goal must be one of the hallways .*, or a row and a column",
+    ),
     (lambda: FourRooms(start=[(1, 1), (6, 6)]), r"free cell that does not end it: got \(6, 6\)"),
-    (lambda: FourRooms(start="map"), "'corner', 'uniform' or cells: got 'map'"),
+    (lambda: FourRooms(start="map"), "'corner', 'uniform' or cells such as .*: got 'map'"),
     (lambda: FourRooms(rows=(0, 1)), "a crop needs a free cell: rows 0..1"),
     (lambda: FourRooms(rows=(3, 9)).crop(rows=(2, 8), columns=(0, 13)), r"rows 3..9: got 2..8"),
     (lambda: FourRooms(columns=(3,)), "a first and an end"),

@@ -104,11 +104,8 @@ class BlockDude(DomainWithStart):
 
     Examples
     --------
-    >>> task = BlockDude(level=1)
-    >>> task.states.size, task.states.names
-    (788, ('row', 'column', 'facing', 'holding', 'block_1', 'block_2'))
-    >>> print(task.states.label(0))
-    row=3 column=15 facing=east holding=no block_1=(3,9) block_2=(3,13)
+    >>> BlockDude(level=1).states.label(0)
+    'row=3 column=15 facing=east holding=no block_1=(3,9) block_2=(3,13)'
     """
 
     level: Any = 1
@@ -184,14 +181,6 @@ class BlockDude(DomainWithStart):
         }
 
     @cached_property
-    def _bricks(self) -> set[Cell]:
-        return {cell for cell, drawn in self._drawn.items() if drawn == "#"}
-
-    @cached_property
-    def _exit(self) -> Cell:
-        return next(cell for cell, drawn in self._drawn.items() if drawn == "E")
-
-    @cached_property
     def _first(self) -> _State:
         """The state that is drawn."""
         (agent,) = (cell for cell, drawn in self._drawn.items() if drawn in FACING)
@@ -202,7 +191,7 @@ class BlockDude(DomainWithStart):
         """Return the greatest height of a brick, a block or the ground, `height` at most."""
         ground = -self.origin[0] - len(self.level)
         while height > ground:
-            if (column, height) in self._bricks or (column, height) in state.blocks:
+            if self._drawn.get((column, height)) == "#" or (column, height) in state.blocks:
                 return height
             height -= 1
         return ground
@@ -223,7 +212,7 @@ class BlockDude(DomainWithStart):
             return state if below != height else state._replace(column=there, height=height + 1)
         if action == "pick up":
             above = (there, height + 1)
-            covered = above in blocks or above in self._bricks
+            covered = above in blocks or self._drawn.get(above) == "#"
             if holding or covered or (there, height) not in blocks:
                 return state
             rest = tuple(block for block in blocks if block != (there, height))
@@ -238,7 +227,7 @@ class BlockDude(DomainWithStart):
         """The states that can be reached, the drawn one first, and successors, (S, A) int64."""
         number, states, successors = {self._first: 0}, [self._first], list[list[int]]()
         for state in states:  # which grows meanwhile
-            ended = state[:2] == self._exit
+            ended = self._drawn.get(state[:2]) == "E"
             after = [state if ended else self._after(state, action) for action in self.ACTIONS]
             for reached in after:
                 if reached not in number:
@@ -260,7 +249,7 @@ class BlockDude(DomainWithStart):
             (state[:2], *[(state.column, state.height + 1)] * state.holding, *state.blocks)
             for state in self._reached[0]
         ]
-        return frozen(np.array(cells)[:, :, ::-1] * (-1, 1))
+        return frozen(np.array(cells)[:, :, ::-1] * np.array([-1, 1]))
 
     @cached_property
     def states(self) -> Space:
@@ -292,14 +281,15 @@ class BlockDude(DomainWithStart):
         """Where the agent is in each state, for pictures."""
         top, left = self.origin
         first = min(top, int(self._cells[..., 0].min()))
-        bricks = [(-height, column) for column, height in sorted(self._bricks)]
-        column, height = self._exit
+        drawn = sorted(self._drawn.items())
+        bricks = [(-height, column) for (column, height), thing in drawn if thing == "#"]
+        exits = [(-height, column) for (column, height), thing in drawn if thing == "E"]
         return GridLayout(
             cells=self._cells[:, 0],
             components=("row", "column"),
             shape=(top + len(self.level) - first, len(self.level[0])),
             origin=(first, left),
-            objects=(("exit", -height, column, True),),
+            objects=tuple(("exit", *cell, True) for cell in exits),
             walls=np.array(bricks, dtype=np.int64).reshape(-1, 2),
             markers={name: self._cells[:, 1 + i] for i, name in enumerate(self.block_names)},
         )
@@ -308,7 +298,7 @@ class BlockDude(DomainWithStart):
     def mdp(self) -> FiniteMDP:
         """The level as tables: a row for entering each state, O = 1."""
         states, after = self._reached
-        ended = np.array([state[:2] == self._exit for state in states])
+        ended = np.array([self._drawn.get(state[:2]) == "E" for state in states])
         return self._tables(
             np.ones((len(states), 1)),
             np.arange(len(states))[:, None],

@@ -41,7 +41,8 @@ class Domain(Frozen):
     time_limit: int | None
 
     def __post_init__(self) -> None:
-        for name, checked in _checks(type(self)):
+        domain: Any = type(self)
+        for name, checked in _checks(domain):
             object.__setattr__(self, name, checked(getattr(self, name)))
         check_horizon(self)
         self._check()
@@ -62,7 +63,7 @@ class Domain(Frozen):
         *,
         terminal: BoolArray,
         starting: IntArray,
-        outcome_row: IntArray | None = None,
+        outcome_row: npt.NDArray[np.integer[Any]] | None = None,
     ) -> FiniteMDP:
         """Return the tables; episodes start in the states `starting`, equally likely.
 
@@ -323,7 +324,8 @@ def numbered_names(kind: str, count: int) -> tuple[str, ...]:
 def in_proportion(values: IntArray, marks: list[int], others: list[int]) -> IntArray:
     """Return values so that each of some marks becomes the other, in proportion between them."""
     rising, first = np.unique(marks, return_index=True)
-    return np.rint(np.interp(values, rising, np.array(others)[first])).astype(np.int64)
+    read = np.interp(values, rising, np.array(others)[first])
+    return np.asarray(np.rint(read), dtype=np.int64)
 
 
 # -- maps drawn in text ----------------------------------------------------------------------------

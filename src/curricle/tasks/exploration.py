@@ -64,12 +64,8 @@ class DeepSea(GridDomain):
 
     Examples
     --------
-    >>> sea = DeepSea(size=3, discount=1.0)
-    >>> sea.states.size  # 1 + 2 + 3 cells and 3 on the ground
+    >>> DeepSea(size=3).states.size  # 1 + 2 + 3 cells and 3 on the ground
     9
-    >>> from curricle import solve
-    >>> float(solve(sea).values[0].round(6))
-    0.99
     """
 
     size: Annotated[int, Rule(1, LARGEST_SEA, "larger")] = 10
@@ -197,14 +193,11 @@ class RiverSwim(DomainWithStart):
         Positions from bank to bank, 2 to 1,000,000.
     forward, back : float
         Probabilities that swimming right moves one position on, and one back.
-    leave_bank : float
-        Probability that swimming right leaves the left bank; else the swimmer stays.
-    stay_at_end : float
-        Probability that swimming right stays at the right bank; else it is carried back.
-    left_reward : float
-        Of swimming left at the left bank.
-    right_reward : float
-        Of staying at the right bank by swimming right.
+    leave_bank, stay_at_end : float
+        Probabilities that swimming right leaves the left bank, else the swimmer stays, and that it
+        stays at the right bank, else it is carried back.
+    left_reward, right_reward : float
+        Of swimming left at the left bank, and of staying at the right bank by swimming right.
     start : "uniform" or positions
         Where episodes start, equally likely; in the paper 1 and 2.
     origin : int
@@ -214,10 +207,7 @@ class RiverSwim(DomainWithStart):
 
     Examples
     --------
-    >>> river = RiverSwim()
-    >>> river.states, river.actions.components[0].labels
-    (Space(6 points: position[6]), ('left', 'right'))
-    >>> river.crop(positions=(3, 6)).left_reward  # the left bank is not part of it
+    >>> RiverSwim().crop(positions=(3, 6)).left_reward  # the left bank is not part of it
     0.0
     """
 

@@ -49,11 +49,8 @@ class Parameter:
     Examples
     --------
     >>> size = Parameter("size", int, low=2, high=50, harder="larger")
-    >>> size.checked(4, "maze")
-    4
-    >>> size.checked(1, "maze")
-    Traceback (most recent call last):
-    curricle.errors.TaskError: size of maze must be a whole number, at least 2: got 1
+    >>> size.checked(4, "maze"), size.listed()
+    (4, '2..50')
     """
 
     name: str
@@ -280,9 +277,7 @@ Unequal = Literal["unmapped", "clip", "scale"]
 
 @dataclass(frozen=True)
 class ComponentsByName:
-    """Components of the source are read off those of the target by name.
-
-    Components with labels correspond label by label, others number by number.
+    """Reads components of the source off the target's by name, by label or else by number.
 
     Parameters
     ----------
@@ -323,9 +318,7 @@ class ComponentsByName:
 
 @dataclass(frozen=True)
 class TaskFamily(Frozen):
-    """Tasks that one function makes from declared parameters.
-
-    Calling the family with parameters returns a :class:`FamilyMember`.
+    """Tasks that one function makes from declared parameters; a call returns a FamilyMember.
 
     Parameters
     ----------
@@ -335,10 +328,10 @@ class TaskFamily(Frozen):
         Returns the task; called with every parameter by name.
     parameters : sequence of Parameter
         What the signature of `factory` does not say.
-    mapping : ComponentsByName or callable, optional
-        How members map onto each other (:func:`family_mappings`): :class:`ComponentsByName`, the
-        default, or a function of target and source, both :class:`FamilyMember`, that returns such,
-        a function for :func:`from_function` or a mapping, or several in a list.
+    mapping : ComponentsByName or callable
+        How members map onto each other (:func:`family_mappings`); a function of target and source,
+        both :class:`FamilyMember`, returns a :class:`ComponentsByName`, a function for
+        :func:`from_function` or a mapping, or several in a list.
     constraint : callable, optional
         From a dict of parameters to what is wrong with them together, a sentence, or None.
 
@@ -356,13 +349,8 @@ class TaskFamily(Frozen):
     ...     Parameter("capture", values=["any", "all"])])
     >>> hunts(size=4, predators=1)
     hunt(predators=1)
-    >>> hunts(size=4, predators=1).task == Pursuit(size=4, predators=1)
-    True
     >>> [member["size"] for member in hunts.members(size=range(3, 6), predators=2)]
     [3, 4, 5]
-    >>> hunts(size=11)
-    Traceback (most recent call last):
-    curricle.errors.TaskError: size of hunt must lie in [2, 10]: got 11
     """
 
     name: str
@@ -411,11 +399,10 @@ class TaskFamily(Frozen):
         return member
 
     def members(self, /, **values: Any) -> Iterator["FamilyMember"]:
-        """Yield members, one for each combination of the given values.
+        """Yield the members of all combinations of values that the constraint does not refuse.
 
-        A parameter has one value or several in an iterable. One that is left out has its default
-        or, if it has none, each of its values. Combinations that the constraint refuses are left
-        out.
+        A parameter has one value or several in an iterable; one that is left out has its default,
+        or all its values if it has none.
         """
         for name in values:
             self.parameter(name)
@@ -483,8 +470,8 @@ class TaskFamily(Frozen):
 class FamilyMember(Frozen):
     """The address of one task of a family: the family and the value of each of its parameters.
 
-    Made by calling a :class:`TaskFamily`. The task is built when it is first asked for. Printed are
-    the parameters that differ from the function's defaults, and those that have none.
+    The task is built when it is first asked for. Printed are the parameters that differ from the
+    function's defaults, and those that have none.
 
     Examples
     --------

@@ -59,9 +59,6 @@ class FourRooms(GridDomain):
     >>> rooms = FourRooms()
     >>> rooms.states.size, rooms.goal_cell
     (104, (7, 9))
-    >>> room = rooms.crop(rows=(7, 12), columns=(7, 12))
-    >>> room.states.size  # the room in the south-east and the goal north of it
-    21
     """
 
     size: Annotated[int, Rule(SMALLEST_SIZE, LARGEST_SIZE, "larger")] = 13

@@ -1,10 +1,10 @@
 """Grid worlds with fire, pits and treasure, drawn as text or at random (paper, the maze; F1-F3)."""
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import count
+from itertools import count, groupby
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
@@ -39,12 +39,10 @@ class Rewards:
     ----------
     step : float
         Of every step (with ``combine="worst"``, only of steps to which no other term applies).
-    treasure, fire, pit : float
-        For entering a cell with such an object.
-    near_fire : float
-        For entering a cell with fire north, east, south or west of it, however many.
+    treasure, fire, pit, near_fire : float
+        Of entering a cell with such an object; with fire north, east, south or west of it.
     bump : float
-        For a move that the edge of the grid or a wall prevents.
+        Of a move that the edge of the grid or a wall prevents.
 
     Examples
     --------
@@ -86,8 +84,8 @@ class GridWorld(MapDomain, CellDomain):
     start : "map", "uniform" or cells
         At an ``S``, at any cell that does not end the episode, or at one of these cells.
     representation : {"absolute", "relative"}
-        The components of a state: the agent's ``row`` and ``column``, or the position of each
-        object relative to the agent (Svetlik et al. 2017; paper E4, F1).
+        The components of a state: the agent's ``row`` and ``column``, or the positions of objects
+        relative to the agent (Svetlik et al. 2017; paper E4, F1).
     origin : (int, int)
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
@@ -95,12 +93,7 @@ class GridWorld(MapDomain, CellDomain):
 
     Examples
     --------
-    >>> maze = GridWorld('''
-    ...     S.P
-    ...     ..T
-    ... ''')
-    >>> maze.states
-    Space(6 points: row[2] x column[3])
+    >>> maze = GridWorld(["S.P", "..T"])
     >>> maze.crop(rows=(0, 2), columns=(1, 3)).states.label(0)
     'row=0 column=1'
     """
@@ -216,13 +209,12 @@ def random_maze(
     discount: Discount = 0.99,
     time_limit: TimeLimit = 200,
 ) -> GridWorld:
-    r"""Return a random maze: a square with the treasure in a corner, walls, pits and fires.
+    """Return a random maze: a square with the treasure in a corner, walls, pits and fires.
 
-    It grows from the treasure outwards, one row and one column at a time. Objects are taken away at
-    random until every free cell has a way to the treasure that enters neither pit nor fire. So
-    every maze is solvable from every free cell, and **a smaller maze with the same seed is the part
-    of a larger one around the treasure**, as the paper's source tasks are parts of their target.
-    The treasure has the coordinates (0, 0) in all of them.
+    It grows from the treasure, at (0, 0), outwards, one row and one column at a time. Objects are
+    taken away at random until every free cell has a way to the treasure that enters neither pit nor
+    fire. **A smaller maze with the same seed is the part of a larger one around the treasure**, as
+    the paper's source tasks are parts of their target.
 
     Parameters
     ----------
@@ -235,8 +227,7 @@ def random_maze(
     corner : {"north-west", "north-east", "south-west", "south-east"}
         Where the treasure lies.
     start : {"far", "uniform"}
-        Episodes start in the free cell from which the way is the longest, or in any cell that does
-        not end the episode.
+        In the free cell with the longest way, or in any cell that does not end the episode.
     step, treasure, fire, near_fire, pit : float
         As in :class:`Rewards`.
     discount, time_limit
@@ -244,15 +235,10 @@ def random_maze(
 
     Examples
     --------
-    >>> maze = random_maze(size=5, seed=3)
-    >>> print("\n".join(maze.map))
-    .#..T
-    .....
-    .#.#.
-    ...##
-    S....
-    >>> random_maze(size=4, seed=3, start="uniform").map == maze.crop(
-    ...     rows=(0, 4), columns=(-3, 1)).map
+    >>> maze, part = random_maze(size=5, seed=3), random_maze(size=3, seed=3, start="uniform")
+    >>> maze.map
+    ('.#..T', '.....', '.#.#.', '...##', 'S....')
+    >>> part.map == maze.crop(rows=(0, 3), columns=(-2, 1)).map
     True
     """
     size = whole_number("size of a maze", size, 2, TaskError)
@@ -268,8 +254,13 @@ def random_maze(
     cells = {(0, 0): "T"}
     for n in range(1, size):
         _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)
-    free = {cell for cell, character in cells.items() if character == "."}
-    distance = _distances([(0, 0)], free)
+    distance, waiting = {(0, 0): 0}, deque([(0, 0)])
+    while waiting:
+        row, column = waiting.popleft()
+        for near in ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1)):
+            if cells.get(near) == "." and near not in distance:
+                distance[near] = distance[row, column] + 1
+                waiting.append(near)
     far = max(distance, key=lambda cell: (distance[cell], cell))
     if start == "far":
         cells[far] = "S"
@@ -307,32 +298,19 @@ def _grow(cells: dict[Cell, str], n: int, chances: dict[str, float], seed: int) 
 
 def _joined(cells: dict[Cell, str], shell: list[Cell], n: int) -> bool:
     """Return whether cells of the shell are free, and all of them have a way to the treasure."""
-    free = {cell for cell in shell if cells[cell] == "."}
-    first = [
-        cell
-        for cell in free
-        if any(max(near) < n and cells.get(near, "#") in ".T" for near in _beside(cell))
+    # From one end of the shell to the other free cells form runs. Each run must border on a cell at
+    # distance n - 1 that is free; the corner (n, n) borders on none.
+    runs = groupby(shell[:n] + shell[: n - 1 : -1], lambda cell: cells[cell] == ".")
+    joined = [
+        any(
+            cells.get((row - (row == n), column - (column == n)), "#") in ".T"
+            for row, column in run
+            if min(row, column) < n
+        )
+        for free, run in runs
+        if free
     ]
-    joined = _distances(first, free)
-    return bool(free) and joined.keys() == free
-
-
-def _distances(first: list[Cell], free: set[Cell]) -> dict[Cell, int]:
-    """Return the steps from the first cells to each free one that has a way from there."""
-    waiting, distance = deque(first), dict.fromkeys(first, 0)
-    while waiting:
-        cell = waiting.popleft()
-        for near in _beside(cell):
-            if near in free and near not in distance:
-                distance[near] = distance[cell] + 1
-                waiting.append(near)
-    return distance
-
-
-def _beside(cell: Cell) -> Iterator[Cell]:
-    """Yield the cells that share an edge with one, off the map too."""
-    row, column = cell
-    yield from ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1))
+    return bool(joined) and all(joined)
 
 
 def _chances_sum(parameters: dict[str, Any]) -> str | None:

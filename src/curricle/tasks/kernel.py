@@ -1,9 +1,7 @@
-"""The kernel under compiled loops: parts by type, machine code on disk, random draws, vector code.
+"""The kernel under compiled loops: machine code on disk, parts by type, random draws, vector code.
 
-A loop is a Python function that Numba compiles. Its parts are *inlined* functions; a part with a
-body for each type of NamedTuple is :class:`Overloaded`. A random stream is a (1,) uint64 counter:
-drawing adds a constant and mixes the bits of the sum (SplitMix64; Steele, Lea, Flood 2014), so that
-the n-th draw depends only on n and on where the stream started.
+A random stream is a (1,) uint64 counter: drawing adds a constant and mixes the bits of the sum
+(SplitMix64; Steele, Lea, Flood 2014). The n-th draw depends only on n and on the stream's start.
 """
 
 import hashlib
@@ -102,10 +100,9 @@ class LoopIndex(IndexDataCacheFile):
 
 # -- parts of loops --------------------------------------------------------------------------------
 
-# Numba optimises every function and makes machine code of it, also where it is only ever inlined.
-# Loops are made of dozens of such parts, and this would take a quarter of the time of compiling
-# them. Parts are kept as intermediate code instead, which is optimised with the loop that takes it
-# in.
+# Numba optimises every function and makes machine code of it, also where it is only ever inlined,
+# which would take a quarter of the time of compiling a loop of dozens of such parts. Parts are kept
+# as intermediate code instead, which is optimised with the loop that takes it in.
 
 
 class _Part(codegen.JITCodeLibrary):
@@ -239,7 +236,7 @@ def _mixed(number):
 def splitmix64(number: int) -> int:
     """Return a 64-bit number whose bits all depend on all bits of `number`, one to one.
 
-    In compiled code as in plain Python, like :func:`uniform`, :func:`integers`, :func:`bernoulli`.
+    Compiled code may call it as Python does, and uniform, integers and bernoulli, too.
 
     Examples
     --------
@@ -264,11 +261,7 @@ def draw(stream):
     return splitmix64(stream[0])
 
 
-def _uniform(bits):
-    return np.float64(bits >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@compiled_as(_uniform)
+@compiled_as(lambda bits: np.float64(bits >> np.uint64(11)) * (1.0 / 9007199254740992.0))
 def uniform(bits: int) -> float:
     """Return a float in [0, 1) made of the upper 53 bits.
 
@@ -280,11 +273,7 @@ def uniform(bits: int) -> float:
     return (_bits("bits", bits) >> 11) / 2**53
 
 
-def _integers(bits, n):
-    return ((bits & LOW) * np.uint64(n)) >> HALF
-
-
-@compiled_as(_integers)
+@compiled_as(lambda bits, n: ((bits & LOW) * np.uint64(n)) >> HALF)
 def integers(bits: int, n: int) -> int:
     """Return a whole number from 0 to n - 1 made of the lower 32 bits; n is at most 2^32.
 
@@ -297,11 +286,7 @@ def integers(bits: int, n: int) -> int:
     return ((_bits("bits", bits) & (2**32 - 1)) * int(n)) >> 32
 
 
-def _bernoulli(bits, probability):
-    return np.float64(bits >> HALF) < probability * 4294967296.0
-
-
-@compiled_as(_bernoulli)
+@compiled_as(lambda bits, probability: np.float64(bits >> HALF) < probability * 4294967296.0)
 def bernoulli(bits: int, probability: float) -> bool:
     """Return True with this probability, by the upper 32 bits.
 

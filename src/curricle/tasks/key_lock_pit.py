@@ -62,10 +62,8 @@ class KeyLockPit(MapDomain):
     needs : "all" or lists of int
         For each lock, in reading order, the keys that it depends on, numbered in reading order from
         1; by default all of them.
-    key_reward, lock_reward, pit_reward : float
-        Of picking up a key, of opening a lock and of falling into a pit.
-    step_reward : float
-        Of every other action, also of picking up or opening nothing.
+    key_reward, lock_reward, pit_reward, step_reward : float
+        Of picking up a key, of opening a lock, of falling into a pit and of every other action.
     start : "map", "uniform" or cells
         At an ``S``, in any state in which the episode goes on, or at one of these cells.
     keys_held : bool
@@ -77,11 +75,8 @@ class KeyLockPit(MapDomain):
 
     Examples
     --------
-    >>> task = KeyLockPit()
-    >>> task.states  # 64 cells without the key, 64 with it, and the lock when it is open
+    >>> KeyLockPit().states  # 64 cells without the key, 64 with it, and the lock when it is open
     Space(129 points: row[8] x column[8] x key[2] x lock[2])
-    >>> task.actions.components[0].labels
-    ('north', 'east', 'south', 'west', 'pick up', 'unlock')
     """
 
     map: Any = ROOM

@@ -1,8 +1,7 @@
-"""Finite Markov decision processes as frozen tables, and what learning and planning need of a task.
+"""Finite MDPs as frozen tables, and what learning and planning need of a task.
 
 Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
-rows, and each row lists up to O outcomes with probability, successor and reward. This keeps domains
-small (a maze: Y = 2 S; pursuit: Y = S, O = moves of the prey); an arbitrary MDP has Y = S A.
+rows of up to O outcomes. A maze has Y = 2 S, a pursuit Y = S, an arbitrary MDP Y = S A.
 """
 
 from dataclasses import dataclass
@@ -152,7 +151,7 @@ class FiniteMDP(Frozen):
         states: Space | None = None,
         actions: Space | None = None,
     ) -> Self:
-        """Return the MDP given by dense arrays.
+        """Return the MDP of dense arrays.
 
         Parameters
         ----------
@@ -209,7 +208,7 @@ class FiniteMDP(Frozen):
         states: Space | None = None,
         actions: Space | None = None,
     ) -> Self:
-        """Return the MDP given by outcome lists.
+        """Return the MDP of outcome lists.
 
         Parameters
         ----------
@@ -289,8 +288,9 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     try:
         array = adopted(values, dtype)
     except (TypeError, ValueError, OverflowError):
-        kind = type(values).__name__
-        raise TaskError(f"{name} must be an array of numbers: got {kind}") from None
+        raise TaskError(
+            f"{name} must be an array of numbers: got {type(values).__name__}"
+        ) from None
     if dtype == np.bool_ and not np.array_equal(array, values):
         kind = np.asarray(values).dtype
         raise TaskError(f"{name} must be flags, True or False: got other values, of {kind}")

@@ -32,23 +32,21 @@ class EnvironmentMaker:
     def __call__(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment."""
         make = self.what if callable(self.what) else partial(gymnasium.make, self.what)
-        made: gymnasium.Env[Any, Any] = make(**deepcopy(dict(self.arguments)))
-        return made if self.encode is None else self._encoded(made)
-
-    def _encoded(self, made: Any) -> gymnasium.Env[Any, Any]:
-        encode: Any = self.encode
+        made: Any = make(**deepcopy(dict(self.arguments)))
+        if self.encode is None:
+            return made  # type: ignore[no-any-return]
         rule = "encode must take an environment and return it wrapped"
         try:
-            encoded = encode(made)
+            encoded = self.encode(made)
         except CurricleError:
             raise
         except Exception as error:
             raise TaskError(
-                f"{rule}: {_text(encode)} failed with {type(error).__name__}: {error}; "
+                f"{rule}: {_text(self.encode)} failed with {type(error).__name__}: {error}; "
                 "FunctionEncoder makes an encoder of a function of observations"
             ) from error
         if not isinstance(encoded, gymnasium.Env):
-            raise TaskError(f"{rule}: {_text(encode)} returned {encoded!r}")
+            raise TaskError(f"{rule}: {_text(self.encode)} returned {encoded!r}")
         return encoded
 
     def __eq__(self, other: object) -> bool:

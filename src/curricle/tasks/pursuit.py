@@ -48,10 +48,8 @@ class Pursuit(Domain):
 
     Parameters
     ----------
-    size : int
-        Cells per side, 2 to 1000.
-    predators : int
-        1 to 100.
+    size, predators : int
+        Cells per side, 2 to 1000, and how many chase the prey, 1 to 100.
     moves : {4, 5}
         North, east, south, west; 5 adds staying (for predators and prey).
     torus : bool
@@ -72,8 +70,6 @@ class Pursuit(Domain):
     >>> hunt = Pursuit(size=4, predators=2)
     >>> hunt.states.names, hunt.states.size, hunt.actions.size
     (('prey', 'predator_1', 'predator_2'), 4096, 25)
-    >>> Pursuit(size=4, predators=1).states.names
-    ('prey', 'predator')
     """
 
     size: Annotated[int, Rule(2, LARGEST_SIZE, "larger")] = 4

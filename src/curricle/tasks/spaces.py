@@ -1,9 +1,4 @@
-"""Finite spaces whose points have named components.
-
-Mappings between tasks are written with component names (``prey``, ``row``, ...), compiled loops run
-on the numbers of points; this module converts between the two. A whole box is numbered as NumPy
-numbers the entries of an array in C order.
-"""
+"""Finite spaces whose points have numbers, for compiled loops, and components, for mappings."""
 
 import math
 from collections.abc import Sequence
@@ -111,27 +106,21 @@ class Component:
 class Space(Frozen):
     """A finite set of points with named integer components.
 
-    Without `points` the space is the whole box (every combination, last component fastest);
-    with `points` it is just those rows, numbered in the order given.
-
     Parameters
     ----------
     components : sequence of Component
         At least one; names must differ.
     points : (S, C) int array, optional
-        The points that exist, one row each, values within the components' ranges.
+        The points that exist, in the order of their numbers, values within the components' ranges;
+        by default the whole box, numbered in C order (last component fastest).
 
     Examples
     --------
     >>> space = Space([Component("row", 2), Component("column", 3)])
-    >>> space.size, space.names
-    (6, ('row', 'column'))
     >>> space.encode(row=[0, 1], column=[2, 2])
     array([2, 5])
-    >>> space.decode([5])["row"]
-    array([1])
-    >>> space.label(5)
-    'row=1 column=2'
+    >>> space.decode([5])["row"], space.label(5)
+    (array([1]), 'row=1 column=2')
     """
 
     components: Sequence[Component]

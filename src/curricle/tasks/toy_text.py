@@ -66,7 +66,7 @@ class FrozenLake(MapDomain, _SlipperyDomain):
     slippery : bool
         Whether moves may go to either side.
     success_rate : float
-        Probability that a move on slippery ice goes where it was meant to, not to either side.
+        Probability that a move on slippery ice goes where it was meant to.
     goal_reward, hole_reward, step_reward : float
         Of entering the goal, a hole, any other cell.
     start : "map", "uniform" or cells
@@ -184,10 +184,6 @@ class CliffWalking(_SlipperyDomain):
 
     Examples
     --------
-    >>> from curricle import solve
-    >>> walk = CliffWalking()
-    >>> round(solve(walk).start_value, 3), round(-(1 - 0.99**13) / (1 - 0.99), 3)  # 13 steps
-    (-12.248, -12.248)
     >>> CliffWalking(columns=4).states.label(0)
     'row=0 column=8'
     """
@@ -266,10 +262,8 @@ class Taxi(Domain):
         corner. Walls stand as in Gymnasium's town, in proportion.
     stands : int
         2 to 4: the first of red, green, yellow and blue.
-    walls : bool
-        Whether there are walls.
-    rainy : bool
-        Whether moves may go to either side.
+    walls, rainy : bool
+        Whether there are walls, and whether moves may go to either side.
     success_rate : float
         Probability that a move in the rain goes where it was meant to.
     discount, time_limit
@@ -279,8 +273,6 @@ class Taxi(Domain):
     --------
     >>> Taxi().states
     Space(500 points: row[5] x column[5] x passenger[5] x destination[4])
-    >>> Taxi(size=3, stands=2).states.size
-    54
     """
 
     size: Annotated[int, Rule(3, LARGEST_TOWN, "larger")] = 5
