@@ -7,7 +7,7 @@ import pytest
 from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
 from curricle import Component, FiniteMDP, Pursuit, Space, project, solve
-from curricle.errors import MappingError, TaskError
+from curricle.errors import MappingError
 from curricle.tasks import (
     ComponentsByName,
     FrozenLake,
@@ -21,7 +21,6 @@ from curricle.tasks import (
     maze_family,
     pursuit_family,
     random_maze,
-    river_swim_family,
     task_family,
     taxi_family,
 )
@@ -219,9 +218,6 @@ def test_moves_keep_their_names_where_staying_is_no_move():
     assert names == [hunt.task.actions.label(action) for action in range(1, 5)]
 
 
-# -- mazes -----------------------------------------------------------------------------------------
-
-
 # -- the families that come with the library -------------------------------------------------------
 
 RELATIVES = {
@@ -379,18 +375,3 @@ def test_stands_are_read_as_stands():
             continue
         values = source.task.states.decode(read // 6)
         assert values["row"] * 3 + values["column"] == other
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (lambda: frozen_lake_family(map="4x4", part=4), "than the lake's 4 rows: got frozen_lake"),
-        (lambda: frozen_lake_family(map="random", size=5, part=6), "less than the lake's 5 rows"),
-        (lambda: frozen_lake_family(size=6), "size of frozen_lake is of random lakes"),
-        (lambda: river_swim_family(forward=0.7, back=0.5), "be at most 1 together: got river_swim"),
-        (lambda: block_dude_family(columns=7), "must be one of 10, 11, .* no way to the exit: got"),
-    ],
-)
-def test_bad_members_are_refused_in_a_sentence(wrong, said):
-    with pytest.raises(TaskError, match=said):
-        wrong()

@@ -1,6 +1,5 @@
 """Grid worlds: the rules in plain Python on random maps, and by hand."""
 
-import pytest
 from hypothesis import assume, given, strategies as st
 
 from curricle import GridWorld, Rewards, solve
@@ -58,21 +57,6 @@ def test_every_step_is_as_the_drawing_says(lines, combine, ends, bump):
     for cell in free:
         for move, way in enumerate(WAYS):
             assert step(maze, cell, move) == by_the_rules(maze, cell, way)
-
-
-@pytest.mark.parametrize(
-    ("drawing", "paid"),
-    [
-        ("S.T", -1),
-        ("ST.", 199),
-        ("SPT", -2501),
-        ("SFT", -501),
-        ("S.FT", -251),
-    ],
-    ids=["free", "treasure", "pit", "fire", "near fire"],
-)
-def test_a_step_pays_for_the_cell_entered(drawing, paid):
-    assert step(GridWorld(drawing, rewards=PAY), (0, 0), EAST) == ((0, 1), paid)
 
 
 def test_starts_are_those_drawn_uniform_or_given():

@@ -20,11 +20,10 @@ from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.errors import TaskError
 from curricle.tasks.exploration import DeepSea
 from curricle.tasks.family import FamilyMember
-from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.gridworld import OBJECTS, GridWorld
-from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
 from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.spaces import Component, Space
 from curricle.tasks.start_states import GoalDistance, goal_distance, goal_states, with_start
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi

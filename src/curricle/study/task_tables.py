@@ -52,12 +52,11 @@ from curricle.tasks.built_in import BUILT_IN
 from curricle.tasks.domain import MOVES
 from curricle.tasks.exploration import DeepSea, RiverSwim
 from curricle.tasks.family import FamilyMember, TaskFamily
-from curricle.tasks.four_rooms import FourRooms
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
 from curricle.tasks.toy_text import FrozenLake
 

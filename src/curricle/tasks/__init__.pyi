@@ -12,7 +12,6 @@ from .family import (
     TaskFamily as TaskFamily,
     task_family as task_family,
 )
-from .four_rooms import FourRooms as FourRooms, four_rooms_family as four_rooms_family
 from .gridworld import (
     GridWorld as GridWorld,
     Rewards as Rewards,
@@ -25,12 +24,17 @@ from .kernel import (
     splitmix64 as splitmix64,
     uniform as uniform,
 )
-from .key_lock_pit import KeyLockPit as KeyLockPit, key_lock_pit_family as key_lock_pit_family
 from .live import LiveMDP as LiveMDP
 from .mdp import FiniteMDP as FiniteMDP, Task as Task
 from .models import ComputedMDP as ComputedMDP
 from .observation_task import ObservationTask as ObservationTask
 from .pursuit import Pursuit as Pursuit, pursuit_family as pursuit_family
+from .rooms import (
+    FourRooms as FourRooms,
+    KeyLockPit as KeyLockPit,
+    four_rooms_family as four_rooms_family,
+    key_lock_pit_family as key_lock_pit_family,
+)
 from .spaces import Component as Component, Space as Space
 from .start_states import (
     GoalDistance as GoalDistance,

@@ -71,13 +71,13 @@ class Domain(Frozen):
         """
         start = np.zeros(len(terminal))
         start[starting] = 1 / len(starting)
-        rest: Any = {"states": self.states, "actions": self.actions, "terminal": terminal}
-        rest |= {"start": start, "discount": self.discount, "time_limit": self.time_limit}
-        outcomes = probability, next_state, reward
+        rest: Any = {"terminal": terminal, "start": start}
+        rest |= {"discount": self.discount, "time_limit": self.time_limit}
+        spaces = self.states, self.actions
         if outcome_row is None:
-            return FiniteMDP.one_row_a_pair(*np.broadcast_arrays(*outcomes), **rest)
-        tables = dict(zip(("probability", "next_state", "reward"), outcomes, strict=True))
-        return FiniteMDP(outcome_row=outcome_row, **tables, **rest)
+            outcomes = np.broadcast_arrays(probability, next_state, reward)
+            return FiniteMDP.one_row_a_pair(*spaces, *outcomes, **rest)
+        return FiniteMDP(*spaces, outcome_row, probability, next_state, reward, **rest)
 
 
 @cache
@@ -189,18 +189,11 @@ class GridDomain(DomainWithStart):
         """Return which cells are drawn as one of some characters, (n,) bool."""
         return np.isin(self._contents, list(characters))
 
-    def _at(self, character: str) -> IntArray:
-        """Return row and column of each cell drawn as a character, (n, 2), in reading order."""
-        return frozen(np.argwhere(self._grid == character) + np.array(self._corner))
-
     @cached_property
     def objects(self) -> tuple[tuple[str, int, int], ...]:
         """Every object as (class, row, column), in reading order."""
-        return tuple(
-            (self.OBJECTS[character], row, column)
-            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
-            if character in self.OBJECTS
-        )
+        places = zip(self._contents, self.cells.tolist(), strict=True)
+        return tuple((self.OBJECTS[drawn], *at) for drawn, at in places if drawn in self.OBJECTS)
 
     @cached_property
     def states(self) -> Space:
@@ -241,7 +234,7 @@ class GridDomain(DomainWithStart):
                 raise TaskError(f"start={self.start!r} needs a state that does not end the episode")
             states = np.flatnonzero(standing)
             return states if self.start == "uniform" else states[:1]
-        cells = self._at("S") if self.start == "map" else np.array(self.start)
+        cells = self.cells[self._holds("S")] if self.start == "map" else np.array(self.start)
         if not len(cells):
             raise TaskError("start='map' needs an S on the map: there is none")
         states = self._states_of(*cells.T)

@@ -186,14 +186,16 @@ class FiniteMDP(Frozen):
         width = max(1, int((flat_p != 0).sum(axis=1).max(initial=0)))
         # The nonzero outcomes of each pair, first to last: a stable sort puts them in front.
         successor = np.argsort(flat_p == 0, axis=1, kind="stable")[:, :width]
-        rest: Any = {"discount": discount, "time_limit": time_limit}
-        rest |= {"states": states, "actions": actions, "terminal": np.asarray(terminal)}
         return cls.one_row_a_pair(
+            states,
+            actions,
             np.take_along_axis(flat_p, successor, axis=1).reshape(n_states, n_actions, width),
             successor,
             np.take_along_axis(flat_r, successor, axis=1),
+            terminal=np.asarray(terminal),
             start=start_distribution(start, n_states),
-            **rest,
+            discount=discount,
+            time_limit=time_limit,
         )
 
     @classmethod
@@ -225,30 +227,27 @@ class FiniteMDP(Frozen):
         begins = start_distribution(start, len(lists))
         if terminal is None:
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
-        rest: Any = {"discount": discount, "time_limit": time_limit}
-        rest |= {"states": states, "actions": actions, "terminal": np.asarray(terminal)}
-        return cls.one_row_a_pair(*tables, start=begins, **rest)
+        rest: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
+        rest["terminal"] = np.asarray(terminal)
+        return cls.one_row_a_pair(states, actions, *tables, **rest)
 
     @classmethod
     def one_row_a_pair(
         cls,
+        states: Space | None,
+        actions: Space | None,
         probability: Any,
         next_state: Any,
         reward: Any,
-        *,
-        states: Space | None,
-        actions: Space | None,
         **rest: Any,
     ) -> Self:
         """Return the MDP in which every pair has an outcome row to itself; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
         return cls(
-            states=states or Space([Component("state", n_states)]),
-            actions=actions or Space([Component("action", n_actions)]),
-            outcome_row=np.arange(n_states * n_actions).reshape(n_states, n_actions),
-            probability=probability.reshape(-1, width),
-            next_state=next_state.reshape(-1, width),
-            reward=reward.reshape(-1, width),
+            states or Space([Component("state", n_states)]),
+            actions or Space([Component("action", n_actions)]),
+            np.arange(n_states * n_actions).reshape(n_states, n_actions),
+            *(array.reshape(-1, width) for array in (probability, next_state, reward)),
             **rest,
         )
 
