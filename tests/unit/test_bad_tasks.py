@@ -20,6 +20,7 @@ from curricle.tasks import (
     block_dude_family,
     frozen_lake_family,
     goal_distance,
+    random_maze,
     river_swim_family,
     with_start,
 )
@@ -127,6 +128,13 @@ TASKS = [
     (lambda: dense(np.zeros((0, 2, 0)), [], terminal=[]), r"shape \(S, A, S\)"),
     (lambda: dense(terminal=[0.5, 1]), "terminal must be flags"),
     # Domains, in the order of their modules.
+    (lambda: random_maze(size=1), "size of a maze must be a whole number, at least 2: got 1"),
+    (lambda: random_maze(walls=1.5), r"walls of a maze must lie in \[0, 1\]: got 1.5"),
+    (lambda: random_maze(pits="many"), "pits of a maze must be a number: got 'many'"),
+    (lambda: random_maze(walls=0.9, fires=0.2), "sum to at most 1: got 0.9, 0.05 and 0.2"),
+    (lambda: random_maze(seed=-1), "seed of a maze must be a whole number, at least 0: got -1"),
+    (lambda: random_maze(corner="north"), "corner of a maze must be one of north-west"),
+    (lambda: random_maze(start="near"), "start of a maze must be one of far, uniform"),
     (lambda: BlockDude(4), "level must be one of 1, 2, 3: got 4"),
     (lambda: BlockDude(True), "got True"),
     (lambda: BlockDude("E<>"), "one agent < or >: there are 2"),

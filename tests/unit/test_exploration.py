@@ -1,4 +1,4 @@
-"""DeepSea by the rules of bsuite, RiverSwim by the figure of its paper, and values in closed form."""
+"""DeepSea by the rules of bsuite, RiverSwim by its paper's figure, and values in closed form."""
 
 from itertools import product
 

@@ -102,12 +102,6 @@ class Parameter:
         """Whether members must give it."""
         return self.default is ...
 
-    @property
-    def _known(self) -> tuple[Any, ...] | None:
-        """All values in order, None where they are a range."""
-        known: tuple[Any, ...] | None = (False, True) if self.kind is bool else self.values
-        return known
-
     def checked(self, value: Any, family: str = "") -> Any:
         """Return a value as members of a family hold it, or raise TaskError."""
         name = f"{self.name} of {family}" if family else self.name
@@ -139,16 +133,22 @@ class Parameter:
 
     def choices(self, family: str) -> tuple[Any, ...]:
         """Return all values in order; TaskError where they are too many to be listed."""
-        known: Any = self._known
-        low, high = self.low, self.high
-        if self.kind is int and low is not None and high is not None and high - low < MOST_LISTED:
-            known = range(int(low), int(high) + 1)
+        known = self._between(self.low, self.high)
         if known is None:
             raise TaskError(
                 f"{self.name} of {family} has too many values to list, {self.listed()}: give those "
                 "that are wanted"
             )
         return (*known, None) if self.optional else tuple(known)
+
+    def _between(self, first: float | None, last: float | None) -> Any:
+        """Return all values, or whole numbers from first to last; None where they are too many."""
+        if self.values is not None or self.kind is bool:
+            return self.values or (False, True)
+        if self.kind is not int or first is None or last is None or abs(last - first) > MOST_LISTED:
+            return None
+        step = 1 if first <= last else -1
+        return range(int(first), int(last) + step, step)
 
     def difficulty(self, value: Any) -> float | None:
         """Return a number that is larger for harder values; None where values are not ordered."""
@@ -165,14 +165,9 @@ class Parameter:
         most = self.difficulty(value)
         if most is None:
             return ()
-        if self._known is not None:
-            return tuple(known for known in self._known if (self.difficulty(known) or 0.0) < most)
-        step = 1 if self.harder == "larger" else -1
-        first, last = (self.low, self.high)[::step]
-        end = value if value is not None else None if last is None else last + step
-        if self.kind is not int or first is None or end is None or abs(end - first) > MOST_LISTED:
-            return ()
-        return tuple(range(int(first), int(end), step))
+        first, last = (self.high, self.low) if self.harder == "smaller" else (self.low, self.high)
+        known = self._between(first, last if value is None else value) or ()
+        return tuple(easier for easier in known if (self.difficulty(easier) or 0.0) < most)
 
     def listed(self) -> str:
         """Return the values in words, such as "2..9" or "True, False"."""

@@ -333,12 +333,14 @@ class KeyLockPit(MapDomain):
             ("lock", self._locks, ("locked", "open")),
         ):
             axes += [Component(name, 2, labels=labels) for name in numbered_names(kind, len(cells))]
-        last = self._locks if len(self._locks) else self._keys
-        points = [
-            np.column_stack([cells, np.tile(status, (len(cells), 1))])
-            for status in self._statuses
-            for cells in [last if all(status) else self.cells]
-        ]
+        keys, last = len(self._keys), self._locks if len(self._locks) else self._keys
+        points = list[IntArray]()
+        for status in product((0, 1), repeat=keys + len(self._locks)):
+            # Open locks have their keys held.
+            locks = zip(status[keys:], self._keys_of, strict=True)
+            if all(not opened or all(status[key] for key in needed) for opened, needed in locks):
+                cells = last if all(status) else self.cells
+                points.append(np.column_stack([cells, np.tile(status, (len(cells), 1))]))
         return Space(axes, np.concatenate(points))
 
     @cached_property
@@ -361,19 +363,6 @@ class KeyLockPit(MapDomain):
         if self.needs == "all":
             return [set(range(len(self._keys)))] * len(self._locks)
         return [{key - 1 for key in keys} for keys in self.needs]
-
-    @cached_property
-    def _statuses(self) -> tuple[tuple[int, ...], ...]:
-        """Which keys are held (1) and which locks open, where open locks have their keys held."""
-        keys = len(self._keys)
-        return tuple(
-            status
-            for status in product((0, 1), repeat=keys + len(self._locks))
-            if all(
-                not opened or all(status[key] for key in needed)
-                for opened, needed in zip(status[keys:], self._keys_of, strict=True)
-            )
-        )
 
     @cached_property
     def mdp(self) -> FiniteMDP:

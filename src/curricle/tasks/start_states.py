@@ -216,14 +216,24 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 def goal_states(task: Any, goal: Goal = None) -> BoolArray:
     """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
     mdp = tables(task)
-    if goal is not None:
-        states = _named_goal(mdp, goal)
-    else:  # the terminal states that are entered with the largest reward of all
+    n_states, states = len(mdp.terminal), np.asarray(goal)
+    if goal is None:  # the terminal states that are entered with the largest reward of all
         used = np.zeros(len(mdp.probability), dtype=bool)
         used[mdp.outcome_row[~mdp.terminal]] = True
         ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
         best = mdp.reward[ends].max(initial=-np.inf)
-        states = _flags(len(mdp.terminal), mdp.next_state[ends & (mdp.reward == best)])
+        states = _flags(n_states, mdp.next_state[ends & (mdp.reward == best)])
+    elif isinstance(goal, Mapping):
+        states, values = np.ones(n_states, dtype=bool), mdp.states.decode()
+        for name, wanted in goal.items():
+            component = mdp.states.component(name)
+            several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
+            listed = [_value(component, value) for value in (wanted if several else [wanted])]
+            states &= np.isin(values[name], listed)
+    elif states.dtype != np.bool_:
+        states = _flags(n_states, indices("the states of a goal", goal, n_states, TaskError))
+    elif states.shape != (n_states,):
+        raise TaskError(f"a goal of flags must have shape ({n_states},): got {states.shape}")
     if not states.any():
         raise TaskError(
             "a goal needs at least one state: none is terminal and can be entered; give the goal"
@@ -237,24 +247,6 @@ def _flags(n_states: int, states: Any) -> BoolArray:
     flags = np.zeros(n_states, dtype=bool)
     flags[states] = True
     return flags
-
-
-def _named_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
-    n_states = len(mdp.terminal)
-    if isinstance(goal, Mapping):
-        states, values = np.ones(n_states, dtype=bool), mdp.states.decode()
-        for name, wanted in goal.items():
-            component = mdp.states.component(name)
-            several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
-            listed = [_value(component, value) for value in (wanted if several else [wanted])]
-            states &= np.isin(values[name], listed)
-        return states
-    array = np.asarray(goal)
-    if array.dtype != np.bool_:
-        return _flags(n_states, indices("the states of a goal", goal, n_states, TaskError))
-    if array.shape != (n_states,):
-        raise TaskError(f"a goal of flags must have shape ({n_states},): got {array.shape}")
-    return array
 
 
 def _value(component: Component, wanted: Any) -> int:
