@@ -9,6 +9,7 @@ from scipy.stats import chisquare
 import curricle as cr
 from curricle.tasks.kernel import inverse_of, quotient
 from curricle.tasks.models import first_state, table_model, transition
+from tests.tasks import pursuits
 
 FRACTION = 2**53
 
@@ -42,40 +43,6 @@ def step_all(model, state, action, bits):
 
 def random_bits(n, seed=0):
     return np.random.default_rng(seed).integers(2**64, size=n, dtype=np.uint64)
-
-
-def by_state(decoded):
-    """A prey that never enters some cells and looks at where the predators are."""
-    near = sum(decoded.values()) % 3
-    weights = np.stack([np.ones_like(near), near, near == 1, near == 2], axis=1)
-    return weights / weights.sum(axis=1, keepdims=True)
-
-
-@st.composite
-def pursuits(draw):
-    size = draw(st.integers(2, 4))
-    predators = draw(st.integers(1, {2: 3, 3: 2, 4: 1}[size]))
-    moves, cells = draw(st.sampled_from([4, 5])), size**2
-    kind = draw(st.sampled_from(["uniform", "cell", "state", "function"]))
-    prey = "uniform"
-    if kind in ("cell", "state"):
-        rng = np.random.default_rng(draw(st.integers(0, 99)))
-        rows = cells if kind == "cell" else cells ** (predators + 1)
-        prey = rng.integers(0, 3, size=(rows, moves)) * rng.random((rows, moves))
-        prey[:, rng.integers(moves)] += 0.1
-        prey /= prey.sum(axis=1, keepdims=True)
-    elif kind == "function":
-        moves, prey = 4, by_state
-    return cr.Pursuit(
-        size=size,
-        predators=predators,
-        moves=moves,
-        torus=draw(st.booleans()),
-        capture=draw(st.sampled_from(["all", "any", "as_published", *range(1, predators + 1)])),
-        prey=prey,
-        step_reward=draw(st.sampled_from([-1.0, 0.25])),
-        capture_reward=draw(st.sampled_from([0.0, 10.0])),
-    )
 
 
 def alive_pairs(mdp, most=3000):

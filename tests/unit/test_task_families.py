@@ -145,6 +145,10 @@ def test_members_that_the_constraint_or_their_number_rules_out():
     assert len(list(coin.members(seed=range(5)))) == 5
 
 
+def one_word(word: str = "a") -> GridWorld:
+    return GridWorld("ST")
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -158,26 +162,6 @@ def test_members_that_the_constraint_or_their_number_rules_out():
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
         (lambda: list(corridor.easier(3)), "easier than must be a FamilyMember: got 3"),
         (lambda: list(corridor.easier(maze_family())), "corridor has only members of its own"),
-    ],
-)
-def test_bad_members_are_refused_in_a_sentence(wrong, said):
-    check_refusal(TaskError, wrong, said)
-
-
-def test_wrong_values_are_named():
-    check_values(TaskError, corridor, {"length": [1, 10, "4", True, 2.5]})
-    wrong = {"wet": [1], "slope": ["step"], "discount": ["x", None]}
-    check_values(TaskError, partial(corridor, length=4), wrong)
-    check_values(TaskError, pursuit_family, {"capture": [True]})
-
-
-def one_word(word: str = "a") -> GridWorld:
-    return GridWorld("ST")
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
         (lambda: Parameter("a", low=2, high=1), "low of parameter 'a' must be at most high"),
         (lambda: Parameter("a", values=(1, 1)), "must be different numbers, words or flags"),
         (lambda: Parameter("a", int, values=(1, 2)), "say all: leave out kind, low and high"),
@@ -197,11 +181,15 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: task_family()(lambda x: x), "parameter 'x' of <lambda> must have a kind"),
     ],
 )
-def test_bad_declarations_are_refused_in_a_sentence(wrong, said):
+def test_bad_members_and_declarations_are_refused_in_a_sentence(wrong, said):
     check_refusal(TaskError, wrong, said)
 
 
-def test_wrong_parts_of_declarations_are_named():
+def test_wrong_values_are_named():
+    check_values(TaskError, corridor, {"length": [1, 10, "4", True, 2.5]})
+    wrong = {"wet": [1], "slope": ["step"], "discount": ["x", None]}
+    check_values(TaskError, partial(corridor, length=4), wrong)
+    check_values(TaskError, pursuit_family, {"capture": [True]})
     check_values(TaskError, Parameter, {"name": ["two words"]})
     wrong = {"kind": [list], "low": ["2"], "values": ["ab", ()], "harder": ["bigger"]}
     check_values(TaskError, partial(Parameter, "a"), wrong)

@@ -117,6 +117,8 @@ class FiniteMDP(Frozen):
             object.__setattr__(self, name, array)
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
         start = self.start
+        if abs(start.sum() - 1) > PROBABILITY_TOLERANCE:
+            raise TaskError(f"start probabilities must sum to 1: they sum to {start.sum()}")
         for rule, bad in (
             (
                 "start probabilities must be finite and not negative",
@@ -127,8 +129,6 @@ class FiniteMDP(Frozen):
             if bad.any():
                 state = bad.argmax()
                 raise TaskError(f"{rule}: state {state} has start probability {start[state]:g}")
-        if abs(start.sum() - 1) > PROBABILITY_TOLERANCE:
-            raise TaskError(f"start probabilities must sum to 1: they sum to {start.sum()}")
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
             endless = np.isinf(steps_to(self, self.terminal))
