@@ -189,9 +189,10 @@ class BlockDude(DomainWithStart):
 
     def _below(self, state: _State, column: int, height: int) -> int:
         """Return the greatest height of a brick, a block or the ground, `height` at most."""
-        ground = -self.origin[0] - len(self.level)
+        ground, drawn = -self.origin[0] - len(self.level), self._drawn
         while height > ground:
-            if self._drawn.get((column, height)) == "#" or (column, height) in state.blocks:
+            cell = column, height
+            if drawn.get(cell) == "#" or cell in state.blocks:
                 return height
             height -= 1
         return ground

@@ -246,6 +246,11 @@ class GridDomain(DomainWithStart):
             )
         return states
 
+    def _tables(self, *outcomes: Any, **rest: Any) -> FiniteMDP:
+        """Return the tables; episodes end and start in the states of the cells that say so."""
+        starting = self._start_states()
+        return super()._tables(*outcomes, terminal=self._ends, starting=starting, **rest)
+
     def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
         """Return the states in which episodes start in cells, `MISSING` where there is none."""
         return self._cell_space.encode(row=row, column=column)

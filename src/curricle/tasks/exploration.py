@@ -144,8 +144,6 @@ class DeepSea(GridDomain):
             np.repeat(chance / len(pays), len(pays), axis=-1),
             np.repeat(after, len(pays), axis=-1),
             np.stack(pays * ways, axis=-1),
-            terminal=self._ends,
-            starting=self._start_states(),
         )
 
 

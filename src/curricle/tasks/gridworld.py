@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.checks import instance, number, one_of, whole_number
+from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
     Cell,
@@ -162,8 +162,6 @@ class GridWorld(MapDomain, CellDomain):
             np.ones((2 * len(entered), 1)),
             np.tile(entered, 2)[:, None],
             np.append(self._rewards(to, bumped=False), self._rewards(to, bumped=True))[:, None],
-            terminal=self._ends,
-            starting=self._start_states(),
             outcome_row=np.where(to == MISSING, bumps, to),
         )
 
@@ -241,16 +239,13 @@ def random_maze(
     >>> part.map == maze.crop(rows=(0, 3), columns=(-2, 1)).map
     True
     """
-    size = whole_number("size of a maze", size, 2, TaskError)
-    number("size of a maze", size, TaskError, 2, LARGEST_MAZE)
-    seed = whole_number("seed of a maze", seed, 0, TaskError)
-    chances = {"walls": walls, "pits": pits, "fires": fires}
-    for name, chance in chances.items():
-        number(f"{name} of a maze", chance, TaskError, 0, 1)
-    if refused := _chances_sum(chances):
+    rules: dict[str, Any] = {"size": size, "walls": walls, "pits": pits, "fires": fires}
+    rules |= {"seed": seed, "corner": corner, "start": start}
+    for name, value in rules.items():
+        rules[name] = maze_family.parameter(name).checked(value, "a maze")
+    if refused := _chances_sum(rules):
         raise TaskError(f"{refused}: got {walls}, {pits} and {fires}")
-    one_of("corner of a maze", corner, CORNERS, TaskError)
-    one_of("start of a maze", start, ("far", "uniform"), TaskError)
+    size, seed = rules["size"], rules["seed"]
     cells = {(0, 0): "T"}
     for n in range(1, size):
         _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)

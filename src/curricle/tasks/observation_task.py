@@ -13,8 +13,8 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
 from gymnasium.vector.utils import concatenate, create_empty_array
 
-from curricle.checks import number, whole_number
 from curricle.errors import CurricleError, TaskError
+from curricle.tasks.models import check_horizon
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,7 @@ class ObservationTask:
     def __post_init__(self) -> None:
         if not callable(self.make):
             raise TaskError(f"make must be a function that returns an environment: {self.make!r}")
-        number("discount", self.discount, TaskError, 0, 1)
-        if self.time_limit is not None:
-            whole_number("time_limit", self.time_limit, 1, TaskError)
+        check_horizon(self)
         _ = self._inspected
 
     @cached_property

@@ -163,8 +163,6 @@ class FourRooms(GridDomain):
             np.where(np.eye(4, dtype=bool), 1 - self.slip, self.slip / 3),
             to,
             np.where(self._ends[to], self.goal_reward, self.step_reward),
-            terminal=self._ends,
-            starting=self._start_states(),
         )
 
 
@@ -389,8 +387,6 @@ class KeyLockPit(MapDomain):
             np.ones((2 * len(here), 1)),
             np.concatenate([here, used])[:, None],
             np.concatenate([moved, paid])[:, None],
-            terminal=self._ends,
-            starting=self._start_states(),
             outcome_row=np.concatenate([entered, *use], axis=1),
         )
 

@@ -115,8 +115,6 @@ class FrozenLake(MapDomain, _SlipperyDomain):
             [sides, self.success_rate, sides] if self.slippery else [1.0],
             after,
             entered[after],
-            terminal=self._ends,
-            starting=self._start_states(),
         )
 
 
@@ -224,8 +222,6 @@ class CliffWalking(_SlipperyDomain):
             1 / after.shape[2],
             np.where(fallen, self._holds("S").argmax(), after),
             np.where(fallen, self.cliff_reward, self.step_reward),
-            terminal=self.goal_states,
-            starting=self._start_states(),
         )
 
 
