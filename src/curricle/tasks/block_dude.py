@@ -94,11 +94,9 @@ class BlockDude(DomainWithStart):
     step_reward, exit_reward : float
         Of a step that does not / does enter the exit.
     start : {"map", "uniform"}
-        As drawn, or in any state that can be reached from there and is not the exit. Some of them
-        may be dead ends.
+        As drawn, or in any state, perhaps a dead end, that can be reached and is not the exit.
     origin : (int, int)
-        Row and column of the top-left cell. A crop keeps the coordinates of the whole map. Rows
-        above the map count on.
+        Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
@@ -146,10 +144,9 @@ class BlockDude(DomainWithStart):
         agent: int | None = None,
         start: Literal["map", "uniform"] = "map",
     ) -> Self:
-        """Return the part in the half-open range `columns`, in this map's coordinates.
+        """Return the part in the half-open range `columns`, which has the exit and the agent.
 
-        `agent` is the column in which the agent begins, on top of what is drawn there; by default
-        it begins where it is. The part must have the exit and the agent.
+        The agent may begin in another column, `agent`, on top of what is drawn there.
         """
         rows = (self.origin[0], self.origin[0] + len(self.level))
         part = cut(self.level, self.origin, rows, columns)

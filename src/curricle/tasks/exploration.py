@@ -43,17 +43,15 @@ class DeepSea(GridDomain):
     ----------
     size : int
         N, the rows and columns of the sea, 1 to 1000.
-    move_cost : float
-        Of diving right N times; a single move to the right costs ``move_cost / N``.
-    treasure : float
-        Reward of a move to the right in the last column.
+    move_cost, treasure : float
+        A move to the right costs ``move_cost / N``, and in the last column pays the treasure.
     slip : float
         Probability that a move to the right goes straight down; 1/N in bsuite's stochastic version.
     noise : float
         Added to or taken from rewards in the last row's first and last column, with probability 1/2
-        each. With 1 mean and variance are those of bsuite's noise, N(0, 1), and tables stay exact.
+        each. Mean and variance of 1 are those of bsuite's noise, N(0, 1), and tables stay exact.
     mapping_seed : int, optional
-        Of bsuite's random choice, cell by cell, of which action is right. Without it 1 is right
+        Of bsuite's random choice, cell by cell, of which action is right; by default 1 is right
         everywhere and the moves have names, as with bsuite's ``randomize_actions=False``.
     start : "surface", "uniform" or cells
         At the top left, in any cell that a dive can reach, or in one of these ``(row, column)``.
@@ -180,7 +178,6 @@ class RiverSwim(DomainWithStart):
 
     Strehl and Littman 2008, "An analysis of model-based interval estimation for Markov decision
     processes", figure 2, has the defaults. The task never ends; the paper learns 5,000 steps of it.
-
     Osband, Russo, Van Roy 2013 ("(More) efficient reinforcement learning via posterior sampling")
     have ``RiverSwim(forward=0.35, back=0.05, leave_bank=0.6, stay_at_end=0.6, left_reward=0.005,
     right_reward=1, start=(0,))``, paying the large reward in the last state whatever happens there.

@@ -38,11 +38,11 @@ class Parameter:
     low, high : float, optional
         The smallest and the largest number, both included.
     values : sequence, optional
-        The only values; then `kind`, `low` and `high` are left out.
+        The only values, instead of `kind`, `low` and `high`.
     default : optional
-        The value of members that do not give one; without a default it must be given.
+        The value of members that do not give one; without it they must.
     harder : {"larger", "smaller", "later"}, optional
-        Which values make harder tasks, if any; "later" is the order of `values`.
+        Which values make harder tasks; "later" is the order of `values`.
     optional : bool
         Whether None is a value too, the hardest of ordered ones.
 
@@ -277,9 +277,8 @@ class ComponentsByName:
     Parameters
     ----------
     unequal : {"unmapped", "clip", "scale"}
-        Where the ranges of a component without labels differ, the numbers that the source lacks
-        have no counterpart, as in :func:`project`, or become its nearest number; or the target's
-        whole range is spread over the source's: low' + floor((v - low) size' / size).
+        Numbers that the source lacks have no counterpart, as in :func:`project`, or become its
+        nearest; or the target's range is spread over it: low' + floor((v - low) size' / size).
     renaming : dict of str to str
         Source component -> target component, where the names differ.
 
@@ -533,10 +532,8 @@ def task_family(
     ----------
     *parameters : Parameter
         What annotations and defaults of the function do not say.
-    name : str, optional
-        The function's by default.
-    mapping, constraint
-        As in :class:`TaskFamily`.
+    name, mapping, constraint
+        As in :class:`TaskFamily`; by default it has the function's name.
 
     Examples
     --------

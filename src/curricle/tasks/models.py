@@ -240,9 +240,8 @@ class ComputedMDP:
     states, actions : Space
         S states and A actions; their numbers are what the functions take and return.
     start : callable
-        ``start(data, bits) -> state``: the state an episode starts in. ``bits`` are 64 random
-        bits, a uint64; :func:`uniform`, :func:`integers`, :func:`bernoulli` and
-        :func:`splitmix64` turn them into numbers.
+        ``start(data, bits) -> state``, in which an episode starts. ``bits`` are 64 random bits, a
+        uint64, for :func:`uniform`, :func:`integers`, :func:`bernoulli` and :func:`splitmix64`.
     step : callable
         ``step(data, state, action, bits) -> (next state, reward, terminated)``. `terminated` must
         depend on the next state alone. Both functions are Python that numba compiles, take state
@@ -255,8 +254,8 @@ class ComputedMDP:
     Raises
     ------
     TaskError
-        While learning, when a function does not compile, or returns a state that does not exist or
-        a reward that is not finite.
+        While learning, when a function does not compile, or returns no state in 0..S-1 or a reward
+        that is not finite.
 
     Examples
     --------

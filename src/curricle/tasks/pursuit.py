@@ -43,8 +43,8 @@ Capture = Annotated[Named | int, Rule(values=(*get_args(Named), *range(1, MOST_P
 class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
-    A state is the cell of the prey and of each predator, who may share a cell. An action is one
-    move for each predator. Episodes start uniformly in the states without a caught prey.
+    A state is the cell of the prey and of each predator, who may share one, an action a move for
+    each predator. Episodes start uniformly in the states without a caught prey.
 
     Parameters
     ----------
@@ -53,10 +53,10 @@ class Pursuit(Domain):
     moves : {4, 5}
         North, east, south, west; 5 adds staying (for predators and prey).
     torus : bool
-        Whether the grid wraps round; otherwise it is walled and a blocked move is staying.
+        Whether the grid wraps round; otherwise a move beyond its edge is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators on the prey's cell end the episode with the capture reward. In the
-        paper's runs one ends it, but the reward needs all of them.
+        How many predators on the prey's cell end the episode with the capture reward. As published
+        one ends it, but the reward needs all of them.
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).

@@ -231,8 +231,7 @@ class KeyLockPit(MapDomain):
         One line a row, north first. ``S`` start, ``K`` key, ``L`` lock, ``P`` pit, ``#`` wall,
         ``.`` free; at least one key or lock.
     needs : "all" or lists of int
-        For each lock, in reading order, the keys that it depends on, numbered in reading order from
-        1; by default all of them.
+        For each lock the keys that it depends on, both in reading order, numbered from 1.
     key_reward, lock_reward, pit_reward, step_reward : float
         Of picking up a key, of opening a lock, of falling into a pit and of every other action.
     start : "map", "uniform" or cells
@@ -305,8 +304,7 @@ class KeyLockPit(MapDomain):
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 
-        Objects outside the part are removed; a key outside counts as held. A key or a lock must be
-        left.
+        Objects outside are removed, keys outside count as held. A key or a lock must be left.
         """
         part = cut(self.map, self.origin, rows, columns)
 

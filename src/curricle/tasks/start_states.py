@@ -1,7 +1,7 @@
 """Start states of any task with tables: near the goal, reachable, or as given.
 
-Episodes that start near the goal first and farther off later are a curriculum of their own (Asada
-et al. 1996, "learning from easy missions"; Florensa et al. 2017, "reverse curriculum generation").
+Episodes that start near the goal first are a curriculum (Asada et al. 1996, "learning from easy
+missions"; Florensa et al. 2017, "reverse curriculum generation").
 """
 
 from collections.abc import Iterable, Mapping
@@ -188,9 +188,9 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     task : Task
         Any task with tables.
     goal : optional
-        The goal's states: a (S,) bool array, an array of their numbers, or a dict from components
-        to a value, a label or a list of them. By default the terminal states that are entered with
-        the largest reward: the treasure and not the pits.
+        Its states: a (S,) bool array, an array of their numbers, or a dict from components to a
+        value, a label or a list of them. By default the terminal states that are entered with the
+        largest reward: the treasure and not the pits.
 
     Examples
     --------
