@@ -95,12 +95,12 @@ def test_every_shaping_and_a_guard(way, pair):
 def test_sparse_tables(pair):
     mdp, live = pair(4, time_limit=9)
     storage = cr.Storage("sparse")
-    one, other = (
+    lively, other = (
         cr.learn(task, budget=STEPS, eval_freq=EVERY, storage=storage, evaluation=ROLLED).values[0]
         for task in (live, mdp)
     )
-    np.testing.assert_array_equal(one.states, other.states)
-    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(lively.states, other.states)
+    np.testing.assert_array_equal(lively.values, other.values)
 
 
 @pytest.mark.parametrize("learner", [cr.QLearning(), cr.DoubleQLearning()])
@@ -112,11 +112,11 @@ def test_greedy_rollouts(pair):
     mdp, live = pair(6, time_limit=9)
     phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
     phi[mdp.terminal] = 0.0
-    one, other = (
+    lively, other = (
         greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30) for t in (live, mdp)
     )
     for name in ("states", "actions", "predicted", "return_to_go", "lengths", "ended", "returns"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        np.testing.assert_array_equal(getattr(lively, name), getattr(other, name))
 
 
 # -- an environment left to chance, which cuts episodes off itself ---------------------------------
@@ -169,12 +169,12 @@ def test_live_learning_equals_a_loop_in_python(seed, limit):
     phi = np.random.default_rng(seed).normal(size=(16, 4))
     learner = cr.QLearning(learning_rate=0.3, epsilon=0.2)
     potential = cr.StateActionPotential(task, phi)
-    found = cr.learn(
+    learnt = cr.learn(
         task, learner, 2000, seeds=[seed], shaping=cr.QInitialisation(potential), eval_freq=2000
     )
     q = phi.copy()
     settings = {"epsilon": 0.2, "rate": 0.3, "discount": 0.9, "limit": limit or np.inf}
     returns = q_learning(lake(), q, 2000, seed=seed, **settings)
-    np.testing.assert_array_equal(found.values[0], q)
-    assert found.episodes_used[0] == len(returns)
-    assert found.training_return[0, -1] == sum(returns) / len(returns)
+    np.testing.assert_array_equal(learnt.values[0], q)
+    assert learnt.episodes_used[0] == len(returns)
+    assert learnt.training_return[0, -1] == sum(returns) / len(returns)

@@ -28,11 +28,11 @@ def ways(lines):
     seen, waiting = {first: 0}, deque([first])
     while waiting:
         row, column = cell = waiting.popleft()
-        for one in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
-            inside = 0 <= one[0] < len(grid) and 0 <= one[1] < len(grid[0])
-            if inside and one not in seen and grid[one] in ".S":
-                seen[one] = seen[cell] + 1
-                waiting.append(one)
+        for other in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+            inside = 0 <= other[0] < len(grid) and 0 <= other[1] < len(grid[0])
+            if inside and other not in seen and grid[other] in ".S":
+                seen[other] = seen[cell] + 1
+                waiting.append(other)
     return grid, seen
 
 
@@ -86,9 +86,9 @@ def test_densities_are_those_asked_for_where_few_objects_block():
     for seed in range(60):
         grid = "".join(random_maze(20, 0.08, 0.04, 0.02, seed).map)
         cells += len(grid)
-        counts = {one: n + grid.count(one) for one, n in counts.items()}
-    for one, chance in zip("#PF", (0.08, 0.04, 0.02), strict=True):
-        assert counts[one] / cells == pytest.approx(chance, rel=0.15)
+        counts = {other: n + grid.count(other) for other, n in counts.items()}
+    for other, chance in zip("#PF", (0.08, 0.04, 0.02), strict=True):
+        assert counts[other] / cells == pytest.approx(chance, rel=0.15)
 
 
 @pytest.mark.parametrize("corner", CORNERS)

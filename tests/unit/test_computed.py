@@ -82,9 +82,9 @@ def test_compiled_functions_and_plain_ones_are_the_same():
     compiled = ring()
     functions = ring_start.py_func, ring_step.py_func
     plain = ComputedMDP(compiled.states, compiled.actions, *functions, 9, 0.9, 30)
-    one, other = (cr.learn(task, budget=2000, seeds=2) for task in (plain, compiled))
-    np.testing.assert_array_equal(one.values, other.values)
-    np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
+    first, other = (cr.learn(task, budget=2000, seeds=2) for task in (plain, compiled))
+    np.testing.assert_array_equal(first.values, other.values)
+    np.testing.assert_array_equal(first.greedy_return, other.greedy_return)
 
 
 def test_a_computed_task_hands_on_what_it_learnt():

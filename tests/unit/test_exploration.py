@@ -98,7 +98,7 @@ def test_the_stochastic_optimum_in_closed_form(size):
 
 def test_noise_is_in_the_ends_of_the_last_row_and_has_mean_0():
     quiet, sea = DeepSea(4, slip=0.25).mdp, DeepSea(4, slip=0.25, noise=2.0).mdp
-    mean = [(one.probability * one.reward).sum(axis=1) for one in (quiet, sea)]
+    mean = [(task.probability * task.reward).sum(axis=1) for task in (quiet, sea)]
     assert mean[0] == pytest.approx(mean[1])
     variance = (sea.probability * sea.reward**2).sum(axis=1) - mean[1] ** 2
     more = variance - ((quiet.probability * quiet.reward**2).sum(axis=1) - mean[0] ** 2)

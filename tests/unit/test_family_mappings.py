@@ -105,8 +105,8 @@ def test_a_family_may_map_by_a_function_of_states_or_make_the_mapping():
     (mapping,) = family_mappings(by_function(length=6), by_function(length=3))
     assert read(mapping) == [0, 0, 1, 1, ENDED, ENDED]
 
-    own = task_family(SIZES, mapping=lambda target, source: identity(target.task))(line)
-    member = own(length=4)
+    mine = task_family(SIZES, mapping=lambda target, source: identity(target.task))(line)
+    member = mine(length=4)
     (mapping,) = family_mappings(member, member)
     assert isinstance(mapping, StateActionMapping)
     assert read(mapping) == [0, 1, 2, ENDED]
@@ -159,20 +159,20 @@ def test_a_function_that_returns_no_mapping_is_refused(returned, said):
 
 def test_two_predators_read_one_as_in_the_paper():
     hunt, chase = pursuit_family(size=3, predators=2), pursuit_family(size=3, predators=1)
-    found = family_mappings(hunt, chase)
-    assert len(found) == 2
-    for mapping, name in zip(found, hunt.task.predator_names, strict=True):
+    mappings = family_mappings(hunt, chase)
+    assert len(mappings) == 2
+    for mapping, name in zip(mappings, hunt.task.predator_names, strict=True):
         assert isinstance(mapping, ComponentMapping)
         assert (mapping.index == project(hunt.task, chase.task, predator=name).index).all()
 
 
-@pytest.mark.parametrize(("own", "others", "groups"), [(2, 2, 1), (3, 1, 3), (3, 2, 3), (4, 3, 4)])
-def test_each_predator_is_read_equally_often(own, others, groups):
-    hunt, chase = pursuit_family(size=2, predators=own), pursuit_family(size=2, predators=others)
+@pytest.mark.parametrize(("mine", "others", "groups"), [(2, 2, 1), (3, 1, 3), (3, 2, 3), (4, 3, 4)])
+def test_each_predator_is_read_equally_often(mine, others, groups):
+    hunt, chase = pursuit_family(size=2, predators=mine), pursuit_family(size=2, predators=others)
     declared = hunt.family.mapping(hunt, chase)
     assert len(declared) == groups
-    read_of = [name for one in declared for source, name in one.renaming if source != "prey"]
-    assert {read_of.count(name) for name in hunt.task.predator_names} == {groups * others // own}
+    read_of = [name for named in declared for source, name in named.renaming if source != "prey"]
+    assert {read_of.count(name) for name in hunt.task.predator_names} == {groups * others // mine}
 
 
 def cells(task, state):
@@ -190,8 +190,8 @@ def test_distances_that_fit_stay_the_same_on_another_size(size, torus):
     source = np.maximum(mapping.index[:, 0], 0) // 5
     checked = 0
     for state in np.flatnonzero(mapping.index[:, 0] >= 0):
-        own, other = cells(hunt.task, state), cells(small.task, int(source[state]))
-        apart, read_apart = own[1] - own[0], other[1] - other[0]
+        mine, other = cells(hunt.task, state), cells(small.task, int(source[state]))
+        apart, read_apart = mine[1] - mine[0], other[1] - other[0]
         if torus:
             apart = (apart + size // 2) % size - size // 2
             read_apart = (read_apart + 1) % 3 - 1
@@ -203,7 +203,7 @@ def test_distances_that_fit_stay_the_same_on_another_size(size, torus):
             assert (apart == read_apart).all()
         if fits and not torus:  # whoever stands at a wall still does
             for edge, other_edge in ((0, 0), (size - 1, 2)):
-                at_edge = (own == edge).any(axis=0)
+                at_edge = (mine == edge).any(axis=0)
                 assert (other == other_edge).any(axis=0)[at_edge].all()
     assert checked > size**2
 
@@ -268,14 +268,14 @@ def test_the_values_of_a_relative_are_worth_reading(name):
     """Where the mapping reads something: the order of states, and the share of optimal actions."""
     *pair, correlation, agreement = RELATIVES[name]
     target, source = (BUILT_IN[name](**parameters) for parameters in pair)
-    own, values = solve(target.task).action_values, solve(source.task).action_values
+    mine, values = solve(target.task).action_values, solve(source.task).action_values
     read = [f.read(values) for f in family_mappings(target, source)]
     phi = np.ma.masked_invalid(read).mean(axis=0).filled(np.nan)
     known = ~np.isnan(phi).all(axis=1) & ~generative_model(target.task).terminal
     assert known.mean() > 0.2
-    phi, own = np.nan_to_num(phi[known], nan=-np.inf), own[known]
-    assert np.corrcoef(phi.max(axis=1), own.max(axis=1))[0, 1] > correlation
-    best = own[np.arange(len(own)), phi.argmax(axis=1)] > own.max(axis=1) - 1e-6
+    phi, mine = np.nan_to_num(phi[known], nan=-np.inf), mine[known]
+    assert np.corrcoef(phi.max(axis=1), mine.max(axis=1))[0, 1] > correlation
+    best = mine[np.arange(len(mine)), phi.argmax(axis=1)] > mine.max(axis=1) - 1e-6
     assert best.mean() > agreement
 
 
@@ -289,7 +289,7 @@ def test_parts_of_lakes():
     drawn = frozen_lake_family(map="random", size=6, seed=9, frozen_share=0.7)
     assert list(drawn.task.map) == generate_random_map(6, 0.7, 9)
     easier = frozen_lake_family.easier(frozen_lake_family(slippery=False))
-    assert [one["part"] for one in easier] == [2, 3]
+    assert [named["part"] for named in easier] == [2, 3]
 
 
 @pytest.mark.parametrize("seeds", [(None, 3), (3, None), (3, 4), (3, 3)])
@@ -321,10 +321,10 @@ def test_hallways_are_read_as_hallways(size, smaller):
 def test_keys_pits_and_locks_are_read_as_such(size):
     target, source = key_lock_pit_family(size=11), key_lock_pit_family(size=size)
     (mapping,) = family_mappings(target, source)
-    own, other = target.task, source.task
-    key = mapping.index[own.states.encode(row=1, column=1, key=0, lock=0), 4]
+    mine, other = target.task, source.task
+    key = mapping.index[mine.states.encode(row=1, column=1, key=0, lock=0), 4]
     assert other.states.label(key // 6) == "row=1 column=1 key=lying lock=locked"
-    lock = mapping.index[own.states.encode(row=10, column=10, key=1, lock=0), 5]
+    lock = mapping.index[mine.states.encode(row=10, column=10, key=1, lock=0), 5]
     assert other.mdp.terminal[other.mdp.next_state[other.mdp.outcome_row.ravel()[lock], 0]]
 
 
@@ -353,8 +353,8 @@ def test_a_level_reads_no_more_blocks_than_it_has():
 def test_stands_are_read_as_stands():
     target, source = taxi_family(), taxi_family(size=3)
     (mapping,) = family_mappings(target, source)
-    for own, other in zip(target.task.stand_cells, source.task.stand_cells, strict=True):
-        row, column = np.divmod(own, 5)
+    for mine, other in zip(target.task.stand_cells, source.task.stand_cells, strict=True):
+        row, column = np.divmod(mine, 5)
         state = target.task.states.encode(row=row, column=column, passenger=4, destination=1)
         read = mapping.index[state, 0]
         if read == ENDED:

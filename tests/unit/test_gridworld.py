@@ -20,7 +20,7 @@ def step(maze, cell, move):
 
 def by_the_rules(maze, cell, way):
     """Return the cell that a move leads to and what it pays, read off the drawing."""
-    drawn = {(r, c): what for r, line in enumerate(maze.map) for c, what in enumerate(line)}
+    drawn = {(r, c): thing for r, line in enumerate(maze.map) for c, thing in enumerate(line)}
 
     def beside(cell, way):
         return cell[0] + way[0], cell[1] + way[1]
@@ -28,8 +28,8 @@ def by_the_rules(maze, cell, way):
     there = beside(cell, way)
     bumped = drawn.get(there, "#") == "#"
     entered = cell if bumped else there
-    pays, what = maze.rewards, drawn[entered]
-    terms = [{"T": pays.treasure, "P": pays.pit, "F": pays.fire}.get(what)]
+    pays, thing = maze.rewards, drawn[entered]
+    terms = [{"T": pays.treasure, "P": pays.pit, "F": pays.fire}.get(thing)]
     terms += [pays.near_fire] * any(drawn.get(beside(entered, way)) == "F" for way in WAYS)
     terms = [term for term in [*terms, pays.bump if bumped and pays.bump else None] if term]
     if maze.combine == "sum":

@@ -66,9 +66,9 @@ def agrees(game, prey_policy, pairs=None):
         if game.mdp.terminal[s]:
             continue
         expected = joint_dynamics(game, positions[s], actions[a], prey_policy)
-        found = table_dynamics(game, s, a)
-        assert found.keys() == expected.keys()
-        assert all(abs(found[k] - expected[k]) < 1e-12 for k in expected)
+        tabled = table_dynamics(game, s, a)
+        assert tabled.keys() == expected.keys()
+        assert all(abs(tabled[k] - expected[k]) < 1e-12 for k in expected)
 
 
 def uniform(game):

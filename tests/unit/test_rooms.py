@@ -27,7 +27,7 @@ PLAN = """\
 #############""".splitlines()
 """Of Sutton, Precup, Singh 1999, figure 2."""
 WAYS = ((-1, 0), (0, 1), (1, 0), (0, -1))
-CELLS = [(r, c) for r, line in enumerate(PLAN) for c, what in enumerate(line) if what == " "]
+CELLS = [(r, c) for r, line in enumerate(PLAN) for c, thing in enumerate(line) if thing == " "]
 
 
 def beside(cell, way):
@@ -53,9 +53,9 @@ def test_moves_slip_as_in_the_drawing(slip):
             for way, step in enumerate(WAYS):
                 chance = 1 - slip if way == action else slip / 3
                 expected[CELLS.index(beside(cell, step))] += chance
-            row, found = mdp.outcome_row[state, action], np.zeros(104)
-            np.add.at(found, mdp.next_state[row], mdp.probability[row])
-            assert found == pytest.approx(expected)
+            row, reached = mdp.outcome_row[state, action], np.zeros(104)
+            np.add.at(reached, mdp.next_state[row], mdp.probability[row])
+            assert reached == pytest.approx(expected)
             assert mdp.reward[row].tolist() == [
                 float(CELLS[after] == (7, 9)) for after in mdp.next_state[row]
             ]
@@ -100,7 +100,7 @@ def test_a_crop_moves_as_the_whole_does_and_stays_inside():
         for way, step in enumerate(WAYS):
             there = beside(cell, step)
             to = part.mdp.next_state[part.mdp.outcome_row[cells.index(cell)], way]
-            assert [cells[one] for one in to] == [there if there in cells else cell] * 4
+            assert [cells[state] for state in to] == [there if there in cells else cell] * 4
     assert part.mdp.start.max() == pytest.approx(1 / (part.states.size - 1))
     assert part.crop(rows=(7, 9), columns=(8, 11), start=[(8, 8)]).mdp.start.sum() == 1
 
@@ -152,16 +152,16 @@ def test_a_lock_needs_its_keys():
 def search(lines):
     """Return by the papers' rules how many states can be met, the shortest way, the best return."""
     # Picking up and opening pay once each: the best return is that less 10 a move.
-    cells = {(r, c): what for r, line in enumerate(lines) for c, what in enumerate(line)}
-    keys = [cell for cell, what in cells.items() if what == "K"]
-    locks = [cell for cell, what in cells.items() if what == "L"]
-    (start,) = [cell for cell, what in cells.items() if what == "S"]
+    cells = {(r, c): thing for r, line in enumerate(lines) for c, thing in enumerate(line)}
+    keys = [cell for cell, thing in cells.items() if thing == "K"]
+    locks = [cell for cell, thing in cells.items() if thing == "L"]
+    (start,) = [cell for cell, thing in cells.items() if thing == "S"]
     first = (start, frozenset(), frozenset())
     steps, waiting, shortest = {first: 0}, deque([first]), None
     while waiting:
-        here, held, opened = one = waiting.popleft()
+        here, held, opened = state = waiting.popleft()
         if len(opened) == len(locks):
-            shortest = steps[one] if shortest is None else shortest
+            shortest = steps[state] if shortest is None else shortest
             continue
         if cells[here] == "P":
             continue
@@ -175,7 +175,7 @@ def search(lines):
             after.append((here, held, opened | {here}))
         for other in after:
             if other not in steps:
-                steps[other] = steps[one] + 1
+                steps[other] = steps[state] + 1
                 waiting.append(other)
     useful = len(keys) + len(locks)
     best = (

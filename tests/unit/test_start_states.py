@@ -102,9 +102,9 @@ def test_a_relative_maze_starts_by_its_cells():
 def test_states_and_probabilities_are_taken_as_they_are():
     assert with_start(MAZE, [0, 1]).start == ((0, 0), (0, 1))
     assert with_start(MAZE, 4).start == ((1, 0),)
-    given = np.zeros(11)
-    given[[0, 1]] = 0.25, 0.75
-    assert with_start(MAZE, given).mdp.start[1] == 0.75
+    chances = np.zeros(11)
+    chances[[0, 1]] = 0.25, 0.75
+    assert with_start(MAZE, chances).mdp.start[1] == 0.75
 
 
 def test_goals_are_treasures_or_named_by_components():

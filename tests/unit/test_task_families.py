@@ -27,9 +27,9 @@ BUILT = list[int]()
     Parameter("length", low=2, high=9, harder="larger"),
     Parameter("slope", values=("flat", "steep"), harder="later"),
     mapping=ComponentsByName("clip"),
-    constraint=lambda given: (
+    constraint=lambda values: (
         "a long corridor must be flat"
-        if given["length"] > 7 and given["slope"] == "steep"
+        if values["length"] > 7 and values["slope"] == "steep"
         else None
     ),
 )
@@ -57,13 +57,16 @@ def test_a_decorated_function_is_a_family():
 
 
 def test_signatures_say_what_declarations_leave_out():
-    kinds = {one.name: (one.kind, one.values, one.optional) for one in corridor.parameters}
+    kinds = {
+        parameter.name: (parameter.kind, parameter.values, parameter.optional)
+        for parameter in corridor.parameters
+    }
     assert kinds["length"] == (int, None, False)
     assert kinds["wet"] == (bool, None, False)
     assert kinds["side"] == (None, ("left", "right"), False)
     assert kinds["limit"] == (int, None, True)
     assert "notes" not in kinds  # no kind that a family has: the default stays
-    assert [one.required for one in corridor.parameters].count(True) == 1
+    assert [parameter.required for parameter in corridor.parameters].count(True) == 1
 
 
 def test_nothing_is_built_before_a_task_is_asked_for():
@@ -114,9 +117,11 @@ def test_easier_members_are_nowhere_harder():
         corridor(length=3, wet=True),
     ]
     assert not list(corridor.easier(corridor(length=2)))
-    found = list(pursuit_family.easier(pursuit_family(size=4, predators=2, capture=2)))
-    assert pursuit_family(size=4, predators=1) not in found
-    assert {one["predators"] for one in found} == {2}  # one predator cannot be two on the prey
+    members = list(pursuit_family.easier(pursuit_family(size=4, predators=2, capture=2)))
+    assert pursuit_family(size=4, predators=1) not in members
+    assert {parameter["predators"] for parameter in members} == {
+        2
+    }  # one predator cannot be two on the prey
 
 
 def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
@@ -132,8 +137,8 @@ def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
 
 
 def test_members_that_the_constraint_or_their_number_rules_out():
-    found = list(corridor.members(slope=("flat", "steep")))
-    assert len(found) == 8 + 6
+    members = list(corridor.members(slope=("flat", "steep")))
+    assert len(members) == 8 + 6
     assert sum(1 for _ in pursuit_family.members(predators=[1, 2], capture=[1, 2, "all"])) == 5
 
     @task_family()
@@ -201,7 +206,10 @@ def test_wrong_values_are_named():
 
 def test_a_default_without_an_annotation_says_the_kind():
     lane = TaskFamily("lane", lambda length=3, wet=False, notes=(): one_word(), [])
-    assert [(one.name, one.kind) for one in lane.parameters] == [("length", int), ("wet", bool)]
+    assert [(parameter.name, parameter.kind) for parameter in lane.parameters] == [
+        ("length", int),
+        ("wet", bool),
+    ]
     assert lane(length=4)["length"] == 4
 
 
@@ -221,7 +229,7 @@ def test_what_is_no_task_is_refused_when_it_is_built():
 
 
 def test_the_pursuit_family_has_what_a_pursuit_has():
-    names = {one.name for one in pursuit_family.parameters}
+    names = {parameter.name for parameter in pursuit_family.parameters}
     assert names == {field for field in Pursuit.__dataclass_fields__ if field != "prey"}
     assert pursuit_family().task == Pursuit()
     member = pursuit_family(size=3, predators=3, torus=True, capture=2, moves=4, time_limit=None)

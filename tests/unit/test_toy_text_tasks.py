@@ -38,8 +38,8 @@ def assert_equal_to_gymnasium(task, name, **arguments):
     assert np.array_equal(mine.start, theirs.start)
     assert (mine.states, mine.actions) == (theirs.states, theirs.actions)
     alive = ~mine.terminal
-    for own, other in zip(dense(mine), dense(theirs), strict=True):
-        assert np.array_equal(own[alive], other[alive])
+    for ours, other in zip(dense(mine), dense(theirs), strict=True):
+        assert np.array_equal(ours[alive], other[alive])
 
 
 @pytest.mark.parametrize("name", ["4x4", "8x8"])
@@ -104,14 +104,14 @@ def test_a_part_of_a_lake_is_the_lake_there():
     part = whole.crop(rows=(3, 8), columns=(2, 8))
     assert part.map == tuple(line[2:] for line in whole.map[3:])
     row, column = part.layout.cells.T
-    own = whole.states.encode(row=row, column=column)
-    assert (whole.goal_states[own] == part.goal_states).all()
+    ours = whole.states.encode(row=row, column=column)
+    assert (whole.goal_states[ours] == part.goal_states).all()
     # Inside the part a move leads to the same cell as in the whole lake.
     inner = part.mdp.next_state[part.mdp.outcome_row, 0]
-    outer = whole.mdp.next_state[whole.mdp.outcome_row[own], 0]
-    stays = np.isin(outer, own)
-    assert (own[inner] == outer)[stays].all()
-    assert (inner == np.arange(len(own))[:, None])[~stays].all()
+    outer = whole.mdp.next_state[whole.mdp.outcome_row[ours], 0]
+    stays = np.isin(outer, ours)
+    assert (ours[inner] == outer)[stays].all()
+    assert (inner == np.arange(len(ours))[:, None])[~stays].all()
     assert part.mdp.start[part.mdp.terminal].sum() == 0
 
 
