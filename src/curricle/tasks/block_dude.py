@@ -127,10 +127,8 @@ class BlockDude(DomainWithStart):
             if count != 1:
                 raise TaskError(f"a map needs one {thing}: there are {count or 'none'}")
         first = self._first
-        for thing, (column, height) in (
-            ("agent", first[:2]),
-            *(("block", block) for block in first.blocks),
-        ):
+        things = {first[:2]: "agent", **dict.fromkeys(first.blocks, "block")}
+        for (column, height), thing in things.items():
             if self._below(first, column, height - 1) < height - 1:
                 raise TaskError(
                     f"the {thing} needs ground, a brick or a block below it: there is none below "

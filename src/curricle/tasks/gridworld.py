@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.arrays import IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
@@ -157,29 +157,26 @@ class GridWorld(MapDomain, CellDomain):
     def mdp(self) -> FiniteMDP:
         """The maze as tables: each cell has an outcome row for entering it and one for bumping."""
         to, entered = landing(self._cell_space), np.arange(len(self.cells))
-        bumps = len(entered) + entered[:, None]
-        return self._tables(
-            np.ones((2 * len(entered), 1)),
-            np.tile(entered, 2)[:, None],
-            np.append(self._rewards(to, bumped=False), self._rewards(to, bumped=True))[:, None],
-            outcome_row=np.where(to == MISSING, bumps, to),
-        )
-
-    def _rewards(self, to: IntArray, bumped: bool) -> FloatArray:
-        """Return the reward of entering each cell, or of bumping there, (S,) float64."""
         pays, fire = self.rewards, self._holds("F")
         near_fire = (fire[to] & (to != MISSING)).any(axis=1)
-        terms = [
+        bump = pays.bump if pays.bump else np.nan
+        terms = np.broadcast_arrays(
             np.where(self._holds("T"), pays.treasure, np.nan),
             np.where(fire, pays.fire, np.nan),
             np.where(near_fire, pays.near_fire, np.nan),
             np.where(self._holds("P"), pays.pit, np.nan),
-            np.full(len(fire), pays.bump if bumped and pays.bump else np.nan),
-        ]
+            [[np.nan], [bump]],  # of entering, of bumping
+        )
+        reward = np.fmin.reduce(terms)
+        reward = np.where(np.isnan(reward), pays.step, reward)
         if self.combine == "sum":
-            return np.asarray(pays.step + np.nansum(terms, axis=0))
-        worst = np.fmin.reduce(terms)
-        return np.where(np.isnan(worst), pays.step, worst)
+            reward = pays.step + np.nansum(terms, axis=0)
+        return self._tables(
+            np.ones((2 * len(entered), 1)),
+            np.tile(entered, 2)[:, None],
+            reward.reshape(-1, 1),
+            outcome_row=np.where(to == MISSING, len(entered) + entered[:, None], to),
+        )
 
 
 # -- random mazes, which are always solvable; a small maze is a part of a larger one ---------------
