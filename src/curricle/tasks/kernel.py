@@ -160,7 +160,8 @@ class PartCompiler(compiler.CompilerBase):
         return [passes]
 
 
-Function = TypeVar("Function", bound=Callable[..., Any])
+Body = Callable[..., Any]
+Function = TypeVar("Function", bound=Body)
 
 INLINED: Any = {
     "nogil": True,
@@ -191,26 +192,19 @@ class Overloaded:
     `function` is only the signature. Bodies that seldom run are called, not inlined (`outlined`).
     """
 
-    def __init__(
-        self,
-        function: Callable[..., Any],
-        *,
-        outlined: bool = False,
-        otherwise: Callable[..., Any] | None = None,
-    ):
-        self.function = function
-        self.bodies: dict[type, Callable[..., Any]] = {}
+    def __init__(self, function: Body, *, outlined: bool = False, otherwise: Body | None = None):
+        self.bodies: dict[type, Body] = {}
 
-        def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
+        def choose(first: Any, *_: Any) -> Body | None:
             return self.bodies.get(getattr(first, "instance_class", type(None)), otherwise)
 
         options: Any = {**INLINED, "forceinline": not outlined}
         overload(function, jit_options=options, strict=False)(choose)
 
-    def body(self, kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    def body(self, kind: type) -> Callable[[Body], Body]:
         """Return the decorator that makes a plain function the body for one type."""
 
-        def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        def register(function: Body) -> Body:
             self.bodies[kind] = function
             return function
 
