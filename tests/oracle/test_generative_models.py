@@ -9,6 +9,7 @@ from scipy.stats import chisquare
 import curricle as cr
 from curricle.tasks.kernel import inverse_of, quotient
 from curricle.tasks.models import first_state, table_model, transition
+from tests.tasks import pursuits
 
 FRACTION = 2**53
 
@@ -35,47 +36,13 @@ def quotients(numbers, inverse, out):
 def step_all(model, state, action, bits):
     """Return next states, rewards and ends, as three lists."""
     pairs = (np.asarray(x, dtype=np.uint64) for x in (state, action, bits))
-    found = np.zeros(len(state), np.uint64), np.zeros(len(state)), np.zeros(len(state), bool)
-    moved(model, *pairs, *found)
-    return [x.tolist() for x in found]
+    result = np.zeros(len(state), np.uint64), np.zeros(len(state)), np.zeros(len(state), bool)
+    moved(model, *pairs, *result)
+    return [x.tolist() for x in result]
 
 
 def random_bits(n, seed=0):
     return np.random.default_rng(seed).integers(2**64, size=n, dtype=np.uint64)
-
-
-def by_state(decoded):
-    """A prey that never enters some cells and looks at where the predators are."""
-    near = sum(decoded.values()) % 3
-    weights = np.stack([np.ones_like(near), near, near == 1, near == 2], axis=1)
-    return weights / weights.sum(axis=1, keepdims=True)
-
-
-@st.composite
-def pursuits(draw):
-    size = draw(st.integers(2, 4))
-    predators = draw(st.integers(1, {2: 3, 3: 2, 4: 1}[size]))
-    moves, cells = draw(st.sampled_from([4, 5])), size**2
-    kind = draw(st.sampled_from(["uniform", "cell", "state", "function"]))
-    prey = "uniform"
-    if kind in ("cell", "state"):
-        rng = np.random.default_rng(draw(st.integers(0, 99)))
-        rows = cells if kind == "cell" else cells ** (predators + 1)
-        prey = rng.integers(0, 3, size=(rows, moves)) * rng.random((rows, moves))
-        prey[:, rng.integers(moves)] += 0.1
-        prey /= prey.sum(axis=1, keepdims=True)
-    elif kind == "function":
-        moves, prey = 4, by_state
-    return cr.Pursuit(
-        size=size,
-        predators=predators,
-        moves=moves,
-        torus=draw(st.booleans()),
-        capture=draw(st.sampled_from(["all", "any", "as_published", *range(1, predators + 1)])),
-        prey=prey,
-        step_reward=draw(st.sampled_from([-1.0, 0.25])),
-        capture_reward=draw(st.sampled_from([0.0, 10.0])),
-    )
 
 
 def alive_pairs(mdp, most=3000):
@@ -98,10 +65,10 @@ def test_the_middle_of_a_prey_moves_interval_gives_that_moves_outcome(game):
         bits = ((below + chance / 2) * FRACTION).astype(np.uint64) << np.uint64(11)
         below += chance
         able = chance > 0
-        found = step_all(game.model, state[able], action[able], bits[able])
+        result = step_all(game.model, state[able], action[able], bits[able])
         after = mdp.next_state[row[able], move]
         expected = after, mdp.reward[row[able], move], mdp.terminal[after]
-        assert found == [x.tolist() for x in expected]
+        assert result == [x.tolist() for x in expected]
 
 
 @settings(max_examples=40)
@@ -111,13 +78,13 @@ def test_any_random_bits_give_a_possible_outcome_and_the_one_that_tables_give(ga
     state, action = np.repeat(alive_pairs(mdp, most=500), 8, axis=1)
     bits = random_bits(len(state), seed)
     bits[:2] = 0, 2**64 - 1
-    found = step_all(game.model, state, action, bits)
-    assert found == step_all(table_model(mdp), state, action, bits)
+    result = step_all(game.model, state, action, bits)
+    assert result == step_all(table_model(mdp), state, action, bits)
     row = mdp.outcome_row[state, action]
-    here = mdp.next_state[row] == np.array(found[0])[:, None]
-    here &= mdp.reward[row] == np.array(found[1])[:, None]
+    here = mdp.next_state[row] == np.array(result[0])[:, None]
+    here &= mdp.reward[row] == np.array(result[1])[:, None]
     assert (here & (mdp.probability[row] > 0)).any(axis=1).all()
-    assert found[2] == mdp.terminal[found[0]].tolist()
+    assert result[2] == mdp.terminal[result[0]].tolist()
 
 
 def test_both_kinds_of_tables_are_read_alike():
@@ -137,9 +104,9 @@ def test_both_kinds_of_tables_are_read_alike():
 def test_episodes_start_uniformly_where_the_prey_is_not_caught(size, capture):
     game = cr.Pursuit(size, 2, capture=capture)
     possible = np.flatnonzero(game.mdp.start)
-    found = np.empty(200 * len(possible), np.uint64)
-    started(game.model, random_bits(len(found), size), found)
-    counts = np.bincount(found.astype(int), minlength=game.states.size)
+    result = np.empty(200 * len(possible), np.uint64)
+    started(game.model, random_bits(len(result), size), result)
+    counts = np.bincount(result.astype(int), minlength=game.states.size)
     assert counts.sum() == counts[possible].sum()
     assert chisquare(counts[possible]).pvalue > 1e-4
 
@@ -147,10 +114,10 @@ def test_episodes_start_uniformly_where_the_prey_is_not_caught(size, capture):
 def test_a_start_is_drawn_again_until_it_is_one():
     # Any of three predators on four cells touches the prey in 37 of 64 cases.
     game = cr.Pursuit(2, 3, capture="any")
-    found = np.empty(50_000, np.uint64)
-    started(game.model, random_bits(len(found)), found)
-    assert not game.mdp.terminal[found.astype(int)].any()
-    assert set(found.tolist()) == set(np.flatnonzero(game.mdp.start).tolist())
+    result = np.empty(50_000, np.uint64)
+    started(game.model, random_bits(len(result)), result)
+    assert not game.mdp.terminal[result.astype(int)].any()
+    assert set(result.tolist()) == set(np.flatnonzero(game.mdp.start).tolist())
 
 
 def test_quotients_are_exact_around_the_multiples_of_a_divisor():
@@ -161,9 +128,9 @@ def test_quotients_are_exact_around_the_multiples_of_a_divisor():
         k = np.concatenate([np.arange(1, 50), rng.integers(1, largest // d, size=100)])
         k = np.append(k, [largest // d, largest // d - 1])
         numbers = (k[:, None] * d + np.array([-1, 0, 1])).ravel().astype(np.uint64)
-        found = np.empty(len(numbers), np.uint64)
-        quotients(numbers, inverse_of(d, 2), found)
-        np.testing.assert_array_equal(found, numbers // np.uint64(d))
+        result = np.empty(len(numbers), np.uint64)
+        quotients(numbers, inverse_of(d, 2), result)
+        np.testing.assert_array_equal(result, numbers // np.uint64(d))
 
 
 def test_quotients_of_the_largest_pursuits_are_exact():
@@ -172,9 +139,9 @@ def test_quotients_of_the_largest_pursuits_are_exact():
         largest = min(2**50, (2**64 - 1) // d)
         multiples = np.array([largest // d, largest // d - 1, 1, 2], dtype=np.uint64) * np.uint64(d)
         numbers = np.append(multiples, [*(multiples - np.uint64(1)), np.uint64(largest)])
-        found = np.empty(len(numbers), np.uint64)
-        quotients(numbers, inverse_of(d, 2), found)
-        assert found.tolist() == [int(n) // d for n in numbers]
+        result = np.empty(len(numbers), np.uint64)
+        quotients(numbers, inverse_of(d, 2), result)
+        assert result.tolist() == [int(n) // d for n in numbers]
 
 
 def test_a_pursuit_too_large_to_number_is_refused():

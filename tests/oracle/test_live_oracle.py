@@ -1,5 +1,8 @@
 """Learning live against learning on the same rules as tables, and against plain Python."""
 
+from dataclasses import replace
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ SHAPINGS = [
     cr.RewardBonus,
     cr.DecayingAdvice,
     cr.StateShaping,
+    partial(cr.QInitialisation, guard=cr.Guard()),
 ]
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=3)
 STEPS, EVERY = 900, 100
@@ -49,28 +53,9 @@ def pair(random_mdp):
 
     def make(seed, **shape):
         drawn = random_mdp(seed, width=1, n_states=12, **shape)
-        start = np.zeros(12)
-        start[0] = 1.0
-        mdp = cr.FiniteMDP(
-            drawn.states,
-            drawn.actions,
-            drawn.outcome_row,
-            drawn.probability,
-            drawn.next_state,
-            drawn.reward,
-            drawn.terminal,
-            start,
-            drawn.discount,
-            drawn.time_limit,
-        )
-        live = cr.tasks.LiveMDP(
-            mdp.states,
-            mdp.actions,
-            lambda: TableEnv(mdp),
-            discount=mdp.discount,
-            time_limit=mdp.time_limit,
-        )
-        return mdp, live
+        mdp = replace(drawn, start=np.eye(12)[0])
+        horizon = {"discount": mdp.discount, "time_limit": mdp.time_limit}
+        return mdp, cr.tasks.LiveMDP(mdp.states, mdp.actions, lambda: TableEnv(mdp), **horizon)
 
     return make
 
@@ -100,52 +85,38 @@ def test_every_learner_learns_live_what_it_learns_on_tables(kind, exploration, p
 
 
 @pytest.mark.parametrize("way", SHAPINGS)
-def test_every_shaping(way, pair):
-    mdp, live = pair(2, time_limit=9)
+def test_every_shaping_and_a_guard(way, pair):
+    tasks = pair(2, time_limit=9)
     learner = cr.SARSA(epsilon=0.3) if way is cr.LookBackAdvice else cr.QLearning(epsilon=0.3)
-    shape = (12,) if way is cr.StateShaping else (12, mdp.actions.size)
-    shaping, found = way(np.random.default_rng(0).normal(size=shape)), []
-    for task in (live, mdp):
-        settings = {"eval_freq": EVERY, "evaluation": ROLLED, "seeds": 2}
-        found.append(cr.learn(task, learner, STEPS, shaping=shaping, **settings))
-    assert_same(*found, mdp.terminal)
-
-
-def test_a_guard(pair):
-    mdp, live = pair(3, time_limit=9)
-    phi, found = np.random.default_rng(0).normal(size=(12, mdp.actions.size)), []
-    for task in (live, mdp):
-        shaping = cr.QInitialisation(phi, guard=cr.Guard())
-        settings = {"eval_freq": EVERY, "evaluation": ROLLED}
-        found.append(cr.learn(task, budget=STEPS, shaping=shaping, **settings))
-    assert_same(*found, mdp.terminal)
+    shape = (12,) if way is cr.StateShaping else (12, tasks[0].actions.size)
+    learn_both(tasks, learner, shaping=way(np.random.default_rng(0).normal(size=shape)))
 
 
 def test_sparse_tables(pair):
     mdp, live = pair(4, time_limit=9)
     storage = cr.Storage("sparse")
-    one, other = (
+    lively, other = (
         cr.learn(task, budget=STEPS, eval_freq=EVERY, storage=storage, evaluation=ROLLED).values[0]
         for task in (live, mdp)
     )
-    np.testing.assert_array_equal(one.states, other.states)
-    np.testing.assert_array_equal(one.values, other.values)
+    np.testing.assert_array_equal(lively.states, other.states)
+    np.testing.assert_array_equal(lively.values, other.values)
 
 
-def test_budgets_in_episodes(pair):
-    learn_both(pair(5, time_limit=9), cr.QLearning(), cr.Episodes(70))
-    learn_both(pair(5, time_limit=9), cr.DoubleQLearning(), cr.Episodes(70))
+@pytest.mark.parametrize("learner", [cr.QLearning(), cr.DoubleQLearning()])
+def test_budgets_in_episodes(learner, pair):
+    learn_both(pair(5, time_limit=9), learner, cr.Episodes(70))
 
 
 def test_greedy_rollouts(pair):
     mdp, live = pair(6, time_limit=9)
     phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
     phi[mdp.terminal] = 0.0
-    one, other = (
+    lively, other = (
         greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30) for t in (live, mdp)
     )
     for name in ("states", "actions", "predicted", "return_to_go", "lengths", "ended", "returns"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        np.testing.assert_array_equal(getattr(lively, name), getattr(other, name))
 
 
 # -- an environment left to chance, which cuts episodes off itself ---------------------------------
@@ -198,12 +169,12 @@ def test_live_learning_equals_a_loop_in_python(seed, limit):
     phi = np.random.default_rng(seed).normal(size=(16, 4))
     learner = cr.QLearning(learning_rate=0.3, epsilon=0.2)
     potential = cr.StateActionPotential(task, phi)
-    found = cr.learn(
+    learnt = cr.learn(
         task, learner, 2000, seeds=[seed], shaping=cr.QInitialisation(potential), eval_freq=2000
     )
     q = phi.copy()
     settings = {"epsilon": 0.2, "rate": 0.3, "discount": 0.9, "limit": limit or np.inf}
     returns = q_learning(lake(), q, 2000, seed=seed, **settings)
-    np.testing.assert_array_equal(found.values[0], q)
-    assert found.episodes_used[0] == len(returns)
-    assert found.training_return[0, -1] == sum(returns) / len(returns)
+    np.testing.assert_array_equal(learnt.values[0], q)
+    assert learnt.episodes_used[0] == len(returns)
+    assert learnt.training_return[0, -1] == sum(returns) / len(returns)

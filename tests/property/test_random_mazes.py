@@ -7,21 +7,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import solve
-from curricle.errors import TaskError
 from curricle.show.views import GridView
 from curricle.tasks import maze_family, random_maze
 from curricle.tasks.gridworld import CORNERS
 
-CHANCES = st.sampled_from(
-    [
-        (0.2, 0.05, 0.0),
-        (0.0, 0.0, 0.0),
-        (1.0, 0.0, 0.0),
-        (0.0, 1.0, 0.0),
-        (0.3, 0.4, 0.3),
-        (0.5, 0.2, 0.1),
-    ]
-)
+MIXED = [(0.2, 0.05, 0.0), (0.3, 0.4, 0.3), (0.5, 0.2, 0.1)]
+CHANCES = st.sampled_from([*MIXED, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])
 SEEDS = st.integers(0, 2**63 - 1)
 
 
@@ -37,11 +28,11 @@ def ways(lines):
     seen, waiting = {first: 0}, deque([first])
     while waiting:
         row, column = cell = waiting.popleft()
-        for one in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
-            inside = 0 <= one[0] < len(grid) and 0 <= one[1] < len(grid[0])
-            if inside and one not in seen and grid[one] in ".S":
-                seen[one] = seen[cell] + 1
-                waiting.append(one)
+        for other in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+            inside = 0 <= other[0] < len(grid) and 0 <= other[1] < len(grid[0])
+            if inside and other not in seen and grid[other] in ".S":
+                seen[other] = seen[cell] + 1
+                waiting.append(other)
     return grid, seen
 
 
@@ -95,9 +86,9 @@ def test_densities_are_those_asked_for_where_few_objects_block():
     for seed in range(60):
         grid = "".join(random_maze(20, 0.08, 0.04, 0.02, seed).map)
         cells += len(grid)
-        counts = {one: n + grid.count(one) for one, n in counts.items()}
-    for one, chance in zip("#PF", (0.08, 0.04, 0.02), strict=True):
-        assert counts[one] / cells == pytest.approx(chance, rel=0.15)
+        counts = {other: n + grid.count(other) for other, n in counts.items()}
+    for other, chance in zip("#PF", (0.08, 0.04, 0.02), strict=True):
+        assert counts[other] / cells == pytest.approx(chance, rel=0.15)
 
 
 @pytest.mark.parametrize("corner", CORNERS)
@@ -108,20 +99,3 @@ def test_the_best_policy_reaches_the_treasure_and_the_maze_can_be_drawn(corner):
     best = 200 * 0.99 ** (steps - 1) - (1 - 0.99**steps) / (1 - 0.99)
     assert solve(maze).start_value == pytest.approx(best)
     assert GridView.of(maze).shape == (8, 8)
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        ({"size": 1}, "size of a maze must be a whole number, at least 2: got 1"),
-        ({"walls": 1.5}, r"walls of a maze must lie in \[0, 1\]: got 1.5"),
-        ({"pits": "many"}, "pits of a maze must be a number: got 'many'"),
-        ({"walls": 0.9, "fires": 0.2}, "must sum to at most 1: got 0.9, 0.05 and 0.2"),
-        ({"seed": -1}, "seed of a maze must be a whole number, at least 0: got -1"),
-        ({"corner": "north"}, "corner of a maze must be one of north-west"),
-        ({"start": "near"}, "start of a maze must be one of far, uniform"),
-    ],
-)
-def test_bad_values_are_refused(values, said):
-    with pytest.raises(TaskError, match=said):
-        random_maze(**values)

@@ -1,22 +1,35 @@
 """Tasks that make no sense: which exception, and whether it gives rule, value and place."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import (
-    Component,
-    FiniteMDP,
-    GridWorld,
-    Pursuit,
-    Rewards,
-    Space,
-)
+from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space
 from curricle.errors import CurricleError, TaskError
-from tests.refusals import check_refusal
+from curricle.tasks import (
+    BlockDude,
+    CliffWalking,
+    DeepSea,
+    FourRooms,
+    FrozenLake,
+    GoalDistance,
+    KeyLockPit,
+    RiverSwim,
+    block_dude_family,
+    frozen_lake_family,
+    goal_distance,
+    random_maze,
+    river_swim_family,
+    with_start,
+)
+from tests.refusals import check_refusal, check_values
+from tests.tasks import ring
 
 NAN = float("nan")
-LINE = GridWorld("S.T")
+LINE, CHASE = GridWorld("S.T"), Pursuit(3, 1)
+MAZE = GridWorld(["S..P", ".#.T", "...."])
 ROW = Space([Component("row", 2), Component("column", 3)])
 ONE_WAY = [[[0.0, 1.0]], [[0.0, 1.0]]]
 ROUND = [[[1.0, 0.0]], [[0.0, 1.0]]]
@@ -38,6 +51,9 @@ def tables(**changes):
     return FiniteMDP(**({n: getattr(m, n) for n in names} | changes))
 
 
+HUGE = Space([Component(f"c{i}", 10) for i in range(30)])
+WIDE = Pursuit(size=10, predators=6)
+ORIGIN = dict.fromkeys(HUGE.names, 0)
 TASKS = [
     (lambda: dense([[[0, 0.9]], [[0, 1]]]), "sum to 1: state 0, action 0 sums to 0.9"),
     (lambda: dense([[[0, NAN]], [[0, 1]]]), "sum to 1: state 0, action 0 .*nan"),
@@ -76,7 +92,7 @@ TASKS = [
     (lambda: GridWorld("S.."), "needs a treasure T"),
     (lambda: GridWorld("..T"), "needs an S on the map"),
     (lambda: GridWorld("PT", start="uniform"), "state that does not end"),
-    (lambda: GridWorld("S.T", start="here"), "'map', 'uniform' or cells: got 'here'"),
+    (lambda: GridWorld("S.T", start="here"), "'map', 'uniform' or cells such as .*: got 'here'"),
     (lambda: GridWorld("S.T", start=[]), r"or cells such as .*: got \[\]"),
     (lambda: GridWorld("S.T", start=[(0, 3)]), r"free cell that does not end it: got \(0, 3\)"),
     (lambda: GridWorld("S.T", combine="max"), "combine must be one of sum, worst: got 'max'"),
@@ -89,19 +105,111 @@ TASKS = [
     (lambda: Pursuit(moves=6), "moves must be one of 4, 5: got 6"),
     (lambda: Pursuit(capture="some"), "'any', 'as_published' or .* 1 to 2: got 'some'"),
     (lambda: Pursuit(capture=3), "from 1 to 2: got 3"),
-    (lambda: Pursuit(prey="lazy").mdp, "'uniform', an array or a function: got 'lazy'"),
+    (lambda: Pursuit(prey="lazy").mdp, "'uniform', a table .*, or a function: got 'lazy'"),
     (lambda: Pursuit(size=2, prey=np.full((3, 5), 0.2)).mdp, r"5\) or \(64, 5\): got \(3, 5\)"),
     (lambda: Pursuit(size=2, prey=np.full((4, 5), 0.1)).mdp, "sum to 1: row 0 is .0.1"),
     (lambda: Pursuit(size=2, prey=np.full((4, 5), NAN)).mdp, "row 0 is .nan"),
     (lambda: Pursuit(size=2, prey=[[2, -1, 0, 0, 0]] * 4).mdp, "row 0 is .2.0, -1.0"),
     (lambda: Pursuit(size=2, prey=lambda where: np.ones((2, 5))).mdp, r"\(64, 5\): got \(2, 5\)"),
-    (lambda: Pursuit(size=10, predators=3).mdp, "at most 500,000,000 .*100,000,000 states"),
+    (lambda: Pursuit(size=1e308), "size must be a whole number below 2.63"),
+    (lambda: Pursuit(capture=True), "got True"),
+    (lambda: Component(None, 2), "name of a component must be text, not empty"),
+    (lambda: Component("a", 2, low=2**63), "lowest value of component 'a' must be"),
+    (lambda: Component("a", 2, low=2**63 - 1), "highest value of component 'a' must be"),
+    (lambda: Component("a", 2, labels=(1, 2)), "label .* must be text"),
+    (lambda: Component("a", 2, labels="ab"), "must be a list of text: got 'ab'"),
+    (lambda: Space(["a"]), "components must be a list of Component"),
+    (lambda: Space([Component("a", 2)], np.zeros((0, 1), int)), "S at least 1"),
+    (lambda: HUGE.encode(**ORIGIN), r"fewer than 2\^63: this one has 2\^100"),
+    (lambda: len(HUGE), r"fewer than 2\^63"),
+    (WIDE.states.decode, "all points of a space must fit half of the machine's"),
+    (lambda: WIDE.terminal, "a flag for each state of a pursuit must fit half"),
+    (lambda: cr.GridWorld("S.T", ends=5), "ends must be names of objects: got 5"),
+    (lambda: dense(np.zeros((0, 2, 0)), [], terminal=[]), r"shape \(S, A, S\)"),
+    (lambda: dense(terminal=[0.5, 1]), "terminal must be flags"),
+    # Domains, in the order of their modules.
+    (lambda: random_maze(size=1), "size of a maze must be a whole number, at least 2: got 1"),
+    (lambda: random_maze(walls=1.5), r"walls of a maze must lie in \[0, 1\]: got 1.5"),
+    (lambda: random_maze(pits="many"), "pits of a maze must be a number: got 'many'"),
+    (lambda: random_maze(walls=0.9, fires=0.2), "sum to at most 1: got 0.9, 0.05 and 0.2"),
+    (lambda: random_maze(seed=-1), "seed of a maze must be a whole number, at least 0: got -1"),
+    (lambda: random_maze(corner="north"), "corner of a maze must be one of north-west"),
+    (lambda: random_maze(start="near"), "start of a maze must be one of far, uniform"),
+    (lambda: BlockDude(4), "level must be one of 1, 2, 3: got 4"),
+    (lambda: BlockDude(True), "got True"),
+    (lambda: BlockDude("E<>"), "one agent < or >: there are 2"),
+    (lambda: BlockDude("<.."), "one exit E: there are none"),
+    (lambda: BlockDude("<.T"), "drawn with < > E B # .: row 0, column 2 has 'T'"),
+    (lambda: BlockDude(["..B", "<E."]), "the block needs ground, .* below row 0, column 2"),
+    (lambda: BlockDude([".<.", "..E"], origin=(2, 3)), "needs ground, .* below row 2, column 4"),
+    (lambda: BlockDude(start="corner"), "start must be one of map, uniform"),
+    (lambda: BlockDude(1).crop(columns=(0, 10), agent=10), "agent's column must lie in a crop"),
+    (lambda: BlockDude(["#<.", "##E"]).crop(columns=(0, 3), agent=0), "cell above what is drawn"),
+    (lambda: BlockDude(1, discount=1, time_limit=None).mdp, "discount 1 needs a time limit"),
+    (lambda: DeepSea(start="bottom"), "'surface', 'uniform' or cells"),
+    (lambda: DeepSea(start=[1, 2]), r"cells such as"),
+    (lambda: DeepSea(start=[(2, 3)]), r"free cell .*got \(2, 3\)"),
+    (lambda: DeepSea(4).bottom(5), r"part of a sea must lie in \[1, 4\]"),
+    (lambda: DeepSea(4).bottom(0), "rows of a part of a sea .*at least 1"),
+    (lambda: RiverSwim(forward=0.7, back=0.4), "at most 1 together: got 0.7 and 0.4"),
+    (lambda: RiverSwim().crop(positions=(4, 7)), r"positions 0..6: got \(4, 7\)"),
+    (lambda: RiverSwim(discount=1, time_limit=None).mdp, "needs a time limit"),
+    (lambda: FourRooms(goal="up"), "one of the hallways 'north', .*got 'up'"),
+    (lambda: FourRooms(goal=(0, 3)), r"goal needs a free .*got \(0, 3\)"),
+    (lambda: FourRooms(goal=(1, 2, 3)), "one of the hallways .*, or a row and a column"),
+    (lambda: FourRooms(start=[(1, 1), (6, 6)]), r"free cell that does not end it: got \(6, 6\)"),
+    (lambda: FourRooms(start="map"), "'corner', 'uniform' or cells such as .*: got 'map'"),
+    (lambda: FourRooms(rows=(0, 1)), "a crop needs a free cell: rows 0..1"),
+    (lambda: FourRooms(rows=(3, 9)).crop(rows=(2, 8), columns=(0, 13)), r"rows 3..9: got 2..8"),
+    (lambda: FourRooms(columns=(3,)), "a first and an end"),
+    (lambda: FourRooms(rows=(7, 8), columns=(9, 10)), "needs a state that does not end"),
+    (lambda: KeyLockPit("S.P"), "needs a key K or a lock L: there is none"),
+    (lambda: KeyLockPit("KL"), "needs an S on the map"),
+    (lambda: KeyLockPit("SK", keys_held=True), r"not end it: got \(0, 0\)"),
+    (lambda: KeyLockPit("K", start="uniform", keys_held=True), "needs a state that does not end"),
+    (lambda: KeyLockPit(needs=[[2]]), r"numbers from 1 to 1: got \[2\]"),
+    (lambda: KeyLockPit(needs=[[1.5]]), "keys of a lock must be whole numbers"),
+    (lambda: KeyLockPit("S" + "K" * 30), "at most 5,000,000 states: 31 cells and"),
+    (lambda: FrozenLake(["HH", "HG"], start="uniform"), "needs a state that does not end"),
+    (lambda: FrozenLake().crop(rows=(0, 2), columns=(0, 2)), "a lake needs a goal G"),
+    # Members of their families.
+    (lambda: frozen_lake_family(map="4x4", part=4), "than the lake's 4 rows: got frozen_lake"),
+    (lambda: frozen_lake_family(map="random", size=5, part=6), "less than the lake's 5 rows"),
+    (lambda: frozen_lake_family(size=6), "size of frozen_lake is of random lakes"),
+    (lambda: river_swim_family(forward=0.7, back=0.5), "be at most 1 together: got river_swim"),
+    (lambda: block_dude_family(columns=7), "must be one of 10, 11, .* no way to the exit: got"),
+    # Starts and goals.
+    (lambda: with_start(MAZE, GoalDistance(30)), "lies 30..30 steps from the goal: the farthest"),
+    (lambda: with_start(MAZE, [3]), "must not start in a terminal state: state 3"),
+    (lambda: with_start(ring(), "uniform"), "given by functions or played live has no tables"),
+    (lambda: with_start(RiverSwim(), GoalDistance(1)), "none is terminal and can be entered"),
+    (lambda: GoalDistance(3, 2), "the highest distance to the goal must be .* at least 3: got 2"),
+    (lambda: goal_distance(CHASE, {"prey": "(9,9)"}), r"prey of .* \(0,0\), .*: got '\(9,9\)'"),
+]
+VALUES = [
+    (FrozenLake, {"map": ["5x5", 3, ["SF", "G"]], "origin": [(1, 2, 3)]}),
+    (FrozenLake, {"start": ["there", [(1, 1)], [(9, 9)], [], 7]}),
+    (CliffWalking, {"start": [[(3, 5)], "goal", 3]}),
+    (partial(frozen_lake_family, map="random"), {"size": [1], "frozen_share": [0.2], "seed": [-1]}),
+    (RiverSwim, {"start": [[6], (), [[1], [2, 3]], [1.5], 1]}),
+    (KeyLockPit, {"map": [3, ["SK", "L"]], "needs": [[], "none"], "origin": [3]}),
+    (partial(KeyLockPit, "KLP#"), {"start": [[(0, 2)], [(0, 3)], [(0, 9)], "corner"]}),
+    (KeyLockPit.room, {"size": [3, 2000]}),
+    (partial(with_start, MAZE), {"start": ["far", [99], [], np.ones(3) / 3, {"a": 1}]}),
+    (partial(goal_distance, MAZE), {"goal": [{"x": 1}, {"row": 9}, {"row": "a"}]}),
+    (partial(goal_distance, MAZE), {"goal": [{"row": 1, "column": 1}, np.ones(3, bool), [99]]}),
+    (GoalDistance, {"low": [-1]}),
 ]
 
 
 @pytest.mark.parametrize(("call", "says"), TASKS)
 def test_bad_input_is_refused_in_one_sentence(call, says):
     check_refusal(TaskError, call, says)
+
+
+@pytest.mark.parametrize(("call", "wrong"), VALUES)
+def test_wrong_values_are_named(call, wrong):
+    check_values(TaskError, call, wrong)
 
 
 @pytest.mark.parametrize(
@@ -119,37 +227,6 @@ def test_bad_input_is_refused_in_one_sentence(call, says):
 )
 def test_what_is_just_within_the_rules_is_allowed(allowed):
     assert allowed() is not None
-
-
-# -- sizes and types that no task has ------------------------------------------------------------
-
-
-HUGE = Space([Component(f"c{i}", 10) for i in range(30)])
-WIDE = Pursuit(size=10, predators=6)
-ORIGIN = dict.fromkeys(HUGE.names, 0)
-REFUSED = [
-    (lambda: Pursuit(size=1e308), "size must be a whole number below 2.63"),
-    (lambda: Pursuit(capture=True), "got True"),
-    (lambda: Component(None, 2), "name of a component must be text, not empty"),
-    (lambda: Component("a", 2, low=2**63), "lowest value of component 'a' must be"),
-    (lambda: Component("a", 2, low=2**63 - 1), "highest value of component 'a' must be"),
-    (lambda: Component("a", 2, labels=(1, 2)), "label .* must be text"),
-    (lambda: Component("a", 2, labels="ab"), "must be a list of text: got 'ab'"),
-    (lambda: Space(["a"]), "components must be a list of Component"),
-    (lambda: Space([Component("a", 2)], np.zeros((0, 1), int)), "S at least 1"),
-    (lambda: HUGE.encode(**ORIGIN), r"fewer than 2\^63: this one has 2\^100"),
-    (lambda: len(HUGE), r"fewer than 2\^63"),
-    (WIDE.states.decode, "all points of a space must fit half of the machine's"),
-    (lambda: WIDE.terminal, "a flag for each state of a pursuit must fit half"),
-    (lambda: cr.GridWorld("S.T", ends=5), "ends must be names of objects: got 5"),
-    (lambda: dense(np.zeros((0, 2, 0)), [], terminal=[]), r"shape \(S, A, S\)"),
-    (lambda: dense(terminal=[0.5, 1]), "terminal must be flags"),
-]
-
-
-@pytest.mark.parametrize(("call", "says"), REFUSED)
-def test_what_no_task_has_is_refused_at_once(call, says):
-    check_refusal(TaskError, call, says)
 
 
 @pytest.mark.parametrize("episodes", [10**30, 10**18, 1_000_001])

@@ -12,6 +12,7 @@ from curricle.transfer.rollouts import greedy_rollouts
 from tests.tasks import ring, ring_by_tables, ring_start, ring_step
 
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
+PLACES, MOVES = Space([Component("place", 9)]), Space([Component("move", 2, labels=("on", "back"))])
 
 
 @njit(nogil=True)
@@ -81,9 +82,9 @@ def test_compiled_functions_and_plain_ones_are_the_same():
     compiled = ring()
     functions = ring_start.py_func, ring_step.py_func
     plain = ComputedMDP(compiled.states, compiled.actions, *functions, 9, 0.9, 30)
-    one, other = (cr.learn(task, budget=2000, seeds=2) for task in (plain, compiled))
-    np.testing.assert_array_equal(one.values, other.values)
-    np.testing.assert_array_equal(one.greedy_return, other.greedy_return)
+    first, other = (cr.learn(task, budget=2000, seeds=2) for task in (plain, compiled))
+    np.testing.assert_array_equal(first.values, other.values)
+    np.testing.assert_array_equal(first.greedy_return, other.greedy_return)
 
 
 def test_a_computed_task_hands_on_what_it_learnt():
@@ -97,37 +98,26 @@ def test_a_computed_task_hands_on_what_it_learnt():
 
 
 def test_step_limits_cut_episodes_of_computed_tasks():
-    never = ComputedMDP(
-        Space([Component("place", 3)]),
-        Space([Component("move", 2)]),
-        lambda data, bits: 0,
-        lambda data, state, action, bits: (state, 0.0, False),
-        time_limit=7,
-    )
+    stay = lambda data, state, action, bits: (state, 0.0, False)  # noqa: E731
+    never = ComputedMDP(PLACES, MOVES, lambda data, bits: 0, stay, time_limit=7)
     assert cr.learn(never, budget=70).episodes_used[0] == 10
 
 
-BAD = {
-    "states": ({"states": 5}, "states must be"),
-    "start": ({"start": 3}, "start must be a function: got 3"),
-    "step": ({"step": None}, "step must be a function: got None"),
-    "discount": ({"discount": 1.5}, "discount"),
-    "time limit": ({"time_limit": 0}, "time_limit|time limit"),
-    "endless": ({"discount": 1.0, "time_limit": None}, "needs a time limit"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_what_is_no_task_is_refused(name):
-    changes, message = BAD[name]
-    given = {
-        "states": Space([Component("place", 9)]),
-        "actions": Space([Component("move", 2)]),
-        "start": ring_start,
-        "step": ring_step,
-    }
-    with pytest.raises(TaskError, match=message):
-        ComputedMDP(**{**given, **changes})
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"states": 5}, "states must be"),
+        ({"start": 3}, "start must be a function: got 3"),
+        ({"step": None}, "step must be a function: got None"),
+        ({"discount": 1.5}, "discount"),
+        ({"time_limit": 0}, "time_limit|time limit"),
+        ({"discount": 1.0, "time_limit": None}, "needs a time limit"),
+    ],
+)
+def test_what_is_no_task_is_refused(changes, says):
+    parts = {"states": PLACES, "actions": MOVES, "start": ring_start, "step": ring_step}
+    with pytest.raises(TaskError, match=says):
+        ComputedMDP(**(parts | changes))
 
 
 def test_exact_things_are_refused_in_words():
@@ -140,7 +130,6 @@ def test_exact_things_are_refused_in_words():
 # -- what functions and environments return is checked at every step of every loop -----------------
 
 NAN, INF = float("nan"), float("inf")
-PLACES, MOVES = Space([Component("place", 9)]), Space([Component("move", 2, labels=("on", "back"))])
 OFF = cr.GreedyEvaluation("off")
 
 

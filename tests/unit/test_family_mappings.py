@@ -4,9 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
+from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
 from curricle import Component, FiniteMDP, Pursuit, Space, project, solve
-from curricle.errors import MappingError, TaskError
+from curricle.errors import MappingError
 from curricle.tasks import (
     ComponentsByName,
     FrozenLake,
@@ -20,13 +21,11 @@ from curricle.tasks import (
     maze_family,
     pursuit_family,
     random_maze,
-    river_swim_family,
     task_family,
     taxi_family,
 )
 from curricle.tasks.block_dude import PARTS, part_of_level
 from curricle.tasks.built_in import BUILT_IN
-from curricle.tasks.frozen_lake import random_lake
 from curricle.tasks.mdp import generative_model
 from curricle.transfer import (
     ENDED,
@@ -106,8 +105,8 @@ def test_a_family_may_map_by_a_function_of_states_or_make_the_mapping():
     (mapping,) = family_mappings(by_function(length=6), by_function(length=3))
     assert read(mapping) == [0, 0, 1, 1, ENDED, ENDED]
 
-    own = task_family(SIZES, mapping=lambda target, source: identity(target.task))(line)
-    member = own(length=4)
+    mine = task_family(SIZES, mapping=lambda target, source: identity(target.task))(line)
+    member = mine(length=4)
     (mapping,) = family_mappings(member, member)
     assert isinstance(mapping, StateActionMapping)
     assert read(mapping) == [0, 1, 2, ENDED]
@@ -160,20 +159,20 @@ def test_a_function_that_returns_no_mapping_is_refused(returned, said):
 
 def test_two_predators_read_one_as_in_the_paper():
     hunt, chase = pursuit_family(size=3, predators=2), pursuit_family(size=3, predators=1)
-    found = family_mappings(hunt, chase)
-    assert len(found) == 2
-    for mapping, name in zip(found, hunt.task.predator_names, strict=True):
+    mappings = family_mappings(hunt, chase)
+    assert len(mappings) == 2
+    for mapping, name in zip(mappings, hunt.task.predator_names, strict=True):
         assert isinstance(mapping, ComponentMapping)
         assert (mapping.index == project(hunt.task, chase.task, predator=name).index).all()
 
 
-@pytest.mark.parametrize(("own", "others", "groups"), [(2, 2, 1), (3, 1, 3), (3, 2, 3), (4, 3, 4)])
-def test_each_predator_is_read_equally_often(own, others, groups):
-    hunt, chase = pursuit_family(size=2, predators=own), pursuit_family(size=2, predators=others)
+@pytest.mark.parametrize(("mine", "others", "groups"), [(2, 2, 1), (3, 1, 3), (3, 2, 3), (4, 3, 4)])
+def test_each_predator_is_read_equally_often(mine, others, groups):
+    hunt, chase = pursuit_family(size=2, predators=mine), pursuit_family(size=2, predators=others)
     declared = hunt.family.mapping(hunt, chase)
     assert len(declared) == groups
-    read_of = [name for one in declared for source, name in one.renaming if source != "prey"]
-    assert {read_of.count(name) for name in hunt.task.predator_names} == {groups * others // own}
+    read_of = [name for named in declared for source, name in named.renaming if source != "prey"]
+    assert {read_of.count(name) for name in hunt.task.predator_names} == {groups * others // mine}
 
 
 def cells(task, state):
@@ -191,8 +190,8 @@ def test_distances_that_fit_stay_the_same_on_another_size(size, torus):
     source = np.maximum(mapping.index[:, 0], 0) // 5
     checked = 0
     for state in np.flatnonzero(mapping.index[:, 0] >= 0):
-        own, other = cells(hunt.task, state), cells(small.task, int(source[state]))
-        apart, read_apart = own[1] - own[0], other[1] - other[0]
+        mine, other = cells(hunt.task, state), cells(small.task, int(source[state]))
+        apart, read_apart = mine[1] - mine[0], other[1] - other[0]
         if torus:
             apart = (apart + size // 2) % size - size // 2
             read_apart = (read_apart + 1) % 3 - 1
@@ -204,7 +203,7 @@ def test_distances_that_fit_stay_the_same_on_another_size(size, torus):
             assert (apart == read_apart).all()
         if fits and not torus:  # whoever stands at a wall still does
             for edge, other_edge in ((0, 0), (size - 1, 2)):
-                at_edge = (own == edge).any(axis=0)
+                at_edge = (mine == edge).any(axis=0)
                 assert (other == other_edge).any(axis=0)[at_edge].all()
     assert checked > size**2
 
@@ -219,26 +218,22 @@ def test_moves_keep_their_names_where_staying_is_no_move():
     assert names == [hunt.task.actions.label(action) for action in range(1, 5)]
 
 
-# -- mazes -----------------------------------------------------------------------------------------
-
-
 # -- the families that come with the library -------------------------------------------------------
 
 RELATIVES = {
-    "maze": [{"size": 5}, {"size": 3, "start": "uniform"}],
-    "pursuit": [{"size": 3}, {"size": 3, "predators": 1}],
-    "frozen_lake": [
-        {"map": "8x8", "slippery": False},
-        {"map": "8x8", "part": 5, "slippery": False},
-    ],
-    "cliff_walking": [{"columns": 10}, {"columns": 5}],
-    "taxi": [{}, {"size": 3, "stands": 2}],
-    "four_rooms": [{"start": "uniform"}, {"size": 9, "slip": 0.1}],
-    "key_lock_pit": [{"size": 8}, {"size": 6}],
-    "block_dude": [{"columns": 12}, {"columns": 10}],
-    "river_swim": [{"size": 10}, {"size": 6}],
-    "deep_sea": [{"size": 10}, {"size": 6}],
-}
+    "maze": [{"size": 5}, {"size": 3, "start": "uniform"}, 0.99, 0.99],
+    "pursuit": [{"size": 3}, {"size": 3, "predators": 1}, 0.7, 0.6],
+    "frozen_lake": [{"map": "8x8", "slippery": False}, {"map": "8x8", "part": 5, "slippery": False},
+                    0.99, 0.99],
+    "cliff_walking": [{"columns": 10}, {"columns": 5}, 0.8, 0.95],
+    "taxi": [{}, {"size": 3, "stands": 2}, 0.9, 0.8],
+    "four_rooms": [{"start": "uniform"}, {"size": 9, "slip": 0.1}, 0.9, 0.8],
+    "key_lock_pit": [{"size": 8}, {"size": 6}, 0.95, 0.99],
+    "block_dude": [{"columns": 12}, {"columns": 10}, 0.9, 0.9],
+    "river_swim": [{"size": 10}, {"size": 6}, 0.9, 0.95],
+    "deep_sea": [{"size": 10}, {"size": 6}, 0.99, 0.99],
+}  # fmt: skip
+"""Target and source of each family, and the least correlation and agreement of their values."""
 
 
 def test_the_defaults_are_those_of_the_domains():
@@ -250,7 +245,7 @@ def test_the_defaults_are_those_of_the_domains():
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_a_member_maps_onto_itself_pair_by_pair(name):
     family = BUILT_IN[name]
-    member = family(**RELATIVES[name][-1])
+    member = family(**RELATIVES[name][1])
     (mapping,) = family_mappings(member, member)
     task = generative_model(member.task)
     pairs = np.arange(task.states.size * task.actions.size).reshape(mapping.index.shape)
@@ -259,7 +254,7 @@ def test_a_member_maps_onto_itself_pair_by_pair(name):
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_easier_members_are_built_and_read(name):
-    target, source = (BUILT_IN[name](**given) for given in RELATIVES[name])
+    target, source = (BUILT_IN[name](**parameters) for parameters in RELATIVES[name][:2])
     easier = list(BUILT_IN[name].easier(source))
     assert all(member.family == target.family and member != source for member in easier)
     for member in easier[-3:]:
@@ -268,32 +263,19 @@ def test_easier_members_are_built_and_read(name):
             assert mapping.coverage().mapped > 0
 
 
-@pytest.mark.parametrize(
-    ("name", "correlation", "agreement"),
-    [
-        ("maze", 0.99, 0.99),
-        ("pursuit", 0.7, 0.6),
-        ("frozen_lake", 0.99, 0.99),
-        ("cliff_walking", 0.8, 0.95),
-        ("taxi", 0.9, 0.8),
-        ("four_rooms", 0.9, 0.8),
-        ("key_lock_pit", 0.95, 0.99),
-        ("block_dude", 0.9, 0.9),
-        ("river_swim", 0.9, 0.95),
-        ("deep_sea", 0.99, 0.99),
-    ],
-)
-def test_the_values_of_a_relative_are_worth_reading(name, correlation, agreement):
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_the_values_of_a_relative_are_worth_reading(name):
     """Where the mapping reads something: the order of states, and the share of optimal actions."""
-    target, source = (BUILT_IN[name](**given) for given in RELATIVES[name])
-    own, values = solve(target.task).action_values, solve(source.task).action_values
+    *pair, correlation, agreement = RELATIVES[name]
+    target, source = (BUILT_IN[name](**parameters) for parameters in pair)
+    mine, values = solve(target.task).action_values, solve(source.task).action_values
     read = [f.read(values) for f in family_mappings(target, source)]
     phi = np.ma.masked_invalid(read).mean(axis=0).filled(np.nan)
     known = ~np.isnan(phi).all(axis=1) & ~generative_model(target.task).terminal
     assert known.mean() > 0.2
-    phi, own = np.nan_to_num(phi[known], nan=-np.inf), own[known]
-    assert np.corrcoef(phi.max(axis=1), own.max(axis=1))[0, 1] > correlation
-    best = own[np.arange(len(own)), phi.argmax(axis=1)] > own.max(axis=1) - 1e-6
+    phi, mine = np.nan_to_num(phi[known], nan=-np.inf), mine[known]
+    assert np.corrcoef(phi.max(axis=1), mine.max(axis=1))[0, 1] > correlation
+    best = mine[np.arange(len(mine)), phi.argmax(axis=1)] > mine.max(axis=1) - 1e-6
     assert best.mean() > agreement
 
 
@@ -305,9 +287,9 @@ def test_parts_of_lakes():
     inside = (row >= 4) & (column >= 4)
     assert ((mapping.index != -1).all(axis=1) == inside | whole.task.mdp.terminal).all()
     drawn = frozen_lake_family(map="random", size=6, seed=9, frozen_share=0.7)
-    assert drawn.task.map == random_lake(6, 0.7, 9)
+    assert list(drawn.task.map) == generate_random_map(6, 0.7, 9)
     easier = frozen_lake_family.easier(frozen_lake_family(slippery=False))
-    assert [one["part"] for one in easier] == [2, 3]
+    assert [named["part"] for named in easier] == [2, 3]
 
 
 @pytest.mark.parametrize("seeds", [(None, 3), (3, None), (3, 4), (3, 3)])
@@ -339,10 +321,10 @@ def test_hallways_are_read_as_hallways(size, smaller):
 def test_keys_pits_and_locks_are_read_as_such(size):
     target, source = key_lock_pit_family(size=11), key_lock_pit_family(size=size)
     (mapping,) = family_mappings(target, source)
-    own, other = target.task, source.task
-    key = mapping.index[own.states.encode(row=1, column=1, key=0, lock=0), 4]
+    mine, other = target.task, source.task
+    key = mapping.index[mine.states.encode(row=1, column=1, key=0, lock=0), 4]
     assert other.states.label(key // 6) == "row=1 column=1 key=lying lock=locked"
-    lock = mapping.index[own.states.encode(row=10, column=10, key=1, lock=0), 5]
+    lock = mapping.index[mine.states.encode(row=10, column=10, key=1, lock=0), 5]
     assert other.mdp.terminal[other.mdp.next_state[other.mdp.outcome_row.ravel()[lock], 0]]
 
 
@@ -371,26 +353,11 @@ def test_a_level_reads_no_more_blocks_than_it_has():
 def test_stands_are_read_as_stands():
     target, source = taxi_family(), taxi_family(size=3)
     (mapping,) = family_mappings(target, source)
-    for own, other in zip(target.task.stand_cells, source.task.stand_cells, strict=True):
-        row, column = np.divmod(own, 5)
+    for mine, other in zip(target.task.stand_cells, source.task.stand_cells, strict=True):
+        row, column = np.divmod(mine, 5)
         state = target.task.states.encode(row=row, column=column, passenger=4, destination=1)
         read = mapping.index[state, 0]
         if read == ENDED:
             continue
         values = source.task.states.decode(read // 6)
         assert values["row"] * 3 + values["column"] == other
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (lambda: frozen_lake_family(map="4x4", part=4), "than the lake's 4 rows: got frozen_lake"),
-        (lambda: frozen_lake_family(map="random", size=5, part=6), "less than the lake's 5 rows"),
-        (lambda: frozen_lake_family(size=6), "size of frozen_lake is of random lakes"),
-        (lambda: river_swim_family(forward=0.7, back=0.5), "be at most 1 together: got river_swim"),
-        (lambda: block_dude_family(columns=7), "must be one of 10, 11, .* no way to the exit: got"),
-    ],
-)
-def test_bad_members_are_refused_in_a_sentence(wrong, said):
-    with pytest.raises(TaskError, match=said):
-        wrong()

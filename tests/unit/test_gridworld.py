@@ -1,6 +1,5 @@
 """Grid worlds: the rules in plain Python on random maps, and by hand."""
 
-import pytest
 from hypothesis import assume, given, strategies as st
 
 from curricle import GridWorld, Rewards, solve
@@ -21,7 +20,7 @@ def step(maze, cell, move):
 
 def by_the_rules(maze, cell, way):
     """Return the cell that a move leads to and what it pays, read off the drawing."""
-    drawn = {(r, c): what for r, line in enumerate(maze.map) for c, what in enumerate(line)}
+    drawn = {(r, c): thing for r, line in enumerate(maze.map) for c, thing in enumerate(line)}
 
     def beside(cell, way):
         return cell[0] + way[0], cell[1] + way[1]
@@ -29,8 +28,8 @@ def by_the_rules(maze, cell, way):
     there = beside(cell, way)
     bumped = drawn.get(there, "#") == "#"
     entered = cell if bumped else there
-    pays, what = maze.rewards, drawn[entered]
-    terms = [{"T": pays.treasure, "P": pays.pit, "F": pays.fire}.get(what)]
+    pays, thing = maze.rewards, drawn[entered]
+    terms = [{"T": pays.treasure, "P": pays.pit, "F": pays.fire}.get(thing)]
     terms += [pays.near_fire] * any(drawn.get(beside(entered, way)) == "F" for way in WAYS)
     terms = [term for term in [*terms, pays.bump if bumped and pays.bump else None] if term]
     if maze.combine == "sum":
@@ -58,21 +57,6 @@ def test_every_step_is_as_the_drawing_says(lines, combine, ends, bump):
     for cell in free:
         for move, way in enumerate(WAYS):
             assert step(maze, cell, move) == by_the_rules(maze, cell, way)
-
-
-@pytest.mark.parametrize(
-    ("drawing", "paid"),
-    [
-        ("S.T", -1),
-        ("ST.", 199),
-        ("SPT", -2501),
-        ("SFT", -501),
-        ("S.FT", -251),
-    ],
-    ids=["free", "treasure", "pit", "fire", "near fire"],
-)
-def test_a_step_pays_for_the_cell_entered(drawing, paid):
-    assert step(GridWorld(drawing, rewards=PAY), (0, 0), EAST) == ((0, 1), paid)
 
 
 def test_starts_are_those_drawn_uniform_or_given():

@@ -27,9 +27,9 @@ BUILT = list[int]()
     Parameter("length", low=2, high=9, harder="larger"),
     Parameter("slope", values=("flat", "steep"), harder="later"),
     mapping=ComponentsByName("clip"),
-    constraint=lambda given: (
+    constraint=lambda values: (
         "a long corridor must be flat"
-        if given["length"] > 7 and given["slope"] == "steep"
+        if values["length"] > 7 and values["slope"] == "steep"
         else None
     ),
 )
@@ -57,13 +57,16 @@ def test_a_decorated_function_is_a_family():
 
 
 def test_signatures_say_what_declarations_leave_out():
-    kinds = {one.name: (one.kind, one.values, one.optional) for one in corridor.parameters}
+    kinds = {
+        parameter.name: (parameter.kind, parameter.values, parameter.optional)
+        for parameter in corridor.parameters
+    }
     assert kinds["length"] == (int, None, False)
     assert kinds["wet"] == (bool, None, False)
     assert kinds["side"] == (None, ("left", "right"), False)
     assert kinds["limit"] == (int, None, True)
     assert "notes" not in kinds  # no kind that a family has: the default stays
-    assert [one.required for one in corridor.parameters].count(True) == 1
+    assert [parameter.required for parameter in corridor.parameters].count(True) == 1
 
 
 def test_nothing_is_built_before_a_task_is_asked_for():
@@ -114,9 +117,11 @@ def test_easier_members_are_nowhere_harder():
         corridor(length=3, wet=True),
     ]
     assert not list(corridor.easier(corridor(length=2)))
-    found = list(pursuit_family.easier(pursuit_family(size=4, predators=2, capture=2)))
-    assert pursuit_family(size=4, predators=1) not in found
-    assert {one["predators"] for one in found} == {2}  # one predator cannot be two on the prey
+    members = list(pursuit_family.easier(pursuit_family(size=4, predators=2, capture=2)))
+    assert pursuit_family(size=4, predators=1) not in members
+    assert {parameter["predators"] for parameter in members} == {
+        2
+    }  # one predator cannot be two on the prey
 
 
 def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
@@ -132,8 +137,8 @@ def test_a_smaller_number_may_be_harder_and_so_may_a_flag():
 
 
 def test_members_that_the_constraint_or_their_number_rules_out():
-    found = list(corridor.members(slope=("flat", "steep")))
-    assert len(found) == 8 + 6
+    members = list(corridor.members(slope=("flat", "steep")))
+    assert len(members) == 8 + 6
     assert sum(1 for _ in pursuit_family.members(predators=[1, 2], capture=[1, 2, "all"])) == 5
 
     @task_family()
@@ -143,6 +148,10 @@ def test_members_that_the_constraint_or_their_number_rules_out():
     with pytest.raises(TaskError, match="seed of coin has too many values to list, whole numbers"):
         list(coin.members())
     assert len(list(coin.members(seed=range(5)))) == 5
+
+
+def one_word(word: str = "a") -> GridWorld:
+    return GridWorld("ST")
 
 
 @pytest.mark.parametrize(
@@ -158,26 +167,6 @@ def test_members_that_the_constraint_or_their_number_rules_out():
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
         (lambda: list(corridor.easier(3)), "easier than must be a FamilyMember: got 3"),
         (lambda: list(corridor.easier(maze_family())), "corridor has only members of its own"),
-    ],
-)
-def test_bad_members_are_refused_in_a_sentence(wrong, said):
-    check_refusal(TaskError, wrong, said)
-
-
-def test_wrong_values_are_named():
-    check_values(TaskError, corridor, {"length": [1, 10, "4", True, 2.5]})
-    wrong = {"wet": [1], "slope": ["step"], "discount": ["x", None]}
-    check_values(TaskError, partial(corridor, length=4), wrong)
-    check_values(TaskError, pursuit_family, {"capture": [True]})
-
-
-def one_word(word: str = "a") -> GridWorld:
-    return GridWorld("ST")
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
         (lambda: Parameter("a", low=2, high=1), "low of parameter 'a' must be at most high"),
         (lambda: Parameter("a", values=(1, 1)), "must be different numbers, words or flags"),
         (lambda: Parameter("a", int, values=(1, 2)), "say all: leave out kind, low and high"),
@@ -197,11 +186,15 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: task_family()(lambda x: x), "parameter 'x' of <lambda> must have a kind"),
     ],
 )
-def test_bad_declarations_are_refused_in_a_sentence(wrong, said):
+def test_bad_members_and_declarations_are_refused_in_a_sentence(wrong, said):
     check_refusal(TaskError, wrong, said)
 
 
-def test_wrong_parts_of_declarations_are_named():
+def test_wrong_values_are_named():
+    check_values(TaskError, corridor, {"length": [1, 10, "4", True, 2.5]})
+    wrong = {"wet": [1], "slope": ["step"], "discount": ["x", None]}
+    check_values(TaskError, partial(corridor, length=4), wrong)
+    check_values(TaskError, pursuit_family, {"capture": [True]})
     check_values(TaskError, Parameter, {"name": ["two words"]})
     wrong = {"kind": [list], "low": ["2"], "values": ["ab", ()], "harder": ["bigger"]}
     check_values(TaskError, partial(Parameter, "a"), wrong)
@@ -213,7 +206,10 @@ def test_wrong_parts_of_declarations_are_named():
 
 def test_a_default_without_an_annotation_says_the_kind():
     lane = TaskFamily("lane", lambda length=3, wet=False, notes=(): one_word(), [])
-    assert [(one.name, one.kind) for one in lane.parameters] == [("length", int), ("wet", bool)]
+    assert [(parameter.name, parameter.kind) for parameter in lane.parameters] == [
+        ("length", int),
+        ("wet", bool),
+    ]
     assert lane(length=4)["length"] == 4
 
 
@@ -233,7 +229,7 @@ def test_what_is_no_task_is_refused_when_it_is_built():
 
 
 def test_the_pursuit_family_has_what_a_pursuit_has():
-    names = {one.name for one in pursuit_family.parameters}
+    names = {parameter.name for parameter in pursuit_family.parameters}
     assert names == {field for field in Pursuit.__dataclass_fields__ if field != "prey"}
     assert pursuit_family().task == Pursuit()
     member = pursuit_family(size=3, predators=3, torus=True, capture=2, moves=4, time_limit=None)

@@ -18,18 +18,15 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.errors import TaskError
-from curricle.tasks.cliff_walking import CliffWalking
-from curricle.tasks.deep_sea import DeepSea
+from curricle.tasks.exploration import DeepSea
 from curricle.tasks.family import FamilyMember
-from curricle.tasks.four_rooms import FourRooms
-from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.gridworld import OBJECTS, GridWorld
-from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
 from curricle.tasks.pursuit import Pursuit
+from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.spaces import Component, Space
 from curricle.tasks.start_states import GoalDistance, goal_distance, goal_states, with_start
-from curricle.tasks.taxi import Taxi
+from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 from curricle.text import counted
 from curricle.transfer.bisimulation import merged_outcomes
 from curricle.transfer.by_components import ComponentMapping, family_mappings, project

@@ -29,7 +29,7 @@ from curricle.show.style import (
     new_figure,
 )
 from curricle.show.views import At, GridView
-from curricle.tasks.grid_layout import LETTERS
+from curricle.tasks.domain import LETTERS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
 from curricle.transfer.transfer import transfer_names

@@ -29,7 +29,7 @@ from curricle.show.style import (
 )
 from curricle.show.views import GridView
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord, TaskRecord
-from curricle.tasks.grid_layout import LETTERS
+from curricle.tasks.domain import LETTERS
 from curricle.text import counted
 
 MOST_MOMENTS = 48  # moments of one training at most

@@ -18,8 +18,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from curricle.arrays import frozen
 from curricle.display import COLOURS
 from curricle.show.views import GridView, stacked
-from curricle.tasks.domain import MOVES
-from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
+from curricle.tasks.domain import LETTERS, MOVES, GridLayout, layout_of
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.pursuit import Pursuit

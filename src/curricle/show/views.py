@@ -15,7 +15,7 @@ import numpy as np
 from curricle.arrays import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.tasks.grid_layout import LETTERS, GridLayout, layout_of
+from curricle.tasks.domain import LETTERS, GridLayout, layout_of
 from curricle.tasks.live import is_live, reset_state
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.spaces import MISSING, Component, Space, action_name

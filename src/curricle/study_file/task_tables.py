@@ -49,18 +49,16 @@ from curricle.study_file.schema import (
 )
 from curricle.tasks.block_dude import BlockDude
 from curricle.tasks.built_in import BUILT_IN
-from curricle.tasks.deep_sea import DeepSea
 from curricle.tasks.domain import MOVES
+from curricle.tasks.exploration import DeepSea, RiverSwim
 from curricle.tasks.family import FamilyMember, TaskFamily
-from curricle.tasks.four_rooms import FourRooms
-from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.key_lock_pit import KeyLockPit
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
-from curricle.tasks.river_swim import RiverSwim
+from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
+from curricle.tasks.toy_text import FrozenLake
 
 # -- Where episodes start: a ring around the goal, reachable states, or where a policy goes --------
 

@@ -1,9 +1,10 @@
 from .block_dude import BlockDude as BlockDude, block_dude_family as block_dude_family
-from .cliff_walking import (
-    CliffWalking as CliffWalking,
-    cliff_walking_family as cliff_walking_family,
+from .exploration import (
+    DeepSea as DeepSea,
+    RiverSwim as RiverSwim,
+    deep_sea_family as deep_sea_family,
+    river_swim_family as river_swim_family,
 )
-from .deep_sea import DeepSea as DeepSea, deep_sea_family as deep_sea_family
 from .family import (
     ComponentsByName as ComponentsByName,
     FamilyMember as FamilyMember,
@@ -11,8 +12,6 @@ from .family import (
     TaskFamily as TaskFamily,
     task_family as task_family,
 )
-from .four_rooms import FourRooms as FourRooms, four_rooms_family as four_rooms_family
-from .frozen_lake import FrozenLake as FrozenLake, frozen_lake_family as frozen_lake_family
 from .gridworld import (
     GridWorld as GridWorld,
     Rewards as Rewards,
@@ -25,17 +24,28 @@ from .kernel import (
     splitmix64 as splitmix64,
     uniform as uniform,
 )
-from .key_lock_pit import KeyLockPit as KeyLockPit, key_lock_pit_family as key_lock_pit_family
 from .live import LiveMDP as LiveMDP
 from .mdp import FiniteMDP as FiniteMDP, Task as Task
 from .models import ComputedMDP as ComputedMDP
 from .observation_task import ObservationTask as ObservationTask
 from .pursuit import Pursuit as Pursuit, pursuit_family as pursuit_family
-from .river_swim import RiverSwim as RiverSwim, river_swim_family as river_swim_family
+from .rooms import (
+    FourRooms as FourRooms,
+    KeyLockPit as KeyLockPit,
+    four_rooms_family as four_rooms_family,
+    key_lock_pit_family as key_lock_pit_family,
+)
 from .spaces import Component as Component, Space as Space
 from .start_states import (
     GoalDistance as GoalDistance,
     goal_distance as goal_distance,
     with_start as with_start,
 )
-from .taxi import Taxi as Taxi, taxi_family as taxi_family
+from .toy_text import (
+    CliffWalking as CliffWalking,
+    FrozenLake as FrozenLake,
+    Taxi as Taxi,
+    cliff_walking_family as cliff_walking_family,
+    frozen_lake_family as frozen_lake_family,
+    taxi_family as taxi_family,
+)

@@ -1,23 +1,4 @@
-"""Block Dude: an agent climbs to an exit over walls, with the help of blocks that it can carry.
-
-The rules are those of BURLAP (``burlap.domain.singleagent.blockdude``, MacGlashan 2016), after the
-game for graphing calculators. The world is seen from the side.
-
-- West, east: the agent faces that way and moves one column, unless a brick or block is in front of
-  it; it falls onto what lies below. A carried block, over its head, comes along and needs no room.
-- Up: the agent climbs onto what is in front of it, if that is one brick or block high and there is
-  room above it: one cell, or two with a block.
-- Pick up: the block in front of the agent, at its own height and with nothing above it.
-- Put down: the carried block falls in front of the agent, unless bricks or blocks there are higher
-  than one.
-
-Everything else leaves the state as it is. The episode ends at the exit. BURLAP's reward is -1 a
-step.
-
-Below the map is solid ground, above it open sky. Columns beside the map cannot be entered. The
-blocks are alike, so that states which differ only in which block is where are one state, and only
-states that can be reached are in the table.
-"""
+"""Block Dude: an agent climbs to an exit over walls, with the help of blocks it can carry."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,15 +13,14 @@ from curricle.tasks.domain import (
     Cell,
     Discount,
     DomainWithStart,
+    GridLayout,
     TimeLimit,
     cut,
     family_of,
     numbered_names,
     read_map,
-    read_origin,
 )
 from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
-from curricle.tasks.grid_layout import GridLayout
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 
@@ -78,7 +58,7 @@ LEVELS = (
 
 
 class _State(NamedTuple):
-    """Heights are counted from the ground, which is 0."""
+    """Heights are rows counted upwards: row r of the whole map has the height -r."""
 
     column: int
     height: int
@@ -89,7 +69,22 @@ class _State(NamedTuple):
 
 @dataclass(frozen=True)
 class BlockDude(DomainWithStart):
-    """An agent that carries blocks to climb to an exit.
+    """An agent that carries blocks to climb to an exit, where the episode ends.
+
+    The rules are those of BURLAP (``burlap.domain.singleagent.blockdude``, MacGlashan 2016), after
+    the game for graphing calculators. The world is seen from the side: below the map is solid
+    ground, above it open sky, and columns beside it cannot be entered.
+
+    - West, east: the agent faces that way and moves one column, unless a brick or block is in front
+      of it; it falls onto what lies below. A carried block, over its head, needs no room.
+    - Up: the agent climbs onto what is in front of it, if that is one brick or block high and there
+      is room above it: one cell, or two with a block.
+    - Pick up: the block in front of the agent, at its height and with nothing above it.
+    - Put down: the carried block falls in front of the agent, unless bricks or blocks there are
+      higher than one.
+
+    Everything else leaves the state as it is. Blocks are alike: states that differ only in which
+    block is where are one state. Only states that can be reached are in the table.
 
     Parameters
     ----------
@@ -99,21 +94,16 @@ class BlockDude(DomainWithStart):
     step_reward, exit_reward : float
         Of a step that does not / does enter the exit.
     start : {"map", "uniform"}
-        As drawn, or in any state that can be reached from there and is not the exit. Some of them
-        may be dead ends.
+        As drawn, or in any state, perhaps a dead end, that can be reached and is not the exit.
     origin : (int, int)
-        Row and column of the top-left cell. A crop keeps the coordinates of the whole map. Rows
-        above the map count on.
+        Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
     Examples
     --------
-    >>> task = BlockDude(level=1)
-    >>> task.states.size, task.states.names
-    (788, ('row', 'column', 'facing', 'holding', 'block_1', 'block_2'))
-    >>> print(task.states.label(0))
-    row=3 column=15 facing=east holding=no block_1=(3,9) block_2=(3,13)
+    >>> BlockDude(level=1).states.label(0)
+    'row=3 column=15 facing=east holding=no block_1=(3,9) block_2=(3,13)'
     """
 
     level: Any = 1
@@ -132,21 +122,17 @@ class BlockDude(DomainWithStart):
             one_of("level", level, range(1, len(LEVELS) + 1), TaskError)
             level = LEVELS[level - 1]
         object.__setattr__(self, "level", read_map(level, CHARACTERS))
-        object.__setattr__(self, "origin", read_origin(self.origin))
         for thing, letters in (("agent < or >", "<>"), ("exit E", "E")):
             count = sum(line.count(letter) for line in self.level for letter in letters)
             if count != 1:
                 raise TaskError(f"a map needs one {thing}: there are {count or 'none'}")
-        first, bricks = self._first, self._bricks
-        solid = bricks | set(first.blocks)
-        for thing, (column, height) in (
-            ("agent", first[:2]),
-            *(("block", block) for block in first.blocks),
-        ):
-            if height > 1 and (column, height - 1) not in solid:
+        first = self._first
+        things = {first[:2]: "agent", **dict.fromkeys(first.blocks, "block")}
+        for (column, height), thing in things.items():
+            if self._below(first, column, height - 1) < height - 1:
                 raise TaskError(
                     f"the {thing} needs ground, a brick or a block below it: there is none below "
-                    f"row {self._row(height)}, column {column + self.origin[1]}"
+                    f"row {-height}, column {column}"
                 )
 
     def crop(
@@ -156,10 +142,9 @@ class BlockDude(DomainWithStart):
         agent: int | None = None,
         start: Literal["map", "uniform"] = "map",
     ) -> Self:
-        """Return the part in the half-open range `columns`, in this map's coordinates.
+        """Return the part in the half-open range `columns`, which has the exit and the agent.
 
-        `agent` is the column in which the agent begins, on top of what is drawn there; by default
-        it begins where it is. The part must have the exit and the agent.
+        The agent may begin in another column, `agent`, on top of what is drawn there.
         """
         rows = (self.origin[0], self.origin[0] + len(self.level))
         part = cut(self.level, self.origin, rows, columns)
@@ -179,27 +164,16 @@ class BlockDude(DomainWithStart):
             part[free] = f"{line[:column]}{letter}{line[column + 1 :]}"
         return replace(self, level=part, start=start, origin=(self.origin[0], columns[0]))
 
-    def _row(self, height: Any) -> Any:
-        return self.origin[0] + len(self.level) - height
-
     @cached_property
     def _drawn(self) -> dict[Cell, str]:
         """What is drawn at (column, height), without free cells."""
-        top = len(self.level)
+        top, left = self.origin
         return {
-            (column, top - row): drawn
+            (left + column, -top - row): drawn
             for row, line in enumerate(self.level)
             for column, drawn in enumerate(line)
             if drawn != "."
         }
-
-    @cached_property
-    def _bricks(self) -> set[Cell]:
-        return {cell for cell, drawn in self._drawn.items() if drawn == "#"}
-
-    @cached_property
-    def _exit(self) -> Cell:
-        return next(cell for cell, drawn in self._drawn.items() if drawn == "E")
 
     @cached_property
     def _first(self) -> _State:
@@ -210,11 +184,13 @@ class BlockDude(DomainWithStart):
 
     def _below(self, state: _State, column: int, height: int) -> int:
         """Return the greatest height of a brick, a block or the ground, `height` at most."""
-        while height > 0:
-            if (column, height) in self._bricks or (column, height) in state.blocks:
+        ground, drawn = -self.origin[0] - len(self.level), self._drawn
+        while height > ground:
+            cell = column, height
+            if drawn.get(cell) == "#" or cell in state.blocks:
                 return height
             height -= 1
-        return 0
+        return ground
 
     def _after(self, state: _State, action: str) -> _State:
         """Return the state that an action leads to."""
@@ -222,7 +198,7 @@ class BlockDude(DomainWithStart):
         if action in ("west", "east"):
             state = state._replace(facing=-1 if action == "west" else 1)
         there = column + state.facing
-        if not 0 <= there < len(self.level[0]):
+        if not 0 <= there - self.origin[1] < len(self.level[0]):
             return state
         if action in ("west", "east"):
             below = self._below(state, there, height)
@@ -232,7 +208,7 @@ class BlockDude(DomainWithStart):
             return state if below != height else state._replace(column=there, height=height + 1)
         if action == "pick up":
             above = (there, height + 1)
-            covered = above in blocks or above in self._bricks
+            covered = above in blocks or self._drawn.get(above) == "#"
             if holding or covered or (there, height) not in blocks:
                 return state
             rest = tuple(block for block in blocks if block != (there, height))
@@ -247,15 +223,13 @@ class BlockDude(DomainWithStart):
         """The states that can be reached, the drawn one first, and successors, (S, A) int64."""
         number, states, successors = {self._first: 0}, [self._first], list[list[int]]()
         for state in states:  # which grows meanwhile
-            row = list[int]()
-            for action in self.ACTIONS:
-                ended = state[:2] == self._exit
-                after = state if ended else self._after(state, action)
-                if after not in number:
-                    number[after] = len(states)
-                    states.append(after)
-                row.append(number[after])
-            successors.append(row)
+            ended = self._drawn.get(state[:2]) == "E"
+            after = [state if ended else self._after(state, action) for action in self.ACTIONS]
+            for reached in after:
+                if reached not in number:
+                    number[reached] = len(states)
+                    states.append(reached)
+            successors.append([number[reached] for reached in after])
             if len(states) > LARGEST_SPACE:
                 raise TaskError(
                     f"a level may have at most {LARGEST_SPACE:,} states that can be reached: this "
@@ -267,20 +241,17 @@ class BlockDude(DomainWithStart):
     @cached_property
     def _cells(self) -> IntArray:
         """Row and column of the agent and of each block, a carried one first, (S, 1 + k, 2)."""
-        heights = [
+        cells = [
             (state[:2], *[(state.column, state.height + 1)] * state.holding, *state.blocks)
             for state in self._reached[0]
         ]
-        column, height = np.array(heights).transpose(2, 0, 1)
-        return frozen(np.stack([self._row(height), column + self.origin[1]], axis=-1))
+        return frozen(np.array(cells)[:, :, ::-1] * np.array([-1, 1]))
 
     @cached_property
     def states(self) -> Space:
         """The agent's cell, where it faces, whether it carries a block, and each block's cell."""
-        states, cells = self._reached[0], self._cells
-        (rows, columns), blocks = cells[:, 0].T, cells[:, 1:]
-        facing = np.array([state.facing > 0 for state in states])
-        holding = np.array([state.holding for state in states])
+        (rows, columns), blocks = self._cells[:, 0].T, self._cells[:, 1:]
+        facing, holding = np.array([(s.facing > 0, s.holding) for s in self._reached[0]]).T
         axes = [
             Component("row", int(rows.max() - rows.min()) + 1, int(rows.min())),
             Component("column", len(self.level[0]), self.origin[1]),
@@ -293,35 +264,37 @@ class BlockDude(DomainWithStart):
         values = np.zeros(carried.shape, np.int64)
         values[~carried] = 1 + number.ravel()
         labels = ("carried", *(f"({row},{column})" for row, column in lie.tolist()))
-        axes += [Component(name, len(labels), labels=labels) for name in self._block_names]
+        axes += [Component(name, len(labels), labels=labels) for name in self.block_names]
         return Space(axes, np.column_stack([rows, columns, facing, holding, values]).astype(int))
 
     @property
-    def _block_names(self) -> tuple[str, ...]:
+    def block_names(self) -> tuple[str, ...]:
+        """``block`` if there is one, else ``block_1``, ``block_2``, ..."""
         return numbered_names("block", len(self._first.blocks))
 
     @cached_property
     def layout(self) -> GridLayout:
         """Where the agent is in each state, for pictures."""
-        top, left = int(self._cells[..., 0].min()), self.origin[1]
-        first = min(top, self.origin[0])
-        bricks = [(self._row(height), column + left) for column, height in sorted(self._bricks)]
-        column, height = self._exit
+        top, left = self.origin
+        first = min(top, int(self._cells[..., 0].min()))
+        drawn = sorted(self._drawn.items())
+        bricks = [(-height, column) for (column, height), thing in drawn if thing == "#"]
+        exits = [(-height, column) for (column, height), thing in drawn if thing == "E"]
         return GridLayout(
             cells=self._cells[:, 0],
             components=("row", "column"),
-            shape=(self.origin[0] + len(self.level) - first, len(self.level[0])),
+            shape=(top + len(self.level) - first, len(self.level[0])),
             origin=(first, left),
-            objects=(("exit", self._row(height), column + left, True),),
+            objects=tuple(("exit", *cell, True) for cell in exits),
             walls=np.array(bricks, dtype=np.int64).reshape(-1, 2),
-            markers={name: self._cells[:, 1 + i] for i, name in enumerate(self._block_names)},
+            markers={name: self._cells[:, 1 + i] for i, name in enumerate(self.block_names)},
         )
 
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The level as tables: a row for entering each state, O = 1."""
         states, after = self._reached
-        ended = np.array([state[:2] == self._exit for state in states])
+        ended = np.array([self._drawn.get(state[:2]) == "E" for state in states])
         return self._tables(
             np.ones((len(states), 1)),
             np.arange(len(states))[:, None],
@@ -359,10 +332,7 @@ def part_of_level(
 
 def _block_mapping(target: FamilyMember, source: FamilyMember) -> ComponentsByName:
     """Return how a level reads another: by name, blocks in their order from the exit on."""
-    blocks, others = (
-        [name for name in member.task.states.names if name.startswith("block")]
-        for member in (target, source)
-    )
+    blocks, others = target.task.block_names, source.task.block_names
     if len(others) > len(blocks):
         raise TaskError(
             f"a level reads levels with at most its {len(blocks)} blocks: got {source}, which has "

@@ -7,7 +7,7 @@ family of them.
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
@@ -15,11 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, Frozen, IntArray, frozen
-from curricle.checks import indices
+from curricle.checks import indices, one_of
 from curricle.errors import TaskError
 from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
-from curricle.tasks.grid_layout import GridLayout
-from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.mdp import FiniteMDP, generative_model
 from curricle.tasks.models import LARGEST_REWARD, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, whole
 from curricle.text import counted
@@ -36,15 +35,15 @@ class Domain(Frozen):
     """A task that is a frozen dataclass of its rules, which `_check` checks beyond annotations."""
 
     ACTIONS: ClassVar[tuple[str, ...]] = tuple(MOVES)
+    __dataclass_fields__: ClassVar[dict[str, Any]]
     states: Any
     discount: float
     time_limit: int | None
 
     def __post_init__(self) -> None:
         domain: Any = type(self)
-        for field in _checked_fields(domain):
-            value = field.checked(getattr(self, field.name))
-            object.__setattr__(self, field.name, value)
+        for name, checked in _checks(domain):
+            object.__setattr__(self, name, checked(getattr(self, name)))
         check_horizon(self)
         self._check()
 
@@ -64,38 +63,40 @@ class Domain(Frozen):
         *,
         terminal: BoolArray,
         starting: IntArray,
-        outcome_row: IntArray | None = None,
+        outcome_row: npt.NDArray[np.integer[Any]] | None = None,
     ) -> FiniteMDP:
         """Return the tables; episodes start in the states `starting`, equally likely.
 
-        Without `outcome_row` every pair has a row of its own: outcomes are (S, A, O), not (Y, O).
+        Without `outcome_row` every pair has its row: outcomes are (S, A, O), not (Y, O).
         """
         start = np.zeros(len(terminal))
         start[starting] = 1 / len(starting)
-        rest: Any = {"states": self.states, "actions": self.actions, "terminal": terminal}
-        rest |= {"start": start, "discount": self.discount, "time_limit": self.time_limit}
-        outcomes = probability, next_state, reward
+        rest: Any = {"terminal": terminal, "start": start}
+        rest |= {"discount": self.discount, "time_limit": self.time_limit}
+        spaces = self.states, self.actions
         if outcome_row is None:
-            return FiniteMDP.one_row_a_pair(*np.broadcast_arrays(*outcomes), **rest)
-        tables = dict(zip(("probability", "next_state", "reward"), outcomes, strict=True))
-        return FiniteMDP(outcome_row=outcome_row, **tables, **rest)
+            outcomes = np.broadcast_arrays(probability, next_state, reward)
+            return FiniteMDP.one_row_a_pair(*spaces, *outcomes, **rest)
+        return FiniteMDP(*spaces, outcome_row, probability, next_state, reward, **rest)
 
 
 @cache
-def _checked_fields(domain: Any) -> tuple[Parameter, ...]:
-    """Return the fields that annotations check; kinds of several types check themselves."""
-    checked, known = list[Parameter](), rules_of(domain)
-    for field in fields(domain):
-        kind, (low, high, *_), optional = known[field.name]
-        if field.name in ("discount", "time_limit"):  # check_horizon has their limits
+def _checks(domain: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
+    """Return the checks of fields by annotations; kinds of several types check themselves."""
+    checks, known = list[tuple[str, Callable[[Any], Any]]](), rules_of(domain)
+    for name in domain.__dataclass_fields__:
+        kind, (low, high, *_), optional = known[name]
+        if name in ("discount", "time_limit"):  # check_horizon has their limits
             continue
         if kind is float and (low, high) == (None, None):
             low, high = -LARGEST_REWARD, LARGEST_REWARD
         if kind in (int, float, bool):
-            checked.append(Parameter(field.name, kind, low, high, optional=optional))
+            checks.append((name, Parameter(name, kind, low, high, optional=optional).checked))
         elif get_origin(kind) is Literal:
-            checked.append(Parameter(field.name, values=get_args(kind)))
-    return tuple(checked)
+            checks.append((name, Parameter(name, values=get_args(kind)).checked))
+        elif name == "origin":
+            checks.append((name, lambda origin: cell_of("origin", origin, "a row and a column")))
+    return tuple(checks)
 
 
 def family_of(
@@ -121,9 +122,7 @@ class DomainWithStart(Domain):
 
     def with_start(self, start: Any) -> Self:
         """Return the same task with another `start`."""
-        task: Any = self
-        moved: Self = replace(task, start=start)
-        return moved
+        return replace(self, start=start)
 
 
 # -- domains of cells ------------------------------------------------------------------------------
@@ -136,22 +135,20 @@ class GridDomain(DomainWithStart):
     ENDS: ClassVar[str] = ""  # characters of the cells that end an episode when they are entered
     LISTED: ClassVar[bool] = False
     """Whether the space of cells lists them even where none is a wall."""
+    origin: Any
 
     def _check(self) -> None:
         """Check the start, which is a word of its annotation or cells, and sort its cells."""
         valid = rules_of(type(self))["start"][1].values or ()
-        known = ", ".join(map(repr, valid))
-        if isinstance(self.start, str):
-            if self.start not in valid:
-                raise TaskError(f"start must be {known} or cells: got {self.start!r}")
-        else:
+        if not (isinstance(self.start, str) and self.start in valid):
             try:
                 cells = np.array(list(self.start))
             except (TypeError, ValueError):
                 cells = np.empty(0)
             if cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
                 raise TaskError(
-                    f"start must be {known} or cells such as [(2, 1)]: got {self.start!r}"
+                    f"start must be {', '.join(map(repr, valid))} or cells such as [(2, 1)]: got "
+                    f"{self.start!r}"
                 )
             listed = tuple(sorted({(int(row), int(column)) for row, column in cells}))
             object.__setattr__(self, "start", listed)
@@ -165,8 +162,7 @@ class GridDomain(DomainWithStart):
     @property
     def _corner(self) -> Cell:
         """Row and column of the top-left cell."""
-        domain: Any = self
-        corner: Cell = domain.origin
+        corner: Cell = self.origin
         return corner
 
     @property
@@ -187,35 +183,22 @@ class GridDomain(DomainWithStart):
     @cached_property
     def _contents(self) -> npt.NDArray[np.str_]:
         """The character of each cell that is not a wall, (n,)."""
-        grid = self._grid
-        return np.asarray(grid[grid != "#"])
+        return np.asarray(self._grid[self._grid != "#"])
 
     def _holds(self, characters: str) -> BoolArray:
         """Return which cells are drawn as one of some characters, (n,) bool."""
         return np.isin(self._contents, list(characters))
 
-    def _at(self, character: str) -> IntArray:
-        """Return row and column of each cell drawn as a character, (n, 2), in reading order."""
-        return frozen(np.argwhere(self._grid == character) + np.array(self._corner))
-
     @cached_property
     def objects(self) -> tuple[tuple[str, int, int], ...]:
         """Every object as (class, row, column), in reading order."""
-        return tuple(
-            (self.OBJECTS[character], row, column)
-            for character, (row, column) in zip(self._contents, self.cells.tolist(), strict=True)
-            if character in self.OBJECTS
-        )
+        places = zip(self._contents, self.cells.tolist(), strict=True)
+        return tuple((self.OBJECTS[drawn], *at) for drawn, at in places if drawn in self.OBJECTS)
 
     @cached_property
     def states(self) -> Space:
         """One state for each cell that is not a wall."""
         return self._cell_space
-
-    @property
-    def _state_cells(self) -> IntArray:
-        """Row and column of the agent in each state, (S, 2)."""
-        return self.cells
 
     @property
     def _ends(self) -> BoolArray:
@@ -228,21 +211,19 @@ class GridDomain(DomainWithStart):
         return ~self._ends
 
     @cached_property
-    def layout(self) -> GridLayout:
+    def layout(self) -> "GridLayout":
         """Where the states lie, for pictures."""
         ending = {self.OBJECTS.get(character) for character in self._ending}
+        names = self.states.names
+        where = ("row", "column") if "row" in names else names
+        values = (self.states if "row" in names else self._cell_space).decode()
         return GridLayout(
-            cells=self._state_cells,
-            components=self._where,
+            cells=frozen(np.stack([values["row"], values["column"]], axis=1)),
+            components=where,
             shape=self._grid.shape,
             origin=self._corner,
             objects=tuple((*drawn, drawn[0] in ending) for drawn in self.objects),
         )
-
-    @property
-    def _where(self) -> tuple[str, ...]:
-        """The components of a state that say where the agent is."""
-        return "row", "column"
 
     def _start_states(self) -> IntArray:
         """Return the states in which episodes start; TaskError where there are none."""
@@ -253,7 +234,7 @@ class GridDomain(DomainWithStart):
                 raise TaskError(f"start={self.start!r} needs a state that does not end the episode")
             states = np.flatnonzero(standing)
             return states if self.start == "uniform" else states[:1]
-        cells = self._at("S") if self.start == "map" else np.array(self.start)
+        cells = self.cells[self._holds("S")] if self.start == "map" else np.array(self.start)
         if not len(cells):
             raise TaskError("start='map' needs an S on the map: there is none")
         states = self._states_of(*cells.T)
@@ -264,6 +245,11 @@ class GridDomain(DomainWithStart):
                 f"{tuple(map(int, cells[bad[0]]))}"
             )
         return states
+
+    def _tables(self, *outcomes: Any, **rest: Any) -> FiniteMDP:
+        """Return the tables; episodes end and start in the states of the cells that say so."""
+        starting = self._start_states()
+        return super()._tables(*outcomes, terminal=self._ends, starting=starting, **rest)
 
     def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
         """Return the states in which episodes start in cells, `MISSING` where there is none."""
@@ -280,8 +266,7 @@ class CellDomain(GridDomain):
 
     def start_in(self, states: npt.ArrayLike) -> Self:
         """Return the same task with starts in these states, by number, equally likely."""
-        cells = self.cells
-        chosen = cells[indices("start states", states, len(cells), TaskError)]
+        chosen = self.cells[indices("start states", states, len(self.cells), TaskError)]
         return self.with_start([(int(row), int(column)) for row, column in chosen])
 
 
@@ -290,28 +275,24 @@ class MapDomain(GridDomain):
 
     CHARACTERS: ClassVar[str]  # what a map is drawn with
     map: Any
-    origin: Cell
 
     def _read_map(self, drawn: Any, needed: str, rule: str) -> None:
-        """Check the map, which has one of the characters `needed`, and its origin."""
+        """Check the map, which has one of the characters `needed`."""
         lines = read_map(drawn, self.CHARACTERS)
         if not any(character in line for line in lines for character in needed):
             raise TaskError(f"{rule}: there is none")
         object.__setattr__(self, "map", lines)
-        object.__setattr__(self, "origin", read_origin(self.origin))
 
     def crop(
         self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 
-        Objects outside the part are removed, so fire just outside its edge no longer counts as
-        near. The default start is uniform, as in the paper's source tasks.
+        Objects outside are removed: fire just outside no longer counts as near. The default start
+        is uniform, as in the paper's source tasks.
         """
-        task: Any = self
         part = cut(self.map, self.origin, rows, columns)
-        cropped: Self = replace(task, map=part, start=start, origin=(rows[0], columns[0]))
-        return cropped
+        return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
 
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:
@@ -328,15 +309,9 @@ def cell_space(
 
 def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
     """Return the cell that each move leads to from each, (n, moves) int64; MISSING if none is."""
-    where = cells.decode()
-    steps = np.array(list(moves.values()))
-    after = np.stack([where["row"], where["column"]], axis=1)[:, None, :] + steps
-    return frozen(cells.encode(row=after[:, :, 0], column=after[:, :, 1]))
-
-
-def slipping(to: IntArray) -> IntArray:
-    """Return where a move may land, (S, A, 3): as the one before it, itself, the one after it."""
-    return np.stack([np.roll(to, 1, axis=1), to, np.roll(to, -1, axis=1)], axis=2)
+    row, column = (values[:, None] for values in cells.decode().values())
+    down, right = np.array(list(moves.values())).T
+    return frozen(cells.encode(row=row + down, column=column + right))
 
 
 def numbered_names(kind: str, count: int) -> tuple[str, ...]:
@@ -378,28 +353,86 @@ def read_map(drawn: Any, characters: str) -> tuple[str, ...]:
     return lines
 
 
-def read_origin(origin: Any) -> Cell:
-    """Return the row and column of a map's top-left cell; TaskError if they are none."""
-    cell = whole(origin, "the origin's row and column")
+def cell_of(name: str, value: Any, rule: str) -> Cell:
+    """Return a row and a column as ints; TaskError if they are none."""
+    cell = np.empty(0) if isinstance(value, str) else whole(value, f"the {name}'s row and column")
     if cell.shape != (2,):
-        raise TaskError(f"origin must be a row and a column: got {origin!r}")
+        raise TaskError(f"{name} must be {rule}: got {value!r}")
     return int(cell[0]), int(cell[1])
 
 
 def cut(lines: tuple[str, ...], origin: Cell, rows: Any, columns: Any) -> list[str]:
     """Return the lines of the part of a map in half-open ranges of its rows and columns."""
-    check_part("rows", rows, origin[0], len(lines))
-    check_part("columns", columns, origin[1], len(lines[0]))
-    part = lines[rows[0] - origin[0] : rows[1] - origin[0]]
-    return [line[columns[0] - origin[1] : columns[1] - origin[1]] for line in part]
+    top, bottom = part_of("rows", rows, origin[0], len(lines))
+    left, right = part_of("columns", columns, origin[1], len(lines[0]))
+    part = lines[top - origin[0] : bottom - origin[0]]
+    return [line[left - origin[1] : right - origin[1]] for line in part]
 
 
-def check_part(name: str, part: Any, first: int, size: int) -> None:
-    """Raise TaskError unless `part` is a half-open range of the rows or columns of a map."""
+def part_of(name: str, part: Any, first: int, size: int) -> tuple[int, int]:
+    """Return a half-open range of the rows or columns of a map; TaskError if it is none."""
     if whole(part, f"a crop's {name}").shape != (2,):
         raise TaskError(f"a crop's {name} must be a first and an end: got {part!r}")
-    low, high = part
+    low, high = map(int, part)
     if not first <= low < high <= first + size:
         raise TaskError(
             f"a crop must lie within the map's {name} {first}..{first + size}: got {low}..{high}"
         )
+    return low, high
+
+
+# -- where the states of a task lie on a grid: what pictures need to know of it --------------------
+
+LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
+LETTERS |= {"exit": "E"}
+"""Of the objects on a grid."""
+SIDES = (("row", "column"), ("row", "col"), ("y", "x"))
+"""Components that say in which cell a state lies, by their names."""
+MOST_STATES = 20_000_000  # states of a task whose cells are read off its components
+
+
+@dataclass(frozen=True, eq=False)
+class GridLayout:
+    """The cell of each state of a task, and what lies in cells; a task offers it as `layout`."""
+
+    cells: IntArray  # row and column of the agent in each state, (S, 2)
+    components: tuple[str, ...]
+    """The components of a state that say where the agent is; a picture fixes the others."""
+    shape: tuple[int, int]  # rows and columns
+    origin: Cell = (0, 0)  # row and column of the top-left cell
+    objects: tuple[tuple[str, int, int, bool], ...] = ()
+    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of what lies in a cell,
+    and whether entering it ends the episode."""
+    walls: IntArray | None = None
+    """Rows and columns of walls, (m, 2); None where all cells without a state are walls."""
+    markers: Mapping[str, IntArray] = field(default_factory=dict)
+    """What else moves: name -> its row and column in each state, (S, 2)."""
+
+    def __post_init__(self) -> None:
+        for name, *_ in self.objects:
+            one_of("an object of a layout", name, tuple(LETTERS), TaskError)
+
+    @property
+    def wall_cells(self) -> IntArray:
+        """Row and column of each wall, (m, 2)."""
+        if self.walls is not None:
+            return self.walls
+        free = np.zeros(self.shape, bool)
+        free[tuple((self.cells - self.origin).T)] = True
+        return np.argwhere(~free) + self.origin
+
+
+def layout_of(task: Any) -> GridLayout | None:
+    """Return where states lie, as a task says or by its row and column; None if it has neither."""
+    layout = getattr(task, "layout", None)
+    if isinstance(layout, GridLayout):
+        return layout
+    states = generative_model(task).states
+    sides = next((names for names in SIDES if set(names) <= set(states.names)), None)
+    if sides is None or states.size > MOST_STATES:
+        return None
+    values = states.decode()
+    cells = np.stack([values[name] for name in sides], axis=1)
+    origin, last = cells.min(axis=0), cells.max(axis=0)
+    rows, columns = (last - origin + 1).tolist()
+    return GridLayout(cells, sides, (rows, columns), tuple(origin.tolist()))

@@ -1,21 +1,17 @@
-"""Grid worlds with fire, pits and treasure, drawn as text or at random (paper, on the maze; F1-F3).
-
-The agent moves one cell north, east, south or west. A move off the grid or into a wall leaves it
-where it is. The reward depends on the cell entered; an agent that stays enters its cell again.
-"""
+"""Grid worlds with fire, pits and treasure, drawn as text or at random (paper, the maze; F1-F3)."""
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import count
+from itertools import count, groupby
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, IntArray
-from curricle.checks import instance, number, one_of, whole_number
+from curricle.arrays import IntArray
+from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
     Cell,
@@ -43,12 +39,10 @@ class Rewards:
     ----------
     step : float
         Of every step (with ``combine="worst"``, only of steps to which no other term applies).
-    treasure, fire, pit : float
-        For entering a cell with such an object.
-    near_fire : float
-        For entering a cell with fire north, east, south or west of it, however many.
+    treasure, fire, pit, near_fire : float
+        Of entering a cell with such an object; with fire north, east, south or west of it.
     bump : float
-        For a move that the edge of the grid or a wall prevents.
+        Of a move that the edge of the grid or a wall prevents.
 
     Examples
     --------
@@ -72,7 +66,10 @@ class Rewards:
 
 @dataclass(frozen=True)
 class GridWorld(MapDomain, CellDomain):
-    """A maze drawn as a text map.
+    """A maze drawn as a text map, in which the agent moves one cell north, east, south or west.
+
+    A move off the grid or into a wall leaves it where it is. The reward depends on the cell
+    entered; an agent that stays enters its cell again.
 
     Parameters
     ----------
@@ -87,8 +84,8 @@ class GridWorld(MapDomain, CellDomain):
     start : "map", "uniform" or cells
         At an ``S``, at any cell that does not end the episode, or at one of these cells.
     representation : {"absolute", "relative"}
-        The components of a state: the agent's ``row`` and ``column``, or the position of each
-        object relative to the agent (Svetlik et al. 2017; paper E4, F1).
+        The components of a state: the agent's ``row`` and ``column``, or the positions of objects
+        relative to the agent (Svetlik et al. 2017; paper E4, F1).
     origin : (int, int)
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
@@ -96,12 +93,7 @@ class GridWorld(MapDomain, CellDomain):
 
     Examples
     --------
-    >>> maze = GridWorld('''
-    ...     S.P
-    ...     ..T
-    ... ''')
-    >>> maze.states
-    Space(6 points: row[2] x column[3])
+    >>> maze = GridWorld(["S.P", "..T"])
     >>> maze.crop(rows=(0, 2), columns=(1, 3)).states.label(0)
     'row=0 column=1'
     """
@@ -150,10 +142,6 @@ class GridWorld(MapDomain, CellDomain):
             points += [row - self.cells[:, 0], column - self.cells[:, 1]]
         return Space(axes, np.stack(points, axis=1))
 
-    @property
-    def _where(self) -> tuple[str, ...]:
-        return self.states.names
-
     def state(self, row: int, column: int) -> int:
         """Return the number of the state in which the agent is at (row, column)."""
         number = int(self.states_at(row, column))
@@ -169,31 +157,26 @@ class GridWorld(MapDomain, CellDomain):
     def mdp(self) -> FiniteMDP:
         """The maze as tables: each cell has an outcome row for entering it and one for bumping."""
         to, entered = landing(self._cell_space), np.arange(len(self.cells))
-        bumps = len(entered) + entered[:, None]
-        return self._tables(
-            np.ones((2 * len(entered), 1)),
-            np.tile(entered, 2)[:, None],
-            np.append(self._rewards(to, bumped=False), self._rewards(to, bumped=True))[:, None],
-            terminal=self._ends,
-            starting=self._start_states(),
-            outcome_row=np.where(to == MISSING, bumps, to),
-        )
-
-    def _rewards(self, to: IntArray, bumped: bool) -> FloatArray:
-        """Return the reward of entering each cell, or of bumping there, (S,) float64."""
         pays, fire = self.rewards, self._holds("F")
         near_fire = (fire[to] & (to != MISSING)).any(axis=1)
-        terms = [
+        bump = pays.bump if pays.bump else np.nan
+        terms = np.broadcast_arrays(
             np.where(self._holds("T"), pays.treasure, np.nan),
             np.where(fire, pays.fire, np.nan),
             np.where(near_fire, pays.near_fire, np.nan),
             np.where(self._holds("P"), pays.pit, np.nan),
-            np.full(len(fire), pays.bump if bumped and pays.bump else np.nan),
-        ]
+            [[np.nan], [bump]],  # of entering, of bumping
+        )
+        reward = np.fmin.reduce(terms)
+        reward = np.where(np.isnan(reward), pays.step, reward)
         if self.combine == "sum":
-            return np.asarray(pays.step + np.nansum(terms, axis=0))
-        worst = np.fmin.reduce(terms)
-        return np.where(np.isnan(worst), pays.step, worst)
+            reward = pays.step + np.nansum(terms, axis=0)
+        return self._tables(
+            np.ones((2 * len(entered), 1)),
+            np.tile(entered, 2)[:, None],
+            reward.reshape(-1, 1),
+            outcome_row=np.where(to == MISSING, len(entered) + entered[:, None], to),
+        )
 
 
 # -- random mazes, which are always solvable; a small maze is a part of a larger one ---------------
@@ -221,13 +204,12 @@ def random_maze(
     discount: Discount = 0.99,
     time_limit: TimeLimit = 200,
 ) -> GridWorld:
-    r"""Return a random maze: a square with the treasure in a corner, walls, pits and fires.
+    """Return a random maze: a square with the treasure in a corner, walls, pits and fires.
 
-    It grows from the treasure outwards, one row and one column at a time. Objects are taken away at
-    random until every free cell has a way to the treasure that enters neither pit nor fire. So
-    every maze is solvable from every free cell, and **a smaller maze with the same seed is the part
-    of a larger one around the treasure**, as the paper's source tasks are parts of their target.
-    The treasure has the coordinates (0, 0) in all of them.
+    It grows from the treasure, at (0, 0), outwards, one row and one column at a time. Objects are
+    taken away at random until every free cell has a way to the treasure that enters neither pit nor
+    fire. **A smaller maze with the same seed is the part of a larger one around the treasure**, as
+    the paper's source tasks are parts of their target.
 
     Parameters
     ----------
@@ -240,8 +222,7 @@ def random_maze(
     corner : {"north-west", "north-east", "south-west", "south-east"}
         Where the treasure lies.
     start : {"far", "uniform"}
-        Episodes start in the free cell from which the way is the longest, or in any cell that does
-        not end the episode.
+        In the free cell with the longest way, or in any cell that does not end the episode.
     step, treasure, fire, near_fire, pit : float
         As in :class:`Rewards`.
     discount, time_limit
@@ -249,32 +230,29 @@ def random_maze(
 
     Examples
     --------
-    >>> maze = random_maze(size=5, seed=3)
-    >>> print("\n".join(maze.map))
-    .#..T
-    .....
-    .#.#.
-    ...##
-    S....
-    >>> random_maze(size=4, seed=3, start="uniform").map == maze.crop(
-    ...     rows=(0, 4), columns=(-3, 1)).map
+    >>> maze, part = random_maze(size=5, seed=3), random_maze(size=3, seed=3, start="uniform")
+    >>> maze.map
+    ('.#..T', '.....', '.#.#.', '...##', 'S....')
+    >>> part.map == maze.crop(rows=(0, 3), columns=(-2, 1)).map
     True
     """
-    size = whole_number("size of a maze", size, 2, TaskError)
-    number("size of a maze", size, TaskError, 2, LARGEST_MAZE)
-    seed = whole_number("seed of a maze", seed, 0, TaskError)
-    chances = {"walls": walls, "pits": pits, "fires": fires}
-    for name, chance in chances.items():
-        number(f"{name} of a maze", chance, TaskError, 0, 1)
-    if refused := _chances_sum(chances):
+    rules: dict[str, Any] = {"size": size, "walls": walls, "pits": pits, "fires": fires}
+    rules |= {"seed": seed, "corner": corner, "start": start}
+    for name, value in rules.items():
+        rules[name] = maze_family.parameter(name).checked(value, "a maze")
+    if refused := _chances_sum(rules):
         raise TaskError(f"{refused}: got {walls}, {pits} and {fires}")
-    one_of("corner of a maze", corner, CORNERS, TaskError)
-    one_of("start of a maze", start, ("far", "uniform"), TaskError)
+    size, seed = rules["size"], rules["seed"]
     cells = {(0, 0): "T"}
     for n in range(1, size):
         _grow(cells, n, {"#": walls, "P": pits, "F": fires}, seed)
-    free = {cell for cell, character in cells.items() if character == "."}
-    distance = _distances([(0, 0)], free)
+    distance, waiting = {(0, 0): 0}, deque([(0, 0)])
+    while waiting:
+        row, column = waiting.popleft()
+        for near in ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1)):
+            if cells.get(near) == "." and near not in distance:
+                distance[near] = distance[row, column] + 1
+                waiting.append(near)
     far = max(distance, key=lambda cell: (distance[cell], cell))
     if start == "far":
         cells[far] = "S"
@@ -312,32 +290,19 @@ def _grow(cells: dict[Cell, str], n: int, chances: dict[str, float], seed: int) 
 
 def _joined(cells: dict[Cell, str], shell: list[Cell], n: int) -> bool:
     """Return whether cells of the shell are free, and all of them have a way to the treasure."""
-    free = {cell for cell in shell if cells[cell] == "."}
-    first = [
-        cell
-        for cell in free
-        if any(max(near) < n and cells.get(near, "#") in ".T" for near in _beside(cell))
+    # From one end of the shell to the other free cells form runs. Each run must border on a cell at
+    # distance n - 1 that is free; the corner (n, n) borders on none.
+    runs = groupby(shell[:n] + shell[: n - 1 : -1], lambda cell: cells[cell] == ".")
+    joined = [
+        any(
+            cells.get((row - (row == n), column - (column == n)), "#") in ".T"
+            for row, column in run
+            if min(row, column) < n
+        )
+        for free, run in runs
+        if free
     ]
-    joined = _distances(first, free)
-    return bool(free) and joined.keys() == free
-
-
-def _distances(first: list[Cell], free: set[Cell]) -> dict[Cell, int]:
-    """Return the steps from the first cells to each free one that has a way from there."""
-    waiting, distance = deque(first), dict.fromkeys(first, 0)
-    while waiting:
-        cell = waiting.popleft()
-        for near in _beside(cell):
-            if near in free and near not in distance:
-                distance[near] = distance[cell] + 1
-                waiting.append(near)
-    return distance
-
-
-def _beside(cell: Cell) -> Iterator[Cell]:
-    """Yield the cells that share an edge with one, off the map too."""
-    row, column = cell
-    yield from ((row - 1, column), (row, column + 1), (row + 1, column), (row, column - 1))
+    return bool(joined) and all(joined)
 
 
 def _chances_sum(parameters: dict[str, Any]) -> str | None:

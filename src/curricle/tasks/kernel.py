@@ -1,12 +1,11 @@
-"""The kernel under compiled loops: parts by type, machine code on disk, random draws, vector code.
+"""The kernel under compiled loops: machine code on disk, parts by type, random draws, vector code.
 
-A loop is a Python function that Numba compiles. Its parts are *inlined* functions; a part with a
-body for each type of NamedTuple is :class:`Overloaded`. A random stream is a (1,) uint64 counter:
-drawing adds a constant and mixes the bits of the sum (SplitMix64; Steele, Lea, Flood 2014), so that
-the n-th draw depends only on n and on where the stream started.
+A random stream is a (1,) uint64 counter: drawing adds a constant and mixes the bits of the sum
+(SplitMix64; Steele, Lea, Flood 2014). The n-th draw depends only on n and on the stream's start.
 """
 
 import hashlib
+import inspect
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -101,10 +100,9 @@ class LoopIndex(IndexDataCacheFile):
 
 # -- parts of loops --------------------------------------------------------------------------------
 
-# Numba optimises every function and makes machine code of it, also where it is only ever inlined.
-# Loops are made of dozens of such parts, and this would take a quarter of the time of compiling
-# them. Parts are kept as intermediate code instead, which is optimised with the loop that takes it
-# in.
+# Numba optimises every function and makes machine code of it, also where it is only ever inlined,
+# which would take a quarter of the time of compiling a loop of dozens of such parts. Parts are kept
+# as intermediate code instead, which is optimised with the loop that takes it in.
 
 
 class _Part(codegen.JITCodeLibrary):
@@ -162,7 +160,8 @@ class PartCompiler(compiler.CompilerBase):
         return [passes]
 
 
-Function = TypeVar("Function", bound=Callable[..., Any])
+Body = Callable[..., Any]
+Function = TypeVar("Function", bound=Body)
 
 INLINED: Any = {
     "nogil": True,
@@ -193,26 +192,19 @@ class Overloaded:
     `function` is only the signature. Bodies that seldom run are called, not inlined (`outlined`).
     """
 
-    def __init__(
-        self,
-        function: Callable[..., Any],
-        *,
-        outlined: bool = False,
-        otherwise: Callable[..., Any] | None = None,
-    ):
-        self.function = function
-        self.bodies: dict[type, Callable[..., Any]] = {}
+    def __init__(self, function: Body, *, outlined: bool = False, otherwise: Body | None = None):
+        self.bodies: dict[type, Body] = {}
 
-        def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
+        def choose(first: Any, *_: Any) -> Body | None:
             return self.bodies.get(getattr(first, "instance_class", type(None)), otherwise)
 
         options: Any = {**INLINED, "forceinline": not outlined}
         overload(function, jit_options=options, strict=False)(choose)
 
-    def body(self, kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    def body(self, kind: type) -> Callable[[Body], Body]:
         """Return the decorator that makes a plain function the body for one type."""
 
-        def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        def register(function: Body) -> Body:
             self.bodies[kind] = function
             return function
 
@@ -238,7 +230,7 @@ def _mixed(number):
 def splitmix64(number: int) -> int:
     """Return a 64-bit number whose bits all depend on all bits of `number`, one to one.
 
-    In compiled code as in plain Python, like :func:`uniform`, :func:`integers`, :func:`bernoulli`.
+    Compiled code may call it as Python does, and uniform, integers and bernoulli, too.
 
     Examples
     --------
@@ -263,11 +255,7 @@ def draw(stream):
     return splitmix64(stream[0])
 
 
-def _uniform(bits):
-    return np.float64(bits >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@compiled_as(_uniform)
+@compiled_as(lambda bits: np.float64(bits >> np.uint64(11)) * (1.0 / 9007199254740992.0))
 def uniform(bits: int) -> float:
     """Return a float in [0, 1) made of the upper 53 bits.
 
@@ -279,11 +267,7 @@ def uniform(bits: int) -> float:
     return (_bits("bits", bits) >> 11) / 2**53
 
 
-def _integers(bits, n):
-    return ((bits & LOW) * np.uint64(n)) >> HALF
-
-
-@compiled_as(_integers)
+@compiled_as(lambda bits, n: ((bits & LOW) * np.uint64(n)) >> HALF)
 def integers(bits: int, n: int) -> int:
     """Return a whole number from 0 to n - 1 made of the lower 32 bits; n is at most 2^32.
 
@@ -296,11 +280,7 @@ def integers(bits: int, n: int) -> int:
     return ((_bits("bits", bits) & (2**32 - 1)) * int(n)) >> 32
 
 
-def _bernoulli(bits, probability):
-    return np.float64(bits >> HALF) < probability * 4294967296.0
-
-
-@compiled_as(_bernoulli)
+@compiled_as(lambda bits, probability: np.float64(bits >> HALF) < probability * 4294967296.0)
 def bernoulli(bits: int, probability: float) -> bool:
     """Return True with this probability, by the upper 32 bits.
 
@@ -339,65 +319,64 @@ def first_above(rising, value):
 LANES = 8
 """Values of a vector in which a row is read; a narrower processor takes several instructions."""
 LINE = 64  # bytes of a cache line
-WORD, FLAG = ir.IntType(32), ir.IntType(1)
+WORD, FLAG, LONG, WIDE = (ir.IntType(width) for width in (32, 1, 64, 128))
 WORDS = ir.VectorType(WORD, LANES)
 
 
-@intrinsic
-def highest_of_lanes(_, table, row, first):
+def lowered(typed: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator of what builds the code of a function for loops, in LLVM's terms.
+
+    `typed` takes the types of the arguments and returns the signature.
+    """
+
+    def register(build: Callable[..., Any]) -> Any:
+        def definition(_: Any, *kinds: Any) -> tuple[Any, Callable[..., Any]]:
+            return typed(*kinds), build
+
+        context = inspect.Parameter("_", inspect.Parameter.POSITIONAL_ONLY)
+        arguments = inspect.signature(typed).parameters.values()
+        definition.__name__, as_seen = build.__name__, inspect.Signature([context, *arguments])
+        definition.__signature__ = as_seen  # type: ignore[attr-defined]  # which Numba reads
+        return intrinsic(definition)
+
+    return register
+
+
+@lowered(lambda table, row, first: table.dtype(table, row, first))
+def highest_of_lanes(context, builder, signature, args):
     """Return the highest of up to 8 values of a row, from `first` on; no NaN, (n, m) C-ordered."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        values, inside = _vector(context, builder, table, args)
-        low = ir.Constant(values.type, [float("-inf")] * LANES)
-        values = builder.select(inside, values, low)
-        kind = values.type.element
-        name = f"llvm.vector.reduce.fmax.v{LANES}{_bits_of(kind)}"
-        signature = ir.FunctionType(kind, [values.type])
-        reduce = builder.module.declare_intrinsic(name, (), signature)
-        return builder.call(reduce, [values], fastmath=("nnan",))
-
-    return table.dtype(table, row, first), build
+    values, inside = _vector(context, builder, signature.args[0], args)
+    low = ir.Constant(values.type, [float("-inf")] * LANES)
+    values, kind = builder.select(inside, values, low), values.type.element
+    name = f"llvm.vector.reduce.fmax.v{LANES}{kind.intrinsic_name}"
+    reduce = builder.module.declare_intrinsic(name, (), ir.FunctionType(kind, [values.type]))
+    return builder.call(reduce, [values], fastmath=("nnan",))
 
 
-@intrinsic
-def ties_in_lanes(_, table, row, first, value):
+@lowered(lambda table, row, first, value: types.uint64(table, row, first, table.dtype))
+def ties_in_lanes(context, builder, signature, args):
     """Return which of 8 values of a row from entry `first` on equal `value`, one bit each."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        values, inside = _vector(context, builder, table, args)
-        tied = builder.fcmp_ordered("==", values, _spread(builder, args[3]))
-        bits = builder.bitcast(builder.and_(inside, tied), ir.IntType(LANES))
-        return builder.zext(bits, ir.IntType(64))
-
-    return types.uint64(table, row, first, table.dtype), build
+    values, inside = _vector(context, builder, signature.args[0], args)
+    tied = builder.fcmp_ordered("==", values, _spread(builder, args[3]))
+    return builder.zext(builder.bitcast(builder.and_(inside, tied), ir.IntType(LANES)), LONG)
 
 
-@intrinsic
-def ones(_, bits):
+@lowered(lambda bits: types.uint64(types.uint64))
+def ones(context, builder, signature, args):
     """Return how many bits of a 64-bit number are set."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.ctpop(args[0])
-
-    return types.uint64(types.uint64), build
+    return builder.ctpop(args[0])
 
 
-@intrinsic
-def nth_one(_, bits, n):
+@lowered(lambda bits, n: types.uint64(types.uint64, types.uint64))
+def nth_one(context, builder, signature, args):
     """Return the position of the n-th bit, counted from 0, of those set in a 64-bit number."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        word = ir.IntType(64)
-        if "+bmi2" in context.codegen().magic_tuple()[2]:
-            kind = ir.FunctionType(word, [word, word])
-            deposit = builder.module.declare_intrinsic("llvm.x86.bmi.pdep.64", (), kind)
-            bit = builder.call(deposit, [builder.shl(ir.Constant(word, 1), args[1]), args[0]])
-        else:
-            bit = context.compile_internal(builder, _without_lowest, signature, args)
-        return builder.cttz(bit, ir.Constant(FLAG, 1))
-
-    return types.uint64(types.uint64, types.uint64), build
+    if "+bmi2" in context.codegen().magic_tuple()[2]:
+        kind = ir.FunctionType(LONG, [LONG, LONG])
+        deposit = builder.module.declare_intrinsic("llvm.x86.bmi.pdep.64", (), kind)
+        bit = builder.call(deposit, [builder.shl(ir.Constant(LONG, 1), args[1]), args[0]])
+    else:
+        bit = context.compile_internal(builder, _without_lowest, signature, args)
+    return builder.cttz(bit, ir.Constant(FLAG, 1))
 
 
 def _without_lowest(bits: Any, n: Any) -> Any:
@@ -406,10 +385,6 @@ def _without_lowest(bits: Any, n: Any) -> Any:
         bits &= bits - np.uint64(1)
         n -= np.uint64(1)
     return bits
-
-
-def _bits_of(kind: Any) -> str:
-    return "f32" if kind == ir.FloatType() else "f64"
 
 
 def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any]:
@@ -421,10 +396,10 @@ def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any
     numbers = builder.add(lanes, _spread(builder, builder.trunc(first, WORD)))
     inside = builder.icmp_unsigned("<", numbers, _spread(builder, builder.trunc(width, WORD)))
     kind = ir.VectorType(context.get_data_type(table.dtype), LANES)
-    name = f"llvm.masked.load.v{LANES}{_bits_of(kind.element)}.p0"
+    name = f"llvm.masked.load.v{LANES}{kind.element.intrinsic_name}.p0"
     parts = [kind.as_pointer(), WORD, inside.type, kind]
     load = builder.module.declare_intrinsic(name, (), ir.FunctionType(kind, parts))
-    size = ir.Constant(WORD, 4 if kind.element == ir.FloatType() else 8)
+    size = ir.Constant(WORD, context.get_abi_sizeof(kind.element))
     start = builder.bitcast(start, kind.as_pointer())
     return builder.call(load, [start, size, inside, ir.Constant(kind, None)]), inside
 
@@ -436,47 +411,38 @@ def _spread(builder: Any, value: Any) -> Any:
     return builder.shuffle_vector(first, first, ir.Constant(WORDS, [0] * LANES))
 
 
-@intrinsic
-def of_width(_, array, width):
+@lowered(lambda array, width: array(array, width))
+def of_width(context, builder, signature, args):
     """Return a C-ordered (n, m) array with m known to the compiler: len(width), if not 0."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        table = context.make_array(array)(context, builder, args[0])
-        if width.count > 0:
-            m = ir.Constant(context.get_value_type(types.intp), width.count)
-            size = context.get_abi_sizeof(context.get_data_type(array.dtype))
-            table.shape = builder.insert_value(table.shape, m, 1)
-            stride = ir.Constant(m.type, width.count * size)
-            table.strides = builder.insert_value(table.strides, stride, 0)
-        return imputils.impl_ret_borrowed(context, builder, array, table._getvalue())
-
-    return array(array, width), build
-
-
-@intrinsic
-def prefetch(_, array, row):
-    """Prefetch all cache lines of a row of a C-ordered (n, m) array, for the next step to read."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        table = context.make_array(array)(context, builder, args[0])
-        width = builder.extract_value(table.shape, 1)
+    array, width = signature.args
+    table = context.make_array(array)(context, builder, args[0])
+    if width.count > 0:
+        m = ir.Constant(context.get_value_type(types.intp), width.count)
         size = context.get_abi_sizeof(context.get_data_type(array.dtype))
-        byte, count = ir.IntType(8).as_pointer(), width.type
-        start = builder.gep(table.data, [builder.mul(args[1], width)])
-        start = builder.ptrtoint(start, count)
-        last = builder.mul(builder.sub(width, ir.Constant(count, 1)), ir.Constant(count, size))
-        fetch = builder.module.declare_intrinsic(
-            "llvm.prefetch", [byte], ir.FunctionType(ir.VoidType(), [byte, WORD, WORD, WORD])
-        )
-        how = [ir.Constant(WORD, n) for n in (0, 3, 1)]  # to read, keep, data
-        with cgutils.for_range_slice(
-            builder, ir.Constant(count, 0), last, ir.Constant(count, LINE), count
-        ) as (offset, _):
-            builder.call(fetch, [builder.inttoptr(builder.add(start, offset), byte), *how])
-        builder.call(fetch, [builder.inttoptr(builder.add(start, last), byte), *how])
-        return context.get_dummy_value()
+        table.shape = builder.insert_value(table.shape, m, 1)
+        stride = ir.Constant(m.type, width.count * size)
+        table.strides = builder.insert_value(table.strides, stride, 0)
+    return imputils.impl_ret_borrowed(context, builder, array, table._getvalue())
 
-    return types.void(array, row), build
+
+@lowered(lambda array, row: types.void(array, row))
+def prefetch(context, builder, signature, args):
+    """Prefetch all cache lines of a row of a C-ordered (n, m) array, for the next step to read."""
+    array = signature.args[0]
+    table = context.make_array(array)(context, builder, args[0])
+    width = builder.extract_value(table.shape, 1)
+    size = context.get_abi_sizeof(context.get_data_type(array.dtype))
+    byte, count = ir.IntType(8).as_pointer(), width.type
+    start = builder.ptrtoint(builder.gep(table.data, [builder.mul(args[1], width)]), count)
+    last = builder.mul(builder.sub(width, ir.Constant(count, 1)), ir.Constant(count, size))
+    kind = ir.FunctionType(ir.VoidType(), [byte, WORD, WORD, WORD])
+    fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+    how = [ir.Constant(WORD, n) for n in (0, 3, 1)]  # to read, keep, data
+    steps = ir.Constant(count, 0), last, ir.Constant(count, LINE), count
+    with cgutils.for_range_slice(builder, *steps) as (offset, _):
+        builder.call(fetch, [builder.inttoptr(builder.add(start, offset), byte), *how])
+    builder.call(fetch, [builder.inttoptr(builder.add(start, last), byte), *how])
+    return context.get_dummy_value()
 
 
 def inverse_of(divisor: int, numbers: int) -> np.uint64:
@@ -487,13 +453,8 @@ def inverse_of(divisor: int, numbers: int) -> np.uint64:
     return np.uint64(2**64 // divisor + 1 if exact else 0)
 
 
-@intrinsic
-def quotient(_, number, inverse):
+@lowered(lambda number, inverse: types.uint64(types.uint64, types.uint64))
+def quotient(context, builder, signature, args):
     """Return number // divisor as the upper 64 bits of number * inverse."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        wide = ir.IntType(128)
-        product = builder.mul(*(builder.zext(factor, wide) for factor in args))
-        return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))
-
-    return types.uint64(types.uint64, types.uint64), build
+    product = builder.mul(*(builder.zext(factor, WIDE) for factor in args))
+    return builder.trunc(builder.lshr(product, ir.Constant(WIDE, 64)), LONG)

@@ -1,8 +1,7 @@
-"""Finite Markov decision processes as frozen tables, and what learning and planning need of a task.
+"""Finite MDPs as frozen tables, and what learning and planning need of a task.
 
 Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
-rows, and each row lists up to O outcomes with probability, successor and reward. This keeps domains
-small (a maze: Y = 2 S; pursuit: Y = S, O = moves of the prey); an arbitrary MDP has Y = S A.
+rows of up to O outcomes. A maze has Y = 2 S, a pursuit Y = S, an arbitrary MDP Y = S A.
 """
 
 from dataclasses import dataclass
@@ -46,7 +45,7 @@ class FiniteMDP(Frozen):
     outcome_row : (S, A) int32
         The outcome row of each pair, in 0 .. Y-1; those of terminal states are never used.
     probability : (Y, O) float64
-        Outcome probabilities; rows (pad short rows with probability 0) sum to 1, within 1e-8, or
+        Outcome probabilities. Rows (pad short ones with probability 0) sum to 1, within 1e-8, or
         within 1e-6, as float32 does, and are divided by their sums.
     next_state : (Y, O) int32
         Successor of each outcome.
@@ -89,13 +88,13 @@ class FiniteMDP(Frozen):
     def __post_init__(self) -> None:
         instance("states", self.states, Space, TaskError)
         instance("actions", self.actions, Space, TaskError)
-        one_a_state, table = (self.states.size,), np.shape(self.probability)
+        n_states, table = self.states.size, np.shape(self.probability)
         if len(table) != 2:
             raise TaskError(f"probability must have shape (Y, O): got {table}")
         # Indices are checked as they were given, before they are narrowed to 32 bits.
         for name, label, size in (
             ("outcome_row", "outcome_row", table[0]),
-            ("next_state", "next states", self.states.size),
+            ("next_state", "next states", n_states),
         ):
             numbers = whole_by_type(getattr(self, name), label)
             if numbers.size and (numbers.min() < 0 or numbers.max() >= size):
@@ -103,12 +102,12 @@ class FiniteMDP(Frozen):
                     f"{label} must lie in 0..{size - 1}: got {numbers.min()}..{numbers.max()}"
                 )
         for name, dtype, shape in (
-            ("outcome_row", np.int32, (self.states.size, self.actions.size)),
+            ("outcome_row", np.int32, (n_states, self.actions.size)),
             ("probability", np.float64, table),
             ("next_state", np.int32, table),
             ("reward", np.float64, table),
-            ("terminal", np.bool_, one_a_state),
-            ("start", np.float64, one_a_state),
+            ("terminal", np.bool_, (n_states,)),
+            ("start", np.float64, (n_states,)),
         ):
             array = _adopted(name, getattr(self, name), dtype)
             if array.shape != shape:
@@ -117,27 +116,26 @@ class FiniteMDP(Frozen):
                 array = frozen(normalised(array))
             object.__setattr__(self, name, array)
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
-        bad = np.flatnonzero(~(np.isfinite(self.start) & (self.start >= 0)))
-        if bad.size:
-            raise TaskError(
-                "start probabilities must be finite and not negative: state "
-                f"{bad[0]} has {self.start[bad[0]]}"
-            )
-        if abs(self.start.sum() - 1) > PROBABILITY_TOLERANCE:
-            raise TaskError(f"start probabilities must sum to 1: they sum to {self.start.sum()}")
-        bad = np.flatnonzero((self.start > 0) & self.terminal)
-        if bad.size:
-            raise TaskError(
-                f"an episode must not start in a terminal state: state {bad[0]} has start "
-                f"probability {self.start[bad[0]]:g}"
-            )
+        start = self.start
+        if abs(start.sum() - 1) > PROBABILITY_TOLERANCE:
+            raise TaskError(f"start probabilities must sum to 1: they sum to {start.sum()}")
+        for rule, bad in (
+            (
+                "start probabilities must be finite and not negative",
+                ~(np.isfinite(start) & (start >= 0)),
+            ),
+            ("an episode must not start in a terminal state", (start > 0) & self.terminal),
+        ):
+            if bad.any():
+                state = bad.argmax()
+                raise TaskError(f"{rule}: state {state} has start probability {start[state]:g}")
         check_horizon(self)
         if self.discount == 1 and self.time_limit is None:
-            endless = np.flatnonzero(np.isinf(steps_to(self, self.terminal)))
-            if endless.size:
+            endless = np.isinf(steps_to(self, self.terminal))
+            if endless.any():
                 raise TaskError(
                     "discount 1 needs a time limit or a way to an end from every state: none leads "
-                    f"there from state {endless[0]}"
+                    f"there from state {endless.argmax()}"
                 )
 
     @classmethod
@@ -153,7 +151,7 @@ class FiniteMDP(Frozen):
         states: Space | None = None,
         actions: Space | None = None,
     ) -> Self:
-        """Return the MDP given by dense arrays.
+        """Return the MDP of dense arrays.
 
         Parameters
         ----------
@@ -189,6 +187,8 @@ class FiniteMDP(Frozen):
         # The nonzero outcomes of each pair, first to last: a stable sort puts them in front.
         successor = np.argsort(flat_p == 0, axis=1, kind="stable")[:, :width]
         return cls.one_row_a_pair(
+            states,
+            actions,
             np.take_along_axis(flat_p, successor, axis=1).reshape(n_states, n_actions, width),
             successor,
             np.take_along_axis(flat_r, successor, axis=1),
@@ -196,8 +196,6 @@ class FiniteMDP(Frozen):
             start=start_distribution(start, n_states),
             discount=discount,
             time_limit=time_limit,
-            states=states,
-            actions=actions,
         )
 
     @classmethod
@@ -212,7 +210,7 @@ class FiniteMDP(Frozen):
         states: Space | None = None,
         actions: Space | None = None,
     ) -> Self:
-        """Return the MDP given by outcome lists.
+        """Return the MDP of outcome lists.
 
         Parameters
         ----------
@@ -225,40 +223,31 @@ class FiniteMDP(Frozen):
         start, discount, time_limit, states, actions
             As in :meth:`from_dense`.
         """
-        lists = outcome_lists(outcomes)
+        lists, *tables = read_outcomes(outcomes)
         begins = start_distribution(start, len(lists))
         if terminal is None:
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
-        return cls.one_row_a_pair(
-            *outcome_tables(lists),
-            terminal=np.asarray(terminal),
-            start=begins,
-            discount=discount,
-            time_limit=time_limit,
-            states=states,
-            actions=actions,
-        )
+        rest: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
+        rest["terminal"] = np.asarray(terminal)
+        return cls.one_row_a_pair(states, actions, *tables, **rest)
 
     @classmethod
     def one_row_a_pair(
         cls,
+        states: Space | None,
+        actions: Space | None,
         probability: Any,
         next_state: Any,
         reward: Any,
-        *,
-        states: Space | None,
-        actions: Space | None,
         **rest: Any,
     ) -> Self:
         """Return the MDP in which every pair has an outcome row to itself; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
         return cls(
-            states=states or Space([Component("state", n_states)]),
-            actions=actions or Space([Component("action", n_actions)]),
-            outcome_row=np.arange(n_states * n_actions).reshape(n_states, n_actions),
-            probability=probability.reshape(-1, width),
-            next_state=next_state.reshape(-1, width),
-            reward=reward.reshape(-1, width),
+            states or Space([Component("state", n_states)]),
+            actions or Space([Component("action", n_actions)]),
+            np.arange(n_states * n_actions).reshape(n_states, n_actions),
+            *(array.reshape(-1, width) for array in (probability, next_state, reward)),
             **rest,
         )
 
@@ -322,8 +311,8 @@ def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
 # -- outcome lists, the form of the tables of Gymnasium's toy-text tasks ---------------------------
 
 
-def outcome_lists(outcomes: Any) -> list[list[Any]]:
-    """Return the outcomes that :meth:`FiniteMDP.from_outcomes` takes as lists, [state][action]."""
+def read_outcomes(outcomes: Any) -> tuple[list[list[Any]], FloatArray, IntArray, FloatArray]:
+    """Return outcomes as lists, [state][action], and as p, s' and r, (S, A, O) each."""
     try:
         lists = [
             [list(outcomes[s][a]) for a in range(len(outcomes[s]))] for s in range(len(outcomes))
@@ -341,20 +330,14 @@ def outcome_lists(outcomes: Any) -> list[list[Any]]:
             "outcomes need at least one state, and one action in each (without outcomes if it is "
             f"terminal): got {'no action in state 0' if lists else 'no state'}"
         )
-    for s, row in enumerate(lists):
-        if len(row) != len(lists[0]):
-            raise TaskError(
-                f"every state must list the same number of actions: state {s} lists {len(row)}, "
-                f"state 0 lists {len(lists[0])}"
-            )
-    return lists
-
-
-def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return probabilities, successors and rewards of outcome lists, (S, A, O) each."""
     shape = len(lists), len(lists[0]), max(1, max(len(pair) for row in lists for pair in row))
     p, successor, r = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.zeros(shape)
     for s, row in enumerate(lists):
+        if len(row) != shape[1]:
+            raise TaskError(
+                f"every state must list the same number of actions: state {s} lists {len(row)}, "
+                f"state 0 lists {shape[1]}"
+            )
         for a, pair in enumerate(row):
             for o, outcome in enumerate(pair):
                 try:
@@ -367,7 +350,7 @@ def outcome_tables(lists: list[list[Any]]) -> tuple[FloatArray, IntArray, FloatA
                         "an outcome must be (probability, next state, reward) and may have a "
                         f"terminated flag: state {s}, action {a} has {brief(outcome)}"
                     )
-    return p, successor, r
+    return lists, p, successor, r
 
 
 def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
@@ -478,9 +461,8 @@ class GenerativeModel(Protocol):
 
 def generative_model(task: Any) -> GenerativeModel:
     """Return the task itself if it has a generative model, else its tables."""
-    generative: GenerativeModel = (
-        task if isinstance(getattr(task, "model", None), tuple) else tables(task)
-    )
+    is_model = isinstance(getattr(task, "model", None), tuple)
+    generative: GenerativeModel = task if is_model else tables(task)
     return generative
 
 
@@ -490,28 +472,22 @@ def has_tables(task: Any) -> bool:
 
 
 def tables(task: Any) -> FiniteMDP:
-    """Return the tables of a task, or raise TaskError if it has none."""
+    """Return the tables of a task, or raise TaskError, with what was probably meant."""
     mdp = getattr(task, "mdp", None)
-    if not isinstance(mdp, FiniteMDP):
-        if isinstance(getattr(task, "model", None), tuple):
-            raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
-        raise TaskError(
-            f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{_advice(task)}"
-        )
-    return mdp
-
-
-def _advice(task: Any) -> str:
-    """Return what was probably meant by what is no task with tables, as the end of a sentence."""
+    if isinstance(mdp, FiniteMDP):
+        return mdp
+    if isinstance(getattr(task, "model", None), tuple):
+        raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
+    advice, kind = "", type(task)
     if isinstance(task, type):
-        return "; give a task of this class, not the class" if hasattr(task, "mdp") else ""
-    if hasattr(task, "task"):
-        return ", whose task is its .task"
-    if isinstance(task, str) or (hasattr(task, "reset") and hasattr(task, "step")):
-        return "; from_gymnasium makes a task of an environment or of its id"
-    if hasattr(type(task), "observations") and hasattr(type(task), "environment"):
-        return "; what is seen through observations is learnt by a network, a deep.DeepLearner"
-    return ""
+        advice = "; give a task of this class, not the class" if hasattr(task, "mdp") else ""
+    elif hasattr(task, "task"):
+        advice = ", whose task is its .task"
+    elif isinstance(task, str) or (hasattr(task, "reset") and hasattr(task, "step")):
+        advice = "; from_gymnasium makes a task of an environment or of its id"
+    elif hasattr(kind, "observations") and hasattr(kind, "environment"):
+        advice = "; what is seen through observations is learnt by a network, a deep.DeepLearner"
+    raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{advice}")
 
 
 def same_task(task: Task, other: Task) -> bool:
@@ -527,11 +503,10 @@ def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntA
     pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
     if allowed is not None:
         pairs &= allowed
-    state, _ = np.nonzero(pairs)
-    row, outcome = np.nonzero(mdp.probability > 0)
-    n_states = len(mdp.terminal)
-    source = np.concatenate([state, n_states + row])
-    return source, np.concatenate([n_states + mdp.outcome_row[pairs], mdp.next_state[row, outcome]])
+    state, (row, outcome) = np.nonzero(pairs)[0], np.nonzero(mdp.probability > 0)
+    rows = len(mdp.terminal) + mdp.outcome_row[pairs]
+    source = np.concatenate([state, len(mdp.terminal) + row])
+    return source, np.concatenate([rows, mdp.next_state[row, outcome]])
 
 
 def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
@@ -544,11 +519,9 @@ def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
     root, first = len(mdp.terminal) + len(mdp.probability), np.flatnonzero(mdp.start > 0)
     source, target = edges_of(mdp, allowed)
     source, target = np.append(source, np.full(len(first), root)), np.append(target, first)
-    edges = np.ones(len(source), np.bool_), (source, target)
-    graph = csr_array(edges, shape=(root + 1, root + 1))
-    met = np.zeros(root + 1, dtype=bool)
-    met[breadth_first_order(graph, root, return_predecessors=False)] = True
-    return met[: len(mdp.terminal)]
+    graph = csr_array((np.ones(len(source), bool), (source, target)), shape=(root + 1, root + 1))
+    order = breadth_first_order(graph, root, return_predecessors=False)
+    return np.isin(np.arange(len(mdp.terminal)), order)
 
 
 def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:

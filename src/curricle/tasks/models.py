@@ -1,9 +1,4 @@
-"""Generative models: what compiled loops sample a task from, and tasks given by functions.
-
-A *generative model* is a NamedTuple; :func:`first_state` and :func:`transition` sample from it.
-Here are those of tasks with tables and of tasks given by compiled functions, and the
-:class:`FactoredModel`, what exact planning reads of a task that moves in independent parts.
-"""
+"""Generative models, NamedTuples from which compiled loops sample, and tasks given by functions."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -237,22 +232,20 @@ LARGEST = 2**62  # the most states: larger numbers do not fit the arrays that li
 class ComputedMDP:
     """An MDP whose successors are computed by a function, for tasks too large for tables.
 
-    It can be learnt and can be a source or a target of transfer, but :func:`solve` needs tables.
-    Compiling takes some seconds in each process, as a user's code is not cached on disk.
+    It can be learnt, a source and a target of transfer, but :func:`solve` needs tables. Compiling
+    takes some seconds in each process, as a user's code is not cached on disk.
 
     Parameters
     ----------
     states, actions : Space
         S states and A actions; their numbers are what the functions take and return.
     start : callable
-        ``start(data, bits) -> state``: the state an episode starts in. ``bits`` are 64 random
-        bits, a uint64; :func:`uniform`, :func:`integers`, :func:`bernoulli` and
-        :func:`splitmix64` turn them into numbers.
+        ``start(data, bits) -> state``, in which an episode starts. ``bits`` are 64 random bits, a
+        uint64, for :func:`uniform`, :func:`integers`, :func:`bernoulli` and :func:`splitmix64`.
     step : callable
         ``step(data, state, action, bits) -> (next state, reward, terminated)``. `terminated` must
-        depend on the next state alone. Both functions are written in the Python that numba compiles
-        (``numba.njit`` applied or not), take state and action as uint64, and must not change
-        `data`. States are whole numbers in 0..S-1, rewards finite; each step is checked.
+        depend on the next state alone. Both functions are Python that numba compiles, take state
+        and action as uint64, and must not change `data`. Each step is checked.
     data : Any
         What the functions read: a number, an array, a NamedTuple of such.
     discount, time_limit
@@ -261,8 +254,8 @@ class ComputedMDP:
     Raises
     ------
     TaskError
-        While learning, when a function does not compile, or returns a state that does not exist or
-        a reward that is not finite.
+        While learning, when a function does not compile, or returns no state in 0..S-1 or a reward
+        that is not finite.
 
     Examples
     --------
@@ -318,13 +311,12 @@ class ComputedMDP:
             raise TaskError(
                 f"the data of a computed task must be of types that numba knows: got {self.data!r}"
             ) from None
-        start, kind = _compiled("start", self.start, data, types.uint64)
-        _check_type("start", "a state", kind, isinstance(kind, REAL))
-        step, kind = _compiled("step", self.step, data, types.uint64, types.uint64, types.uint64)
-        parts = tuple(getattr(kind, "types", ()))
-        real = len(parts) == 3 and all(isinstance(part, REAL) for part in parts)
-        _check_type("step", "a state, a reward and a flag", kind, real)
-        return start, step
+        return (
+            _compiled("start", self.start, (data, types.uint64), "a state"),
+            _compiled(
+                "step", self.step, (data, *[types.uint64] * 3), "a state, a reward and a flag"
+            ),
+        )
 
     def __repr__(self) -> str:
         return (
@@ -333,22 +325,22 @@ class ComputedMDP:
         )
 
 
-def _compiled(name: str, function: Callable[..., Any], *kinds: types.Type) -> tuple[Any, Any]:
-    """Return a function compiled for arguments of these types, and the type that it returns."""
+def _compiled(name: str, function: Callable[..., Any], kinds: Any, wanted: str) -> Any:
+    """Return a function compiled for arguments of these types; TaskError if it returns others."""
     compiled = function if isinstance(function, Dispatcher) else njit(nogil=True)(function)
     try:
         template: Any = compiled.get_call_template(kinds, {})[0]
-        return compiled, template.cases[0].return_type
     except NumbaError as error:
         said = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())
         raise TaskError(
             f"{name} of a computed task must be Python that numba compiles: {said[:400]}"
         ) from error
-
-
-def _check_type(name: str, wanted: str, kind: types.Type, fits: bool) -> None:
-    if not fits:
+    kind = template.cases[0].return_type
+    parts = (kind,) if name == "start" else tuple(getattr(kind, "types", ()))
+    count = 1 if name == "start" else 3
+    if len(parts) != count or not all(isinstance(part, REAL) for part in parts):
         raise TaskError(f"{name} of a computed task must return {wanted}: it returns {kind}")
+    return compiled
 
 
 # What a user's functions return is checked at every step: a state that does not exist would be a
@@ -374,10 +366,6 @@ def state_number(returned, n_states):
     """Return what a user's function returned for a state as uint64; `n_states` if it is none."""
 
 
-def _number_of_integer(returned, n_states):
-    return min(np.uint64(returned), n_states)  # a negative number becomes a large one
-
-
 def _number_of_float(returned, n_states):
     if not 0.0 <= returned < np.float64(n_states):  # NaN, too
         return n_states
@@ -387,7 +375,9 @@ def _number_of_float(returned, n_states):
 
 @overload(state_number, jit_options=INLINED)
 def _state_number(returned, n_states):
-    return _number_of_float if isinstance(returned, types.Float) else _number_of_integer
+    if isinstance(returned, types.Float):
+        return _number_of_float
+    return lambda returned, n_states: min(np.uint64(returned), n_states)  # negative: a large one
 
 
 @first_states.body(Functions)
@@ -416,9 +406,7 @@ def _computed_step(model, state, action, bits):
     return next_state, np.float64(reward), bool(terminated)
 
 
-@failures.body(Functions)
-def _computed_failure(model):
-    return model.failure[0].by != 0
+failures.body(Functions)(lambda model: model.failure[0].by != 0)
 
 
 @contextmanager

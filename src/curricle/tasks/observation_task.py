@@ -13,8 +13,8 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
 from gymnasium.vector.utils import concatenate, create_empty_array
 
-from curricle.checks import number, whole_number
 from curricle.errors import CurricleError, TaskError
+from curricle.tasks.models import check_horizon
 
 
 @dataclass(frozen=True)
@@ -32,23 +32,21 @@ class EnvironmentMaker:
     def __call__(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment."""
         make = self.what if callable(self.what) else partial(gymnasium.make, self.what)
-        made: gymnasium.Env[Any, Any] = make(**deepcopy(dict(self.arguments)))
-        return made if self.encode is None else self._encoded(made)
-
-    def _encoded(self, made: Any) -> gymnasium.Env[Any, Any]:
-        encode: Any = self.encode
+        made: Any = make(**deepcopy(dict(self.arguments)))
+        if self.encode is None:
+            return made  # type: ignore[no-any-return]
         rule = "encode must take an environment and return it wrapped"
         try:
-            encoded = encode(made)
+            encoded = self.encode(made)
         except CurricleError:
             raise
         except Exception as error:
             raise TaskError(
-                f"{rule}: {_text(encode)} failed with {type(error).__name__}: {error}; "
+                f"{rule}: {_text(self.encode)} failed with {type(error).__name__}: {error}; "
                 "FunctionEncoder makes an encoder of a function of observations"
             ) from error
         if not isinstance(encoded, gymnasium.Env):
-            raise TaskError(f"{rule}: {_text(encode)} returned {encoded!r}")
+            raise TaskError(f"{rule}: {_text(self.encode)} returned {encoded!r}")
         return encoded
 
     def __eq__(self, other: object) -> bool:
@@ -104,9 +102,7 @@ class ObservationTask:
     def __post_init__(self) -> None:
         if not callable(self.make):
             raise TaskError(f"make must be a function that returns an environment: {self.make!r}")
-        number("discount", self.discount, TaskError, 0, 1)
-        if self.time_limit is not None:
-            whole_number("time_limit", self.time_limit, 1, TaskError)
+        check_horizon(self)
         _ = self._inspected
 
     @cached_property

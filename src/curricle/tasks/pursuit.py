@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -35,32 +35,28 @@ LARGEST_MODEL = 2**50
 LARGEST_SPACE = 50_000_000
 """States above which a task is not solved by its factored model (two numbers a state: 0.8 GB)."""
 
-Capture = Annotated[
-    Literal["all", "any", "as_published"] | int,
-    Rule(values=("any", "all", "as_published", *range(1, MOST_PREDATORS + 1))),
-]
+Named = Literal["any", "all", "as_published"]
+Capture = Annotated[Named | int, Rule(values=(*get_args(Named), *range(1, MOST_PREDATORS + 1)))]
 
 
 @dataclass(frozen=True)
 class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
-    A state is the cell of the prey and of each predator, who may share a cell. An action is one
-    move for each predator. Episodes start uniformly in the states without a caught prey.
+    A state is the cell of the prey and of each predator, who may share one, an action a move for
+    each predator. Episodes start uniformly in the states without a caught prey.
 
     Parameters
     ----------
-    size : int
-        Cells per side, 2 to 1000.
-    predators : int
-        1 to 100.
+    size, predators : int
+        Cells per side, 2 to 1000, and how many chase the prey, 1 to 100.
     moves : {4, 5}
         North, east, south, west; 5 adds staying (for predators and prey).
     torus : bool
-        Whether the grid wraps round; otherwise it is walled and a blocked move is staying.
+        Whether the grid wraps round; otherwise a move beyond its edge is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators on the prey's cell end the episode with the capture reward. In the
-        paper's runs one ends it, but the reward needs all of them.
+        How many predators on the prey's cell end the episode with the capture reward. As published
+        one ends it, but the reward needs all of them.
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).
@@ -74,8 +70,6 @@ class Pursuit(Domain):
     >>> hunt = Pursuit(size=4, predators=2)
     >>> hunt.states.names, hunt.states.size, hunt.actions.size
     (('prey', 'predator_1', 'predator_2'), 4096, 25)
-    >>> Pursuit(size=4, predators=1).states.names
-    ('prey', 'predator')
     """
 
     size: Annotated[int, Rule(2, LARGEST_SIZE, "larger")] = 4
@@ -90,23 +84,23 @@ class Pursuit(Domain):
     time_limit: TimeLimit = 200
 
     def _check(self) -> None:
-        whole = isinstance(self.capture, int) and not isinstance(self.capture, bool)
-        named = isinstance(self.capture, str) and self.capture in ("all", "any", "as_published")
-        if not named and not (whole and 1 <= self.capture <= self.predators):  # type: ignore[operator]
+        capture: Any = self.capture
+        number = isinstance(capture, int) and capture is not True and 1 <= capture <= self.predators
+        if not number and not (isinstance(capture, str) and capture in get_args(Named)):
             raise TaskError(
                 "capture must be 'all', 'any', 'as_published' or a number of predators from 1 to "
-                f"{self.predators}: got {self.capture!r}"
+                f"{self.predators}: got {capture!r}"
             )
-        if not isinstance(self.prey, str) and not callable(self.prey):
-            # Nested tuples keep the task a value that compares and hashes.
-            policy = numbers("the prey's policy", self.prey, TaskError)
+        prey: Any = self.prey
+        if not callable(prey) and not (isinstance(prey, str) and prey == "uniform"):
+            policy = numbers("the prey's policy", [] if isinstance(prey, str) else prey, TaskError)
             if policy.ndim != 2:
                 raise TaskError(
                     "prey must be 'uniform', a table (cells, moves) or (S, moves), or a function: "
-                    f"got {self.prey!r}"
+                    f"got {prey!r}"
                 )
+            # Nested tuples keep the task a value that compares and hashes.
             object.__setattr__(self, "prey", tuple(map(tuple, policy.tolist())))
-        if not callable(self.prey):
             self._prey_policy()
 
     @property
@@ -135,13 +129,11 @@ class Pursuit(Domain):
     @cached_property
     def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (cells, moves) int64."""
-        row, column = np.unravel_index(np.arange(self.cells), (self.size, self.size))
-        steps = np.array(list(MOVES.values()))[-self.moves :]
-        rows, columns = row[:, None] + steps[:, 0], column[:, None] + steps[:, 1]
-        if self.torus:
-            return frozen(np.asarray((rows % self.size) * self.size + columns % self.size))
-        inside = (rows >= 0) & (rows < self.size) & (columns >= 0) & (columns < self.size)
-        return frozen(np.where(inside, rows * self.size + columns, np.arange(self.cells)[:, None]))
+        sides = self.size, self.size
+        row, column = np.unravel_index(np.arange(self.cells), sides)
+        down, right = np.array(list(MOVES.values())[-self.moves :]).T
+        to = row[:, None] + down, column[:, None] + right
+        return frozen(np.ravel_multi_index(to, sides, mode="wrap" if self.torus else "clip"))
 
     @cached_property
     def model(self) -> "PursuitModel":
@@ -202,42 +194,28 @@ class Pursuit(Domain):
                 f"a task's tables may hold at most {LARGEST_TABLE:,} state-action pairs: this "
                 f"pursuit has {n_states:,} states x {n_actions} actions"
             )
-        policy = self._prey_policy()
-        others = self.cells**self.predators
+        policy, others = self._prey_policy(), np.int32(self.cells**self.predators)
         landing = self.landing.astype(np.int32)
         # States are (prey, predators): `others` of them for each cell of the prey.
-        base = np.arange(self.cells, dtype=np.int32) * np.int32(others)
-        outcome_row = np.empty((n_states, n_actions), dtype=np.int32)
-        np.add(
-            base[:, None, None],
-            joint_landing(landing, self.predators),
-            out=outcome_row.reshape(self.cells, others, n_actions),
-        )
-        next_state = np.empty((n_states, self.moves), dtype=np.int32)
-        np.add(
-            base[landing][:, None, :],
-            np.arange(others, dtype=np.int32)[:, None],
-            out=next_state.reshape(self.cells, others, self.moves),
-        )
+        base = np.arange(self.cells, dtype=np.int32) * others
+        outcome_row = base[:, None, None] + joint_landing(landing, self.predators)
+        next_state = base[landing][:, None, :] + np.arange(others, dtype=np.int32)[:, None]
+        outcome_row = outcome_row.reshape(n_states, n_actions)
+        next_state = next_state.reshape(n_states, self.moves)
         if len(policy) == self.cells:
             probability = np.repeat(policy, others, axis=0)
         else:  # the prey reacts to the predators: every pair has a row of its own
             probability = np.repeat(policy, n_actions, axis=0)
             next_state = next_state[outcome_row.ravel()]
-            outcome_row = np.empty((n_states, n_actions), dtype=np.int32)
-            outcome_row.ravel()[:] = np.arange(n_states * n_actions)
+            outcome_row = np.arange(outcome_row.size, dtype=np.int32).reshape(outcome_row.shape)
         rewards = self._rewards[predators_on_prey(self.cells, self.predators)]
-        return FiniteMDP(
-            states=self.states,
-            actions=self.actions,
-            outcome_row=frozen(outcome_row),
-            probability=frozen(probability),
-            next_state=frozen(next_state),
-            reward=frozen(rewards[next_state]),
+        return self._tables(
+            frozen(probability),
+            frozen(next_state),
+            frozen(rewards[next_state]),
             terminal=self.terminal,
-            start=~self.terminal / np.count_nonzero(~self.terminal),
-            discount=self.discount,
-            time_limit=self.time_limit,
+            starting=np.flatnonzero(~self.terminal),
+            outcome_row=frozen(outcome_row),
         )
 
     @property
@@ -260,14 +238,10 @@ class Pursuit(Domain):
 
     def _prey_policy(self) -> FloatArray:
         """The prey's move probabilities, (cells, moves) or (S, moves)."""
-        if isinstance(self.prey, str):
-            if self.prey != "uniform":
-                raise TaskError(
-                    f"prey must be 'uniform', an array or a function: got {self.prey!r}"
-                )
+        prey: Any = self.prey
+        if prey == "uniform":
             return np.full((self.cells, self.moves), 1 / self.moves)
-        decide: Callable[[Decoded], Any] | None = self.prey if callable(self.prey) else None
-        decided = decide(self.states.decode()) if decide else self.prey
+        decided = prey(self.states.decode()) if callable(prey) else prey
         policy = normalised(np.asarray(decided, dtype=np.float64))
         if policy.shape not in ((self.cells, self.moves), (self.states.size, self.moves)):
             raise TaskError(

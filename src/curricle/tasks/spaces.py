@@ -1,9 +1,4 @@
-"""Finite spaces whose points have named components.
-
-Mappings between tasks are written with component names (``prey``, ``row``, ...), compiled loops run
-on the numbers of points; this module converts between the two. A whole box is numbered as NumPy
-numbers the entries of an array in C order.
-"""
+"""Finite spaces whose points have numbers, for compiled loops, and components, for mappings."""
 
 import math
 from collections.abc import Sequence
@@ -81,19 +76,19 @@ class Component:
         whole_number(f"the highest value {of}", low + size - 1, low, TaskError)
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "low", low)
-        labels: Any = self.labels
-        if labels is None:
+        if self.labels is None:
             return
+        labels: Any = self.labels
         if isinstance(labels, str) or not isinstance(labels, Sequence):
             raise TaskError(f"labels {of} must be a list of text: got {labels!r}")
         for label in labels:
             text(f"a label {of}", label, TaskError)
-        if len(labels) != self.size:
+        if len(labels) != size:
             raise TaskError(
-                f"a component needs one label per value: {self.name!r} has {self.size} values "
-                f"and {len(labels)} labels"
+                f"a component needs one label per value: {self.name!r} has {size} values and "
+                f"{len(labels)} labels"
             )
-        if len(set(labels)) != self.size:
+        if len(set(labels)) != size:
             raise TaskError(f"a component's labels must differ: {self.name!r} has {labels}")
         object.__setattr__(self, "labels", tuple(labels))
 
@@ -111,27 +106,21 @@ class Component:
 class Space(Frozen):
     """A finite set of points with named integer components.
 
-    Without `points` the space is the whole box (every combination, last component fastest);
-    with `points` it is just those rows, numbered in the order given.
-
     Parameters
     ----------
     components : sequence of Component
         At least one; names must differ.
     points : (S, C) int array, optional
-        The points that exist, one row each, values within the components' ranges.
+        The points that exist, in the order of their numbers, values within the components' ranges;
+        by default the whole box, numbered in C order (last component fastest).
 
     Examples
     --------
     >>> space = Space([Component("row", 2), Component("column", 3)])
-    >>> space.size, space.names
-    (6, ('row', 'column'))
     >>> space.encode(row=[0, 1], column=[2, 2])
     array([2, 5])
-    >>> space.decode([5])["row"]
-    array([1])
-    >>> space.label(5)
-    'row=1 column=2'
+    >>> space.decode([5])["row"], space.label(5)
+    (array([1]), 'row=1 column=2')
     """
 
     components: Sequence[Component]
@@ -197,9 +186,7 @@ class Space(Frozen):
     @cached_property
     def size(self) -> int:
         """The number of points."""
-        if self.points is not None:
-            return len(self.points)
-        return math.prod(self.shape)
+        return math.prod(self.shape) if self.points is None else len(self.points)
 
     def __len__(self) -> int:
         self._check_numbered()
@@ -294,11 +281,9 @@ class Space(Frozen):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Space):
             return NotImplemented
-        if self.components != other.components:
-            return False
-        if self.points is None or other.points is None:
-            return self.points is other.points
-        return np.array_equal(self.points, other.points)
+        mine, theirs = self.points, other.points
+        alike = mine is theirs if mine is None or theirs is None else np.array_equal(mine, theirs)
+        return alike and self.components == other.components
 
     def __hash__(self) -> int:
         return hash((self.components, self.size))

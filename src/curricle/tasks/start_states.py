@@ -1,7 +1,7 @@
 """Start states of any task with tables: near the goal, reachable, or as given.
 
-Episodes that start near the goal first and farther off later are a curriculum of their own (Asada
-et al. 1996, "learning from easy missions"; Florensa et al. 2017, "reverse curriculum generation").
+Episodes that start near the goal first are a curriculum (Asada et al. 1996, "learning from easy
+missions"; Florensa et al. 2017, "reverse curriculum generation").
 """
 
 from collections.abc import Iterable, Mapping
@@ -20,14 +20,11 @@ from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.text import counted
 
 Goal = npt.ArrayLike | Mapping[str, Any] | None
-WORDS = ("uniform", "reachable")
 
 
 @dataclass(frozen=True)
 class GoalDistance:
-    """The states whose distance to the goal lies in a range, equally likely: a ring around it.
-
-    Only states that the task's own start can reach are meant.
+    """A ring around the goal: the states at a distance in a range that the task's start can reach.
 
     Parameters
     ----------
@@ -68,22 +65,20 @@ class TaskWithStart(Frozen):
         object.__setattr__(self, "start", adopted(self.start, np.float64))
         _ = self.mdp
 
-    @property
-    def states(self) -> Space:
-        """The state space of the task."""
-        space: Space = self.task.states
-        return space
-
-    @property
-    def actions(self) -> Space:
-        """The action space of the task."""
-        space: Space = self.task.actions
-        return space
-
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The tables of the task with the other start."""
         return replace(tables(self.task), start=self.start)
+
+    @property
+    def states(self) -> Space:
+        """The state space of the task."""
+        return self.mdp.states
+
+    @property
+    def actions(self) -> Space:
+        """The action space of the task."""
+        return self.mdp.actions
 
     @property
     def layout(self) -> Any:
@@ -112,7 +107,7 @@ def with_start(task: Any, start: Any) -> Any:
         Any task with tables.
     start
         - ``"uniform"``: in any state that does not end the episode;
-        - ``"reachable"``: in any of those that the task's own start can reach;
+        - ``"reachable"``: in any of those that the task's start can reach;
         - :class:`GoalDistance`: in a ring around the goal;
         - a whole number, or an array of them: in these states, equally likely;
         - (S,) float array: with these probabilities, such as those of :func:`visit_distribution`.
@@ -147,20 +142,55 @@ def with_start(task: Any, start: Any) -> Any:
     return TaskWithStart(base, distribution)
 
 
-def goal_distance(task: Any, goal: Goal = None) -> IntArray:
-    """Return the fewest steps from each state to the goal, (S,) int64; -1 where there is no way.
+def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
+    """Return the start distribution that a description means, (S,) float64."""
+    n_states, alive = len(mdp.terminal), ~mdp.terminal
+    if isinstance(start, GoalDistance):
+        far = goal_distance(mdp, start.goal)
+        alive &= reachable_states(mdp)
+        chosen = (far >= start.low) & (far <= (start.high or 0)) & alive
+        if not chosen.any():
+            most = far[alive].max(initial=MISSING)
+            reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
+            steps = f"{start.low}..{start.high} steps"
+            raise TaskError(f"no state to start in lies {steps} from the goal: {reached}")
+    elif isinstance(start, str):
+        if start not in ("uniform", "reachable"):
+            raise TaskError(
+                "start must be 'uniform', 'reachable', a GoalDistance, states or probabilities: "
+                f"got {start!r}"
+            )
+        chosen = alive & reachable_states(mdp) if start == "reachable" else alive
+        if not chosen.any():
+            raise TaskError(f"start={start!r} needs a state that does not end the episode")
+    elif np.asarray(start).dtype.kind in "iu":
+        states = np.atleast_1d(indices("start states", start, n_states, TaskError))
+        if not states.size or states.ndim > 1:
+            raise TaskError(f"start must name at least one state: got {start!r}")
+        chosen = _flags(n_states, states)
+    else:
+        chances = numbers("start", start, TaskError)
+        if chances.shape != (n_states,):
+            raise TaskError(
+                f"start probabilities must have shape ({n_states},): got {chances.shape}"
+            )
+        return chances
+    return chosen / np.count_nonzero(chosen)
 
-    It is the smallest number of steps after which some policy can have reached the goal. No way
-    leads through a terminal state.
+
+def goal_distance(task: Any, goal: Goal = None) -> IntArray:
+    """Return the fewest steps in which a policy can reach the goal, (S,) int64; -1 where none can.
+
+    No way leads through a terminal state.
 
     Parameters
     ----------
     task : Task
         Any task with tables.
     goal : optional
-        The goal's states: a (S,) bool array, an array of their numbers, or a dict from components
-        to a value, a label or a list of them. By default the terminal states that are entered with
-        the largest reward: the treasure and not the pits.
+        Its states: a (S,) bool array, an array of their numbers, or a dict from components to a
+        value, a label or a list of them. By default the terminal states that are entered with the
+        largest reward: the treasure and not the pits.
 
     Examples
     --------
@@ -186,14 +216,24 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 def goal_states(task: Any, goal: Goal = None) -> BoolArray:
     """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
     mdp = tables(task)
-    if goal is not None:
-        states = _named_goal(mdp, goal)
-    else:  # the terminal states that are entered with the largest reward of all
+    n_states, states = len(mdp.terminal), np.asarray(goal)
+    if goal is None:  # the terminal states that are entered with the largest reward of all
         used = np.zeros(len(mdp.probability), dtype=bool)
         used[mdp.outcome_row[~mdp.terminal]] = True
         ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
         best = mdp.reward[ends].max(initial=-np.inf)
-        states = _flags(len(mdp.terminal), mdp.next_state[ends & (mdp.reward == best)])
+        states = _flags(n_states, mdp.next_state[ends & (mdp.reward == best)])
+    elif isinstance(goal, Mapping):
+        states, values = np.ones(n_states, dtype=bool), mdp.states.decode()
+        for name, wanted in goal.items():
+            component = mdp.states.component(name)
+            several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
+            listed = [_value(component, value) for value in (wanted if several else [wanted])]
+            states &= np.isin(values[name], listed)
+    elif states.dtype != np.bool_:
+        states = _flags(n_states, indices("the states of a goal", goal, n_states, TaskError))
+    elif states.shape != (n_states,):
+        raise TaskError(f"a goal of flags must have shape ({n_states},): got {states.shape}")
     if not states.any():
         raise TaskError(
             "a goal needs at least one state: none is terminal and can be entered; give the goal"
@@ -209,24 +249,6 @@ def _flags(n_states: int, states: Any) -> BoolArray:
     return flags
 
 
-def _named_goal(mdp: FiniteMDP, goal: Any) -> BoolArray:
-    n_states = len(mdp.terminal)
-    if isinstance(goal, Mapping):
-        states, values = np.ones(n_states, dtype=bool), mdp.states.decode()
-        for name, wanted in goal.items():
-            component = mdp.states.component(name)
-            several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
-            listed = [_value(component, value) for value in (wanted if several else [wanted])]
-            states &= np.isin(values[name], listed)
-        return states
-    array = np.asarray(goal)
-    if array.dtype == np.bool_:
-        if array.shape != (n_states,):
-            raise TaskError(f"a goal of flags must have shape ({n_states},): got {array.shape}")
-        return array
-    return _flags(n_states, indices("the states of a goal", goal, n_states, TaskError))
-
-
 def _value(component: Component, wanted: Any) -> int:
     """Return the value of a component that a number or a label names."""
     labels, name = component.labels or (), f"{component.name} of a goal"
@@ -239,43 +261,3 @@ def _value(component: Component, wanted: Any) -> int:
     if value > component.high:
         raise TaskError(f"{name} must lie in {component.low}..{component.high}: got {value}")
     return value
-
-
-def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
-    """Return the start distribution that a description means, (S,) float64."""
-    n_states = len(mdp.terminal)
-    if isinstance(start, GoalDistance):
-        far = goal_distance(mdp, start.goal)
-        possible = reachable_states(mdp) & ~mdp.terminal
-        ring = (far >= start.low) & (far <= (start.high or 0)) & possible
-        if not ring.any():
-            most = far[possible].max(initial=MISSING)
-            reached = f"the farthest lies {most} steps off" if most > 0 else "there is no way to it"
-            steps = f"{start.low}..{start.high} steps"
-            raise TaskError(f"no state to start in lies {steps} from the goal: {reached}")
-        return _equally(ring)
-    if isinstance(start, str):
-        if start not in WORDS:
-            raise TaskError(
-                "start must be 'uniform', 'reachable', a GoalDistance, states or probabilities: "
-                f"got {start!r}"
-            )
-        going_on = ~mdp.terminal
-        going_on &= reachable_states(mdp) if start == "reachable" else True
-        if not going_on.any():
-            raise TaskError(f"start={start!r} needs a state that does not end the episode")
-        return _equally(going_on)
-    array = np.asarray(start)
-    if array.dtype.kind in "iu":
-        states = np.atleast_1d(indices("start states", start, n_states, TaskError))
-        if not states.size or states.ndim > 1:
-            raise TaskError(f"start must name at least one state: got {start!r}")
-        return _equally(_flags(n_states, states))
-    chances = numbers("start", start, TaskError)
-    if chances.shape != (n_states,):
-        raise TaskError(f"start probabilities must have shape ({n_states},): got {chances.shape}")
-    return chances
-
-
-def _equally(states: BoolArray) -> FloatArray:
-    return states / np.count_nonzero(states)

@@ -13,7 +13,7 @@ from curricle.errors import SettingError
 from curricle.interop.gymnasium import to_gymnasium
 from curricle.show.scenes import AGENT, FIGURES, PREY, painted, predator, scene_of
 from curricle.show.views import GridView
-from curricle.tasks.grid_layout import layout_of
+from curricle.tasks.domain import layout_of
 from tests.unit.interop.environments import TASKS, WALLED
 
 GRIDS = {

@@ -1,19 +1,113 @@
-"""Keys, locks and pits: the rules on small maps, optima and counts by breadth-first search."""
+"""Four rooms by the paper's drawing; keys, locks and pits by hand and by breadth-first search."""
 
 from collections import deque
-from functools import partial
 
 import numpy as np
 import pytest
 
 from curricle import project, solve
-from curricle.errors import TaskError
-from curricle.tasks import KeyLockPit
+from curricle.tasks import FourRooms, KeyLockPit
 from curricle.tasks.mdp import reachable_states
-from tests.refusals import cases, check_refusal, check_values
+
+# -- four rooms ------------------------------------------------------------------------------------
+
+PLAN = """\
+#############
+#     #     #
+#     #     #
+#           #
+#     #     #
+#     #     #
+## ####     #
+#     ### ###
+#     #     #
+#     #     #
+#           #
+#     #     #
+#############""".splitlines()
+"""Of Sutton, Precup, Singh 1999, figure 2."""
+WAYS = ((-1, 0), (0, 1), (1, 0), (0, -1))
+CELLS = [(r, c) for r, line in enumerate(PLAN) for c, thing in enumerate(line) if thing == " "]
+
+
+def beside(cell, way):
+    """Return where a move goes in the drawing."""
+    row, column = cell[0] + way[0], cell[1] + way[1]
+    return (row, column) if PLAN[row][column] == " " else cell
+
+
+def test_the_plan_is_the_paper_s():
+    rooms = FourRooms()
+    assert len(CELLS) == 104
+    assert list(map(tuple, rooms.states.points.tolist())) == CELLS
+    assert rooms.goal_cell == (7, 9)
+    assert rooms.mdp.start_states.tolist() == [CELLS.index((1, 1))]
+
+
+@pytest.mark.parametrize("slip", [1 / 3, 0.0, 0.75])
+def test_moves_slip_as_in_the_drawing(slip):
+    mdp = FourRooms(slip=slip).mdp
+    for state, cell in enumerate(CELLS):
+        for action in range(4):
+            expected = np.zeros(104)
+            for way, step in enumerate(WAYS):
+                chance = 1 - slip if way == action else slip / 3
+                expected[CELLS.index(beside(cell, step))] += chance
+            row, reached = mdp.outcome_row[state, action], np.zeros(104)
+            np.add.at(reached, mdp.next_state[row], mdp.probability[row])
+            assert reached == pytest.approx(expected)
+            assert mdp.reward[row].tolist() == [
+                float(CELLS[after] == (7, 9)) for after in mdp.next_state[row]
+            ]
+
+
+def test_values_are_those_of_a_planner_that_reads_the_drawing():
+    goal = (7, 9)
+    values = dict.fromkeys(CELLS, 0.0)
+    for _ in range(400):  # 0.9^400 = 5e-19
+        worth = {cell: 1.0 if cell == goal else 0.9 * v for cell, v in values.items()}
+        for cell in CELLS:
+            ways = [worth[beside(cell, way)] for way in WAYS]
+            if cell != goal:
+                values[cell] = max((2 / 3) * w + (sum(ways) - w) / 9 for w in ways)
+    expected = [values[cell] for cell in CELLS]
+    assert solve(FourRooms()).values == pytest.approx(expected, abs=1e-8)
+
+
+@pytest.mark.parametrize("size", [7, 8, 9, 10, 11, 12, 13, 20, 31])
+def test_every_size_has_four_rooms_and_four_hallways(size):
+    rooms = FourRooms(size, slip=0.0)
+    inside, half = size - 2, size // 2
+    walls = inside + (half - 1) + (size - 2 - half)  # one south to north, two parts west to east
+    assert rooms.states.size == inside**2 - walls + 4
+    assert reachable_states(rooms.mdp).all()
+    (north, _), (_, east), (south, _), (_, west) = rooms.hallways.values()
+    assert 0 < north < half < half + 1 < south < size - 1
+    assert 0 < west < half < east < size - 1
+    free = set(map(tuple, rooms.states.points.tolist()))
+    for name, (row, column) in rooms.hallways.items():
+        across, along = [(0, -1), (0, 1)], [(-1, 0), (1, 0)]
+        ways, sides = (across, along) if name in ("north", "south") else (along, across)
+        assert all((row + down, column + right) in free for down, right in ways)
+        assert not any((row + down, column + right) in free for down, right in sides)
+
+
+def test_a_crop_moves_as_the_whole_does_and_stays_inside():
+    rooms = FourRooms()
+    part = rooms.crop(rows=(6, 12), columns=(6, 12))
+    cells = list(map(tuple, part.states.points.tolist()))
+    for cell in cells:
+        for way, step in enumerate(WAYS):
+            there = beside(cell, step)
+            to = part.mdp.next_state[part.mdp.outcome_row[cells.index(cell)], way]
+            assert [cells[state] for state in to] == [there if there in cells else cell] * 4
+    assert part.mdp.start.max() == pytest.approx(1 / (part.states.size - 1))
+    assert part.crop(rows=(7, 9), columns=(8, 11), start=[(8, 8)]).mdp.start.sum() == 1
+
+
+# -- keys, locks and pits --------------------------------------------------------------------------
 
 NORTH, EAST, SOUTH, WEST, PICK_UP, UNLOCK = range(6)
-WAYS = ((-1, 0), (0, 1), (1, 0), (0, -1))
 
 
 def follow(task, *actions):
@@ -58,16 +152,16 @@ def test_a_lock_needs_its_keys():
 def search(lines):
     """Return by the papers' rules how many states can be met, the shortest way, the best return."""
     # Picking up and opening pay once each: the best return is that less 10 a move.
-    cells = {(r, c): what for r, line in enumerate(lines) for c, what in enumerate(line)}
-    keys = [cell for cell, what in cells.items() if what == "K"]
-    locks = [cell for cell, what in cells.items() if what == "L"]
-    (start,) = [cell for cell, what in cells.items() if what == "S"]
+    cells = {(r, c): thing for r, line in enumerate(lines) for c, thing in enumerate(line)}
+    keys = [cell for cell, thing in cells.items() if thing == "K"]
+    locks = [cell for cell, thing in cells.items() if thing == "L"]
+    (start,) = [cell for cell, thing in cells.items() if thing == "S"]
     first = (start, frozenset(), frozenset())
     steps, waiting, shortest = {first: 0}, deque([first]), None
     while waiting:
-        here, held, opened = one = waiting.popleft()
+        here, held, opened = state = waiting.popleft()
         if len(opened) == len(locks):
-            shortest = steps[one] if shortest is None else shortest
+            shortest = steps[state] if shortest is None else shortest
             continue
         if cells[here] == "P":
             continue
@@ -81,7 +175,7 @@ def search(lines):
             after.append((here, held, opened | {here}))
         for other in after:
             if other not in steps:
-                steps[other] = steps[one] + 1
+                steps[other] = steps[state] + 1
                 waiting.append(other)
     useful = len(keys) + len(locks)
     best = (
@@ -154,34 +248,3 @@ def test_starts():
     cells = task.with_start([(0, 1), (0, 2)]).mdp
     assert task.states.decode(cells.start_states)["column"].tolist() == [1, 2]
     assert np.unique(cells.start[cells.start_states]).tolist() == [0.5]
-
-
-REFUSED = {
-    "nothing to do": (lambda: KeyLockPit("S.P"), "needs a key K or a lock L: there is none"),
-    "no start": (lambda: KeyLockPit("KL"), "needs an S on the map"),
-    "ended at the start": (lambda: KeyLockPit("SK", keys_held=True), r"not end it: got \(0, 0\)"),
-    "all ended": (
-        lambda: KeyLockPit("K", start="uniform", keys_held=True),
-        "needs a state that does not end",
-    ),
-    "an unknown key": (lambda: KeyLockPit(needs=[[2]]), r"numbers from 1 to 1: got \[2\]"),
-    "half a key": (lambda: KeyLockPit(needs=[[1.5]]), "keys of a lock must be whole numbers"),
-    "too many keys": (lambda: KeyLockPit("S" + "K" * 30), "at most 5,000,000 states: 31 cells and"),
-}
-WRONG = {
-    "map": [3, ["SK", "L"]],
-    "needs": [[], "none"],
-    "origin": [3],
-}
-
-
-@pytest.mark.parametrize(("error", "call", "says"), cases({TaskError: REFUSED}))
-def test_what_makes_no_room_is_refused(error, call, says):
-    check_refusal(error, call, says)
-
-
-def test_wrong_values_are_named():
-    check_values(TaskError, KeyLockPit, WRONG)
-    starts = [[(0, 2)], [(0, 3)], [(0, 9)], "corner"]  # a pit, a wall, beyond
-    check_values(TaskError, partial(KeyLockPit, "KLP#"), {"start": starts})
-    check_values(TaskError, KeyLockPit.room, {"size": [3, 2000]})
