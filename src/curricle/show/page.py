@@ -172,13 +172,25 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         for arm, record in curricula.arms.items()
         for task, node in record.nodes.items()
     ]
-    ended = [(*place, Counter(words).most_common()) for place, words in study.reasons.items()]
+    ended = [
+        (*place, Markup("<br>").join(_visible(f"{n}: {e}") for e, n in Counter(why).most_common()))
+        for place, why in study.reasons.items()
+    ]
+    total, budget = f"{comparison.total:,}", f"{comparison.budget:,}"
+    threshold = rounded(comparison.threshold)
+    if comparison.threshold_from:
+        threshold += f" ({comparison.threshold_from})"
+    facts = {
+        "arms": listed(styles),
+        "steps": f"{total} in all; the budget of the target is {budget}",
+        "threshold": f"{threshold}, smoothed over {counted(comparison.window, 'checkpoint')}",
+        **environment,
+    }
     scripts = ["study.js", "curves.js", *["reload.js"] * bool(banner)]
     return render(
         "study.html",
         name=study.name,
         comparison=comparison,
-        environment=environment,
         headline=headline(comparison),
         too_few=too_few(comparison),
         failed={arm: in_words(error) for arm, error in comparison.failed.items()},
@@ -202,7 +214,8 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         first=next((film.key for film in [*curricula_first, *films]), ""),
         not_shown=not_shown,
         settings=_shared(settings),
-        reasons=_shared(ended),
+        facts=facts,
+        reasons=[(task, listed(arms), ended) for arms, task, ended in _shared(ended)],
         ends=ends(study.reasons),
         banner=banner,
         scripts=scripts,

@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,23 +65,17 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     Raises
     ------
     CurricleError
-        When the subject or the file's ending is another, a task is given without values or the
-        other way round, states do not lie on a grid, the file cannot be written, or a study cannot
-        be compared.
+        When the subject or the file's ending is another, values and task are not given together,
+        states lie on no grid, the file cannot be written, or a study cannot be compared.
 
     Examples
     --------
-    >>> from curricle import Curriculum, GridWorld, Transfer, compare, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
-    ...     budget={"corner": 500, "maze": 2000})
-    >>> figure = plot(compare(plan, seeds=3))
-    >>> len(figure.axes)
-    3
-    >>> plot(plan.train()["maze"].values[0], task=maze).axes[0].get_title()
+    >>> from curricle import GridWorld, learn
+    >>> maze = GridWorld(["..T", "S.."])
+    >>> learnt = learn(maze, budget=500)
+    >>> plot(learnt).axes[0].get_ylabel()
+    'greedy return'
+    >>> plot(learnt.values[0], task=maze).axes[0].get_title()
     'max Q(s, a)'
     """
     if path is not None:
@@ -249,35 +243,27 @@ def draw_learning_curves(
     comparison: Comparison, *, width: float = 8.4, height: float = 4.0, most: int = ALL
 ) -> tuple[Figure, Figure]:
     """Return figures of the arms' curves in one scale: weak, then strong transfer; no legend."""
-    styles = arm_styles(comparison)
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
-    _draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
-    _draw_arms(strong.axes[0], comparison, styles, strong=True, most=most)
     both = weak.axes + strong.axes
-    _scale_returns(both, comparison)
+    _draw_arms({both[0]: False, both[1]: True}, comparison, most)
     for axes in both:
         axes.grid(axis="y", color="#e4e4e4", lw=0.6)
         axes.set_axisbelow(True)
     return weak, strong
 
 
-def _scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
-    """Give panels of drawn arms one scale of return, in which the threshold can be seen."""
+def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = ALL) -> None:
+    """Draw the curve of each arm into panels, in which source steps count if True, in one scale."""
+    for axes, strong in panels.items():
+        _draw_panel(axes, comparison, strong, most)
+    # In which the threshold can be seen.
     ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
     for axes in panels:
         return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
 
 
-def _draw_arms(
-    axes: Axes,
-    comparison: Comparison,
-    styles: Mapping[str, ArmStyle],
-    *,
-    strong: bool,
-    most: int = ALL,
-) -> None:
-    """Draw the curve of each arm, in which source steps count if `strong`."""
-    for name, style in controls_first(styles):
+def _draw_panel(axes: Axes, comparison: Comparison, strong: bool, most: int) -> None:
+    for name, style in controls_first(arm_styles(comparison)):
         whole, begin = shown_curve(comparison, name, strong=strong)
         kept = places(len(whole.steps), most)
         shown = Curve(whole.steps[kept], whole.filled()[:, kept])
@@ -324,8 +310,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
     figure = ShownFigure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
-    _draw_arms(curves, comparison, styles, strong=True)
-    _scale_returns([curves], comparison)
+    _draw_arms({curves: True}, comparison)
     curves.set_title("learning curves (strong transfer)")
     _draw_profiles(profile, comparison, styles)
     _draw_gains(gains, comparison, styles)

@@ -28,7 +28,7 @@ from curricle.show.style import (
     shades_of,
 )
 from curricle.show.views import GridView
-from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord, TaskRecord
+from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord
 from curricle.tasks.grid_layout import LETTERS
 from curricle.text import counted
 
@@ -128,21 +128,20 @@ def mark_of(view: GridView, chosen: BoolArray) -> str:
 
 
 def shown_episode(record: EpisodeRecord, columns: int) -> dict[str, Any]:
-    """Return a greedy episode of n steps on a grid: how it ended, and where markers are."""
-    cells, n = record.cells, len(record.cells) - 1
-    markers = cells.shape[1]
+    """Return a greedy episode of n states on a grid: how it ended, and where markers are."""
+    cells, (n, markers) = record.cells, record.cells.shape
     turn = 2 * np.pi * np.arange(markers) / markers
     # Several markers stand apart within a cell.
     aside = APART * (markers > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
     corner = np.stack([cells % columns, cells // columns], axis=-1)
-    points = (corner + 0.5 + aside).round(2)  # (n + 1, markers, 2)
+    points = (corner + 0.5 + aside).round(2)  # (n, markers, 2)
     how, last = "terminated" if record.terminated else "truncated", rounded(record.returns[-1])
     return {
-        "words": f"{how} after {counted(n, 'step')}, return {last}",
+        "words": f"{how} after {counted(n - 1, 'step')}, return {last}",
         # Of each marker the points of its path, and where it starts as a CSS translation.
         "trails": [" ".join(f"{x:g},{y:g}" for x, y in points[:, m]) for m in range(markers)],
         "starts": [f"{x:g}px, {y:g}px" for x, y in points[0]],
-        "places": points.reshape(n + 1, -1).tolist(),
+        "places": points.reshape(n, -1).tolist(),
         "returns": [rounded(value) for value in record.returns],
     }
 
@@ -190,14 +189,16 @@ class Replay:
     def moment(self, place: int) -> dict[str, Any]:
         """Return the moment at a place, ready to be drawn."""
         shade = self.levels[place].astype(np.int64) * SHADES // LEVELS
-        marks = [(*cell, self.marks[k]) for cell, k in self._with_cells(self.choices[place])]
+        marks = [
+            (*cell, self.marks[k]) for cell, k in zip(self.cells, self.choices[place], strict=True)
+        ]
         numbers, middle = list[tuple[int, int, str]](), 0.5
         if self.digits is not None:
             values = self.low + (self.high - self.low) * self.levels[place] / (LEVELS - 1)
-            cells_values = self._with_cells(values)
-            numbers = [(*cell, minus(f"{x:z.{self.digits}f}")) for cell, x in cells_values]
+            texts = [minus(f"{value:z.{self.digits}f}") for value in values]
+            numbers = [(*cell, text) for cell, text in zip(self.cells, texts, strict=True)]
             middle = 0.4
-        cells, arrows = np.array(self.cells), self.arrows
+        cells = np.array(self.cells)
         paths = [f"M{x}.5 {y + middle:g}{mark}" for x, y, mark in marks if mark]
         return {
             "step": int(self.steps[place]),
@@ -207,14 +208,11 @@ class Replay:
                 for number, colour in enumerate(shades_of(self.palette))
                 if (shade == number).any()
             ],
-            # Choices are arrows or words; words and values of cells: column, row, text.
-            "choice": "".join(paths) if arrows else "",
-            "texts": [] if arrows else marks,
+            # Choices are arrows or texts; texts and values of cells: column, row, text.
+            "choice": "".join(paths) if self.arrows else "",
+            "texts": [] if self.arrows else marks,
             "numbers": numbers,
         }
-
-    def _with_cells(self, values: Any) -> Iterable[tuple[tuple[int, int], Any]]:
-        return zip(self.cells, values, strict=True)
 
     def data(self) -> dict[str, Any]:
         """Return all moments for the script of the page."""
@@ -235,9 +233,18 @@ def replays(
     curricula: CurriculaRecord, learnt: Learnt, analysis: Analysis
 ) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
     """Return the replays of all snapshots, the last task first, and the tasks too large to show."""
+    # Tasks with snapshots, and their arms; equal names may be two tasks.
+    depths, owners_of = dict[str, int](), dict[tuple[str, int], list[str]]()
+    for arm, record in curricula.arms.items():
+        for depth, (name, node) in enumerate(record.nodes.items()):
+            depths[name] = max(depth, depths.get(name, 0))
+            if name in learnt[arm] and learnt[arm][name].snapshots is not None:
+                owners_of.setdefault((name, node.task), []).append(arm)
     shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
-    for name, task, arms in reversed(_tasks(curricula, learnt)):
-        view = None if task.view is None else task.view.view
+    sources_first = sorted(owners_of, key=lambda place: depths[place[0]])
+    for name, number in reversed(sources_first):
+        arms, record_of_view = owners_of[name, number], curricula.tasks[number].view
+        view = None if record_of_view is None else record_of_view.view
         size = 0 if view is None else len(arms) * view.states.size
         if view is None or cells + size > MOST_CELLS:
             left_out[name] = None
@@ -253,38 +260,21 @@ def replays(
             same = kept.seed, kept.steps.tobytes(), kept.values.tobytes()
             alike.setdefault(same, (kept, []))[1].append(arm)
         for kept, owners in alike.values():
-            episodes = _episodes(analysis.episodes.get(owners[0], {}).get(name), view)
-            values = _values(kept, view, most)
-            made.append(
-                Replay(f"r{len(made)}", name, tuple(owners), view, **values, episodes=episodes)
-            )
+            pair = analysis.episodes.get(owners[0], {}).get(name)
+            made.append(_replay(f"r{len(made)}", name, owners, view, kept, pair, most))
     return tuple(made), tuple(left_out)
 
 
-def _tasks(curricula: CurriculaRecord, learnt: Learnt) -> list[tuple[str, TaskRecord, list[str]]]:
-    """Return each task with snapshots and its arms, sources first; equal names may be two tasks."""
-    depths, owners = dict[str, int](), dict[tuple[str, int], list[str]]()
-    for arm, record in curricula.arms.items():
-        for depth, (name, node) in enumerate(record.nodes.items()):
-            depths[name] = max(depth, depths.get(name, 0))
-            if name in learnt[arm] and learnt[arm][name].snapshots is not None:
-                owners.setdefault((name, node.task), []).append(arm)
-    tasks = [(name, curricula.tasks[task], arms) for (name, task), arms in owners.items()]
-    return sorted(tasks, key=lambda task: depths[task[0]])
-
-
-def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, Any]:
-    """Return the episodes "before" and "after"; none where the view does not hold them."""
-    records = {} if pair is None else {"before": pair.before, "after": pair.after}
-    rows, columns = view.shape
-    for record in records.values():
-        if record.cells.shape[1] != len(view.markers) or record.cells.max() >= rows * columns:
-            return {}
-    return {which: shown_episode(record, columns) for which, record in records.items()}
-
-
-def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:
-    """Return the fields of a replay for `most` moments, the first and the last among them."""
+def _replay(
+    key: str,
+    task: str,
+    arms: list[str],
+    view: GridView,
+    snapshots: Snapshots,
+    pair: EpisodePair | None,
+    most: int,
+) -> Replay:
+    """Return the replay of `most` moments, the first and the last among them."""
     moments = places(len(snapshots.steps), most)
     values = snapshots.values[moments][:, view.states[~view.ended]]
     best = values.max(axis=-1)
@@ -294,16 +284,26 @@ def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:
         high = max(-low, high)
         low = -high
     share = (best.astype(np.float64) - low) / ((high - low) or 1.0)
-    levels = (np.clip(share, 0, 1) * (LEVELS - 1)).round().astype(np.uint16)
     chosen = greedy_choices(view, values)
     kinds, choices = np.unique(chosen.reshape(-1, chosen.shape[-1]), axis=0, return_inverse=True)
-    return {
-        "seed": snapshots.seed,
-        "steps": snapshots.steps[moments],
-        "cells": tuple(shifted(view, view.cells[~view.ended])),
-        "levels": levels,
-        "choices": choices.reshape(levels.shape),
-        "marks": tuple(mark_of(view, kind) for kind in kinds),
-        "low": low,
-        "high": high,
-    }
+    episodes, (rows, columns) = {} if pair is None else dict(pair), view.shape
+    # None where the view does not hold them.
+    inside = [
+        episode.cells.shape[1] == len(view.markers) and episode.cells.max() < rows * columns
+        for episode in episodes.values()
+    ]
+    return Replay(
+        key,
+        task,
+        tuple(arms),
+        view,
+        seed=snapshots.seed,
+        steps=snapshots.steps[moments],
+        cells=tuple(shifted(view, view.cells[~view.ended])),
+        levels=(np.clip(share, 0, 1) * (LEVELS - 1)).round().astype(np.uint16),
+        choices=choices.reshape(best.shape),
+        marks=tuple(mark_of(view, kind) for kind in kinds),
+        low=low,
+        high=high,
+        episodes={n: shown_episode(e, columns) for n, e in episodes.items() if all(inside)},
+    )
