@@ -228,15 +228,16 @@ def read_bounded(path: Place, most: int) -> bytes:
         return file.read(most)
 
 
-def local_file(path: str | Path) -> Path:
-    """Return a path of a file on this machine; StoreError for anything else."""
+def local_file(path: str | Path, ending: str = "") -> Path:
+    """Return a path of a file on this machine, with an ending; StoreError for anything else."""
     if not isinstance(path, str | os.PathLike):
         raise StoreError(f"a file must be a path: got {path!r}")
     if "://" in str(path):
         raise StoreError(f"a file is saved on this machine, not at a URL: got {str(path)!r}")
     if not Path(path).name:
         raise StoreError(f"a file needs a name: got {str(path)!r}")
-    return Path(path)
+    file = Path(path)
+    return file if not ending or file.suffix == ending else file.with_name(f"{file.name}{ending}")
 
 
 def remove_folder(path: Place) -> None:
@@ -482,7 +483,7 @@ def write_saved(
     path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], about: Mapping[str, Any]
 ) -> Path:
     """Write a whole ``.npz`` file, make its folders, and return its path; StoreError."""
-    file = saved_path(path)
+    file = local_file(path, ENDING)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
     write_in_folder(file, archive_content(arrays, others), f"a {kind}")
     return file
@@ -499,7 +500,7 @@ def write_in_folder(file: Path, content: bytes, what: str) -> None:
 
 def read_saved(path: str | Path, kind: str) -> SavedFile:
     """Return the arrays and the JSON of a file; StoreError unless `save` wrote it."""
-    file = saved_path(path)
+    file = local_file(path, ENDING)
     try:
         with opened_archive(file, whole=True) as archive:
             arrays = archive.read(*archive.names)
@@ -522,9 +523,3 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
             f"{about.get('format')}"
         )
     return SavedFile(file, arrays, about)
-
-
-def saved_path(path: str | Path) -> Path:
-    """Return the path of a saved file with its ending."""
-    file = local_file(path)
-    return file if file.suffix == ENDING else file.with_name(f"{file.name}{ENDING}")

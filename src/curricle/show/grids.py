@@ -28,7 +28,7 @@ from curricle.show.style import (
     minus,
     new_figure,
 )
-from curricle.show.views import At, GridView
+from curricle.show.views import At, GridView, stacked
 from curricle.tasks.grid_layout import LETTERS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
@@ -118,7 +118,7 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
             axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
         elif not aside:
             letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
-    for (row, column), letters in view.stacked_letters.items():
+    for (row, column), letters in stacked(view.letters).items():
         letter = axes.text(column - 0.3, row - 0.3, letters, color="k", **middle)
         letter.set_bbox({"boxstyle": "circle,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6})
     if legend and view.words:

@@ -10,7 +10,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
 from itertools import groupby
@@ -26,10 +25,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.scale import SymmetricalLogTransform
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.arrays import FloatArray
 from curricle.checks import listed
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.plan import numbered_seeds
+from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.errors import SettingError, StoreError, in_words
 from curricle.files import write_whole
 from curricle.show.findings import (
@@ -43,7 +42,7 @@ from curricle.show.findings import (
     table,
     too_few,
 )
-from curricle.show.graph import Learnt, Reasons, graphs
+from curricle.show.graph import Reasons, graphs
 from curricle.show.plots import (
     controls_first,
     draw_learning_curves,
@@ -55,8 +54,9 @@ from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
-from curricle.study.record import Analysis, CurriculaRecord
-from curricle.study.tuning import Effects, TuningRecord
+from curricle.study.record import Analysis, SectionRecord
+from curricle.study.results import StudyResults
+from curricle.study.tuning import effects_of, read_tuning
 from curricle.text import counted
 
 # -- templates -------------------------------------------------------------------------------------
@@ -142,27 +142,28 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
 
 
-@dataclass(frozen=True, eq=False)
-class ShownStudy:
-    """All that a page shows, in plain data."""
-
-    name: str
-    comparison: Comparison
-    curricula: CurriculaRecord
-    learnt: Learnt  # arm -> task -> its training
-    analysis: Analysis
-    reasons: Reasons  # (arm, task) -> for each seed why its training ended
-    effects: tuple[Effects, ...] = ()
-    tuning: TuningRecord | None = None
-
-
-def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "") -> str:
-    """Return the page of a study; with a `banner` at its top it is an interim one."""
-    comparison, curricula, learnt = study.comparison, study.curricula, study.learnt
+def page_of(study: StudyResults, banner: str = "") -> str:
+    """Return the page of a study, an interim one if it has a `banner`; StoreError without arms."""
+    comparison, tuning, analysis = study.comparison, read_tuning(study.store), study.analysis
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
+    learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
+    curricula = study.record.only(learnt)
+    reasons = {
+        (arm, task): list(study.ended_by(arm, task).values())
+        for arm, nodes in learnt.items()
+        for task in nodes
+    }
+    if analysis is None:
+        why = (
+            "The forecast and certificates are left out, because the run has not ended: "
+            "curricle run --resume makes them."
+        )
+        groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].transfers]
+        empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
+        analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     answers, styles = findings(comparison), arm_styles(comparison)
-    films, not_shown = replays(curricula, learnt, study.analysis)
+    films, not_shown = replays(curricula, learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
     curricula_first = [film for film in in_target if not {*film.arms} <= {*comparison.scratches}]
@@ -174,7 +175,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
     ]
     ended = [
         (*place, Markup("<br>").join(_visible(f"{n}: {e}") for e, n in Counter(why).most_common()))
-        for place, why in study.reasons.items()
+        for place, why in reasons.items()
     ]
     total, budget = f"{comparison.total:,}", f"{comparison.budget:,}"
     threshold = rounded(comparison.threshold)
@@ -184,12 +185,15 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         "arms": listed(styles),
         "steps": f"{total} in all; the budget of the target is {budget}",
         "threshold": f"{threshold}, smoothed over {counted(comparison.window, 'checkpoint')}",
-        **environment,
     }
+    for last in study.runs[-1:]:
+        facts |= {"file": last.file, "started": last.started, "seeds": seed_ranges(study.seeds)}
+        facts |= {"commit": last.commit or "none", "Python": last.python, "machine": last.machine}
+        facts |= last.versions
     scripts = ["study.js", "curves.js", *["reload.js"] * bool(banner)]
     return render(
         "study.html",
-        name=study.name,
+        name=study.record.name,
         comparison=comparison,
         headline=headline(comparison),
         too_few=too_few(comparison),
@@ -197,7 +201,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         findings=answers,
         forest=forest(answers),
         styles=styles,
-        graphs=graphs(curricula, learnt, study.reasons),
+        graphs=graphs(curricula, learnt, reasons),
         with_scratch=SCRATCH in learnt,
         curves=curves,
         curve_data=curve_data(comparison, styles, panels),
@@ -206,9 +210,9 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         columns=COLUMNS,
         kinds={kind: [*keys] for kind, keys in groupby(COLUMNS, lambda key: COLUMNS[key].transfer)},
         meanings=meanings(comparison),
-        settings_sections=effects_sections(study.effects, study.tuning),
-        tuning=study.tuning,
-        sections=forecast_sections(study.analysis, curricula, learnt),
+        settings_sections=effects_sections(effects_of(comparison, curricula, tuning), tuning),
+        tuning=tuning,
+        sections=forecast_sections(analysis, curricula, learnt),
         replays=films,
         menu={film.task: [other for other in films if other.task == film.task] for film in films},
         first=next((film.key for film in [*curricula_first, *films]), ""),
@@ -216,7 +220,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
         settings=_shared(settings),
         facts=facts,
         reasons=[(task, listed(arms), ended) for arms, task, ended in _shared(ended)],
-        ends=ends(study.reasons),
+        ends=ends(reasons),
         banner=banner,
         scripts=scripts,
         data={
@@ -229,7 +233,7 @@ def page_of(study: ShownStudy, environment: Mapping[str, str], banner: str = "")
 def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
     """Return the learning curves, kind of transfer -> width -> SVG, and the axes of each kind."""
     drawn: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
-    panels: dict[str, Axes] = {}
+    panels = dict[str, Axes]()
     for size, (width, height, most) in WIDTHS.items():
         pair = draw_learning_curves(comparison, width=width, height=height, most=most)
         for kind, figure in zip(drawn, pair, strict=True):
@@ -284,25 +288,22 @@ def inline_svg(figure: Figure, name: str, label: str) -> Markup:
         attributes = {key.rpartition("}")[2]: value for key, value in element.attrib.items()}
         element.attrib.clear()
         for key, value in attributes.items():
-            if key != "id":
-                element.set(key, _plain(key, value, name))
-            elif value in used:
-                element.set(key, f"{name}-{value}")
+            if key in _DRAWN:  # in hundredths
+                value = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):z.2f}", value)
+                value = re.sub(r"\s+", " ", value).strip()
+            elif "url(" in value or key == "href":
+                value = _REFERENCE.sub(rf"#{name}-\1", value)
+            elif key == "id":
+                value = f"{name}-{value}" if value in used else ""
+            else:
+                value = re.sub(r"font-family:[^;]*;\s*", "", value)
+            if value or key != "id":
+                element.set(key, value)
     box = root.get("viewBox", "")
     root.attrib.clear()
     root.attrib.update({"viewBox": box, "role": "img", "aria-label": label})
     root.set("stroke-linejoin", "round")
     return Markup(ElementTree.tostring(root, encoding="unicode"))
-
-
-def _plain(key: str, value: str, name: str) -> str:
-    """Return an attribute's value: coordinates in hundredths, references renamed, no font."""
-    if key in _DRAWN:
-        value = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):z.2f}", value)
-        return re.sub(r"\s+", " ", value).strip()
-    if "url(" in value or key == "href":
-        return _REFERENCE.sub(rf"#{name}-\1", value)
-    return re.sub(r"font-family:[^;]*;\s*", "", value)
 
 
 # -- learning curves as data for the script of the page --------------------------------------------
@@ -330,21 +331,22 @@ def curve_data(
     most = max(2, MOST_SEED_VALUES // (seeds * len(comparison.arms)))
     kept_of_seeds = places(len(steps), min(most, MOST_CHECKPOINTS))
 
-    def row(values: FloatArray) -> list[int | None]:
-        known = ~np.isnan(values)
-        numbers: list[int | None] = [None] * len(values)
+    def row(values: FloatArray) -> Any:
+        """Return the first number, then the difference of each from the number before."""
+        known, differences = ~np.isnan(values), np.full(len(values), None)
         whole = np.round(values[known] * 10**digits).astype(np.int64)
-        for place, difference in zip(np.flatnonzero(known), _differences(whole), strict=True):
-            numbers[place] = difference
-        return numbers
+        differences[known] = np.diff(whole, prepend=0).tolist()
+        return differences.tolist()
 
     def band(name: str, panel: str) -> dict[str, Any]:
         curve, begin = shown_curve(comparison, name, strong=panel == "strong")
         inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
         mean = mean_interval(curve.filled()[:, inside - begin], confidence=comparison.confidence)
-        rows = {"mean": mean.estimate, "low": mean.low, "high": mean.high}
-        first = int(np.searchsorted(kept, begin))
-        return {"first": first} | {key: row(np.asarray(values)) for key, values in rows.items()}
+        return {
+            "first": int(np.searchsorted(kept, begin)),
+            **{end: row(np.asarray(getattr(mean, end))) for end in ("low", "high")},
+            "mean": row(np.asarray(mean.estimate)),
+        }
 
     return {
         "digits": digits,
@@ -356,8 +358,8 @@ def curve_data(
             name: {"x": list(axes.get_xlim()), "y": list(axes.get_ylim())}
             for name, axes in panels.items()
         },
-        "steps": _differences(steps[kept]),
-        "seed_steps": _differences(steps[kept_of_seeds]),
+        "steps": np.diff(steps[kept], prepend=0).tolist(),
+        "seed_steps": np.diff(steps[kept_of_seeds], prepend=0).tolist(),
         "arms": [
             {
                 "name": name,
@@ -371,9 +373,3 @@ def curve_data(
             for name, style in controls_first(styles)
         ],
     }
-
-
-def _differences(numbers: IntArray) -> list[int]:
-    """Return the first number, then the difference of each from the number before."""
-    differences: list[int] = np.diff(numbers, prepend=0).tolist()
-    return differences

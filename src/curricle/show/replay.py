@@ -5,7 +5,7 @@ The page holds three drawn moments of each; its script draws the others from :me
 
 import base64
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -27,7 +27,7 @@ from curricle.show.style import (
     rounded,
     shades_of,
 )
-from curricle.show.views import GridView
+from curricle.show.views import GridView, stacked
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord
 from curricle.tasks.grid_layout import LETTERS
 from curricle.text import counted
@@ -56,14 +56,14 @@ def squares(cells: Iterable[tuple[int, int]]) -> str:
 def grid_drawing(view: GridView) -> dict[str, Any]:
     """Return the unchanging parts of a grid, in columns and rows from its top-left cell."""
     (top, left), (rows, columns) = view.origin, view.shape
-    across = "".join(f"M0 {y}h{columns}" for y in range(rows + 1))
-    down = "".join(f"M{x} 0v{rows}" for x in range(columns + 1))
+    lines = [f"M0 {y}h{columns}" for y in range(rows + 1)]
+    lines += [f"M{x} 0v{rows}" for x in range(columns + 1)]
     numbered = zip(shifted(view, view.cells), view.states.tolist(), strict=True)
     return {
         "columns": columns,
         "rows": rows,
         # Paths: the lines between cells, cells in which no state lies, and terminal states.
-        "lines": across + down,
+        "lines": "".join(lines),
         "walls": squares(shifted(view, view.walls)),
         "ended": squares(shifted(view, view.cells[view.ended])),
         # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
@@ -72,7 +72,7 @@ def grid_drawing(view: GridView) -> dict[str, Any]:
             for name, row, column, ends in view.objects
         ],
         # Fixed components of the state, the number of each state of a strip, and what moves.
-        "letters": [(x, c - left, r - top) for (r, c), x in view.stacked_letters.items()],
+        "letters": [(x, c - left, r - top) for (r, c), x in stacked(view.letters).items()],
         "labels": [] if view.is_map else [(x, y, str(n)) for (x, y), n in numbered],
         "markers": [(marker.letter, COLOURS[marker.colour]) for marker in view.markers],
     }
@@ -170,11 +170,6 @@ class Replay:
         return grid_drawing(self.view)
 
     @property
-    def arrows(self) -> bool:
-        """Whether choices are drawn as arrows."""
-        return self.view.directions is not None
-
-    @property
     def palette(self) -> str:
         """The colour map: diverging where values have both signs."""
         return DIVERGING if self.low < 0 < self.high else SEQUENTIAL
@@ -192,6 +187,7 @@ class Replay:
         marks = [
             (*cell, self.marks[k]) for cell, k in zip(self.cells, self.choices[place], strict=True)
         ]
+        arrows = self.view.directions is not None
         numbers, middle = list[tuple[int, int, str]](), 0.5
         if self.digits is not None:
             values = self.low + (self.high - self.low) * self.levels[place] / (LEVELS - 1)
@@ -209,15 +205,16 @@ class Replay:
                 if (shade == number).any()
             ],
             # Choices are arrows or texts; texts and values of cells: column, row, text.
-            "choice": "".join(paths) if self.arrows else "",
-            "texts": [] if self.arrows else marks,
+            "choice": "".join(paths) if arrows else "",
+            "texts": [] if arrows else marks,
             "numbers": numbers,
         }
 
     def data(self) -> dict[str, Any]:
         """Return all moments for the script of the page."""
-        names = ("marks", "arrows", "low", "high", "digits", "palette")
+        names = ("marks", "low", "high", "digits", "palette")
         return {name: getattr(self, name) for name in names} | {
+            "arrows": self.view.directions is not None,
             "steps": self.steps.tolist(),
             "cells": [number for cell in self.cells for number in cell],
             "levels": base64.b64encode(self.levels.astype("<u2").tobytes()).decode(),
@@ -261,22 +258,17 @@ def replays(
             alike.setdefault(same, (kept, []))[1].append(arm)
         for kept, owners in alike.values():
             pair = analysis.episodes.get(owners[0], {}).get(name)
-            made.append(_replay(f"r{len(made)}", name, owners, view, kept, pair, most))
+            # The first and the last moment are among those that are shown.
+            moments = places(len(kept.steps), most)
+            thinned = replace(kept, steps=kept.steps[moments], values=kept.values[moments])
+            made.append(_replay(f"r{len(made)}", name, owners, view, thinned, pair))
     return tuple(made), tuple(left_out)
 
 
 def _replay(
-    key: str,
-    task: str,
-    arms: list[str],
-    view: GridView,
-    snapshots: Snapshots,
-    pair: EpisodePair | None,
-    most: int,
+    key: str, task: str, arms: list[str], view: GridView, kept: Snapshots, pair: EpisodePair | None
 ) -> Replay:
-    """Return the replay of `most` moments, the first and the last among them."""
-    moments = places(len(snapshots.steps), most)
-    values = snapshots.values[moments][:, view.states[~view.ended]]
+    values = kept.values[:, view.states[~view.ended]]
     best = values.max(axis=-1)
     low, high = (float(best.min()), float(best.max())) if best.size else (0.0, 0.0)
     if low < 0 < high:
@@ -297,8 +289,8 @@ def _replay(
         task,
         tuple(arms),
         view,
-        seed=snapshots.seed,
-        steps=snapshots.steps[moments],
+        seed=kept.seed,
+        steps=kept.steps,
         cells=tuple(shifted(view, view.cells[~view.ended])),
         levels=(np.clip(share, 0, 1) * (LEVELS - 1)).round().astype(np.uint16),
         choices=choices.reshape(best.shape),

@@ -13,15 +13,13 @@ from time import monotonic, sleep
 from typing import Any, Self
 
 from curricle.checks import listed
-from curricle.comparison.plan import seed_ranges
 from curricle.errors import StudyError, in_words
 from curricle.files import Place, RemotePath, place_at
-from curricle.show.page import ShownStudy, page_of, render, write_page
+from curricle.show.page import page_of, render, write_page
 from curricle.statistics.curves import SCRATCH
-from curricle.study.record import Analysis, SectionRecord, StudyRecord
+from curricle.study.record import StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
-from curricle.study.tuning import effects_of, read_tuning
 from curricle.text import counted
 
 BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
@@ -48,44 +46,12 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     """
     study = StudyResults(folder)
     path = default_page(study.store.path) if out is None else Path(out)
-    return write_page(stored_page(study), path)
+    return write_page(page_of(study), path)
 
 
 def default_page(place: Place) -> Path:
     """Return where the report of a folder is written by default."""
     return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
-
-
-def stored_page(study: StudyResults, banner: str = "") -> str:
-    """Return the page of a stored study; StoreError when there is nothing to compare yet."""
-    comparison = study.comparison
-    learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
-    places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
-    record, tuning, analysis = study.record.only(learnt), read_tuning(study.store), study.analysis
-    if analysis is None:
-        why = (
-            "The forecast and certificates are left out, because the run has not ended: "
-            "curricle run --resume makes them."
-        )
-        groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
-        empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
-        analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
-    shown = ShownStudy(
-        name=study.record.name,
-        comparison=comparison,
-        curricula=record,
-        learnt=learnt,
-        analysis=analysis,
-        reasons={place: list(study.ended_by(*place).values()) for place in places},
-        effects=effects_of(comparison, record, tuning),
-        tuning=tuning,
-    )
-    environment = dict[str, str]()
-    for last in study.runs[-1:]:
-        environment = {"file": last.file, "started": last.started}
-        environment |= {"seeds": seed_ranges(study.seeds), "commit": last.commit or "none"}
-        environment |= {"Python": last.python, "machine": last.machine, **last.versions}
-    return page_of(shown, environment, banner)
 
 
 # -- while units are stored ------------------------------------------------------------------------
@@ -193,9 +159,9 @@ class InterimReport:
             return
         arms = arms_so_far(study)
         if over and stored_units == units and arms:
-            page = stored_page(study)
+            page = page_of(study)
         elif arms:
-            page = stored_page(_only(study, {*arms, *study.failed}), self._place)
+            page = page_of(_only(study, {*arms, *study.failed}), self._place)
         else:
             page = render("waiting.html", name=study.record.name, banner=self._place)
         if over:

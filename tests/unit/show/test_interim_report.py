@@ -11,7 +11,8 @@ import pytest
 
 from curricle.errors import StoreError, StudyError
 from curricle.show import report as module
-from curricle.show.report import InterimReport, arms_so_far, stored_page
+from curricle.show.page import page_of
+from curricle.show.report import InterimReport, arms_so_far
 from curricle.study import run_study
 from curricle.study.results import StudyResults
 from curricle.study.store import in_use, locked
@@ -77,7 +78,7 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     assert re.search(r">\s*chain\s*<.*reload|reload.*>\s*chain\s*<", live.page, re.DOTALL)
     live.store_all()
     report.refresh(last=True)
-    assert live.page == stored_page(StudyResults(live.finished))
+    assert live.page == page_of(StudyResults(live.finished))
     assert "reload" not in live.page
     assert (live.said, live.opened) == ([], [live.path])
 
@@ -223,7 +224,7 @@ def test_a_run_that_has_not_begun_is_waited_for_and_watching_a_finished_study_en
     assert not report.over
     live.store_all()
     live.report(elsewhere=True).watch()
-    assert live.page == stored_page(StudyResults(live.finished))
+    assert live.page == page_of(StudyResults(live.finished))
 
 
 def test_where_locks_cannot_be_read_only_the_end_is_known(live, monkeypatch):
