@@ -13,7 +13,7 @@ from PIL import Image
 
 import curricle as cr
 from curricle.display import Line, block, curves, table
-from curricle.text import GAP, or_dash, text_table
+from curricle.text import GAP, text_table
 
 EVIL = "<b>&\"'"
 LONGEST, LARGEST = 1_000, 60_000
@@ -191,8 +191,3 @@ def test_columns_never_touch(rows):
         assert before.endswith(row[1])
         ends.append((len(line), len(before)))
     assert len(set(ends)) == 1  # numbers are aligned to the right
-
-
-@pytest.mark.parametrize(("value", "text"), [(float("nan"), "-"), (0.0, "0"), (-1.5, "-1.5")])
-def test_a_dash_stands_for_no_number(value, text):
-    assert or_dash(value) == text

@@ -75,9 +75,8 @@ class InterimReport:
         self._line, self._say, self._opened, self._elsewhere = line, say, opened, elsewhere
         self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
         self._place = token_hex(16)  # of the banner in the page
-        self._page, self._was_running = "", False
+        self._page, self._was_running, self._said = "", False, set[str]()
         self._seen: Any = None
-        self._said = set[str]()
         self._stopped, self._writing = Event(), Lock()
         self._thread: Thread | None = None
 
@@ -145,14 +144,12 @@ class InterimReport:
         study = StudyResults(self.folder)
         per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
         seeds, keys, kept = study.record.seeds, set(study.record.keys.values()), study.stored
-        units = len(keys) * len({seed // per_unit for seed in seeds})
         # A unit is stored when all its seeds are.
-        missing = {
-            (k, seed // per_unit) for k in keys for seed in seeds if seed not in kept.get(k, {})
-        }
+        missing = {(k, s // per_unit) for k in keys for s in seeds if s not in kept.get(k, {})}
+        units = len(keys) * len({seed // per_unit for seed in seeds})
         stored_units = units - len(missing)
         running = in_use(self.folder) if self._elsewhere else True
-        over = last or (self._elsewhere and self._ended(study, stored_units == units, running))
+        over = last or (self._elsewhere and self._ended(study, not missing, running))
         stored = {key: len(done) for key, done in kept.items()}
         seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
         if seen == self._seen and not over:
