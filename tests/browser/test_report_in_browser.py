@@ -3,7 +3,7 @@
 import pytest
 from markupsafe import Markup
 
-from curricle.show.page import render
+from curricle.show.report import render
 
 from .conftest import ODD
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from curricle.cli import progress_bars
 from curricle.cli.app import app
-from curricle.show.page import page_of
+from curricle.show.report import page_of
 from curricle.study import StudyResults
 
 pytestmark = pytest.mark.usefixtures("quick_disk")

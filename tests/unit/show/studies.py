@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import curricle as cr
 from curricle.learning.stopping import ended_by
-from curricle.show import page as module
+from curricle.show import report as module
 from curricle.study.analysis import analysed, curricula_record
 from tests.tasks import predator_edges
 

@@ -11,8 +11,7 @@ import pytest
 
 from curricle.errors import StoreError, StudyError
 from curricle.show import report as module
-from curricle.show.page import page_of
-from curricle.show.report import InterimReport, arms_so_far
+from curricle.show.report import InterimReport, arms_so_far, page_of
 from curricle.study import run_study
 from curricle.study.results import StudyResults
 from curricle.study.store import in_use, locked

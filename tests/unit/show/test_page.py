@@ -15,8 +15,8 @@ from curricle.comparison.comparison import Arm
 from curricle.errors import SettingError
 from curricle.show.findings import forecast_sections
 from curricle.show.graph import CARD, graphs
-from curricle.show.page import SEEN, curve_data
 from curricle.show.plots import draw_learning_curves
+from curricle.show.report import SEEN, curve_data
 from curricle.show.style import arm_styles
 from curricle.statistics.curves import Curve
 from curricle.study import analysis as analysis_module
