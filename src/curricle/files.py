@@ -146,8 +146,7 @@ class RemotePath:
         from pyarrow.fs import FileSelector  # a local folder does not need it
 
         selector = FileSelector(key, allow_not_found=True, recursive=recursive)
-        infos: list[FileInfo] = self._retried(lambda: self.system.get_file_info(selector))
-        return infos
+        return list(self._retried(lambda: self.system.get_file_info(selector)))
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Delete the file."""
@@ -257,10 +256,8 @@ def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
             yield file_and_size
         return
 
-    def without_waiting(path: str, flags: int) -> int:  # for a pipe in the file's place
-        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-    with open(path, "rb", opener=without_waiting) as file:
+    at_once = getattr(os, "O_NONBLOCK", 0)  # a pipe in the file's place is not waited for
+    with open(path, "rb", opener=lambda path, flags: os.open(path, flags | at_once)) as file:
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
             raise OSError(errno.EINVAL, "it is no regular file", str(path))
@@ -388,8 +385,7 @@ class ArrayArchive:
     @property
     def names(self) -> list[str]:
         """The names of its arrays."""
-        files = (file for file in self.members if file.endswith(".npy"))
-        return [file.removesuffix(".npy") for file in files]
+        return [file.removesuffix(".npy") for file in self.members if file.endswith(".npy")]
 
     def read(
         self, *names: str, compressed: Collection[str] = (), most: int | None = None
@@ -489,13 +485,13 @@ def write_saved(
     return file
 
 
-def write_in_folder(file: Path, content: bytes, what: str) -> None:
-    """Write a whole file and make its folders; StoreError names `what` could not be written."""
+def write_in_folder(file: Path, content: bytes, noun: str) -> None:
+    """Write a whole file and make its folders; StoreError says that the `noun` was not written."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, content)
     except OSError as error:
-        raise StoreError(f"{what} cannot be written to {file}: {reason(error)}") from None
+        raise StoreError(f"{noun} cannot be written to {file}: {reason(error)}") from None
 
 
 def read_saved(path: str | Path, kind: str) -> SavedFile:

@@ -153,7 +153,7 @@ def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
     for transfer in arm.transfers:
         pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
     taken, around = list[tuple[float, float]](), 0
-    for (source, target), words in pairs.items():
+    for (source, target), labels in pairs.items():
         above, below = cards[source], cards[target]
         bottom, top = above["top"] + above["height"], below["top"]
         passed = [card["left"] + CARD for card in cards.values() if bottom < card["top"] < top]
@@ -169,4 +169,4 @@ def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
         taken.append(_free(curve, taken))
         path = f"M{x0:g} {bottom:g}C{x1:g} {middle:g} {x2:g} {middle:g} {x3:g} {y3:g}"
         names = {"source": source, "target": target}
-        yield {**names, "path": path, "place": taken[-1], "words": words}
+        yield {**names, "path": path, "place": taken[-1], "words": labels}

@@ -48,7 +48,7 @@ from curricle.show.findings import (
     table,
     too_few,
 )
-from curricle.show.graph import Reasons, graphs
+from curricle.show.graph import graphs
 from curricle.show.plots import (
     controls_first,
     draw_learning_curves,
@@ -206,6 +206,9 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         for arm, record in curricula.arms.items()
         for task, node in record.nodes.items()
     ]
+    counts = Counter(reason for why in reasons.values() for reason in why)
+    tasks = {r: dict.fromkeys(t for (_, t), why in reasons.items() if r in why) for r in counts}
+    ends = [(r, f"{n:,} of {counts.total():,}", listed(tasks[r])) for r, n in counts.most_common()]
     ended = [
         (*place, Markup("<br>").join(_visible(f"{n}: {e}") for e, n in Counter(why).most_common()))
         for place, why in reasons.items()
@@ -253,7 +256,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         settings=_shared(settings),
         facts=facts,
         reasons=[(task, listed(arms), ended) for arms, task, ended in _shared(ended)],
-        ends=ends(reasons),
+        ends=ends,
         banner=banner,
         scripts=scripts,
         data={
@@ -275,17 +278,6 @@ def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[
             drawn[kind][size] = inline_svg(figure, f"{kind}-{size}", label)
             panels[kind] = figure.axes[0]
     return drawn, panels
-
-
-def ends(reasons: Reasons) -> list[tuple[str, int, int, tuple[str, ...]]]:
-    """Return why trainings ended: a reason, its number, that of all trainings, and the tasks."""
-    counts: Counter[str] = Counter()
-    tasks: dict[str, dict[str, None]] = {}
-    for (_, task), words in reasons.items():
-        counts.update(words)
-        for reason in words:
-            tasks.setdefault(reason, {})[task] = None
-    return [(why, n, counts.total(), tuple(tasks[why])) for why, n in counts.most_common()]
 
 
 def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, Any]]:
@@ -387,10 +379,7 @@ def curve_data(
         "threshold_words": minus(f"{comparison.threshold:.4g}"),
         "random": random_level(comparison),  # the return while sources are trained
         "symlog": symlog,
-        "panels": {
-            name: {"x": list(axes.get_xlim()), "y": list(axes.get_ylim())}
-            for name, axes in panels.items()
-        },
+        "panels": {k: {"x": [*a.get_xlim()], "y": [*a.get_ylim()]} for k, a in panels.items()},
         "steps": np.diff(steps[kept], prepend=0).tolist(),
         "seed_steps": np.diff(steps[kept_of_seeds], prepend=0).tolist(),
         "arms": [
