@@ -260,12 +260,10 @@ def meanings(comparison: Comparison) -> list[tuple[str, str]]:
     """Return the name of each column, and what it means."""
     why = f" ({comparison.threshold_from})" * bool(comparison.threshold_from)
     terms = {"threshold": rounded(comparison.threshold) + why, "window": comparison.window}
+    weak = {key: " (weak)" * (column.transfer == WEAK) for key, column in COLUMNS.items()}
     return [
-        (
-            column.head.replace("&shy;", "") + " (weak)" * (column.transfer == WEAK),
-            column.meaning.format(**terms),
-        )
-        for column in COLUMNS.values()
+        (column.head.replace("&shy;", "") + weak[key], column.meaning.format(**terms))
+        for key, column in COLUMNS.items()
     ]
 
 
@@ -282,7 +280,7 @@ def forecast_sections(
             continue
         names = [] if record.forecast is None else [row.name for row in record.forecast.rows]
         used: dict[str, list[str]] = {}  # a row of the forecast -> the arms with that potential
-        measured: dict[str, float | None] = {}  # arm -> mean return at the first target step
+        measured: dict[str, str] = {}  # arm -> mean return at the first target step
         sources = {
             arm: [(name, node.key, node.settings) for name, node in graph.nodes.items()][:-1]
             for arm, graph in curricula.arms.items()
@@ -294,24 +292,15 @@ def forecast_sections(
                 used.setdefault(curricula.arms[arm].potential, []).append(arm)
             *_, target = learnt[arm].values()
             guarded = np.isfinite(target.guard_share[:, 0]).any()  # it begins without phi
-            measured[arm] = None if guarded else float(target.greedy_return[:, 0].mean())
-        starts = {
-            name: ["guarded" if (m := measured[arm]) is None else rounded(m) for arm in arms]
-            for name, arms in used.items()
-        }
-        sections.append(
-            {
-                "record": record,
-                "used": used,
-                "measured": measured,
-                "starts": {
-                    name: ", ".join(dict.fromkeys(texts) if {*texts} == {"guarded"} else texts)
-                    for name, texts in starts.items()
-                },
-                "same_sources": same,
-                "other_sources": [arm for arm in record.arms if arm not in same],
-            }
-        )
+            start = target.greedy_return[:, 0].mean()
+            measured[arm] = "guarded" if guarded else rounded(float(start))
+        starts = {name: [measured[arm] for arm in arms] for name, arms in used.items()}
+        for name, texts in starts.items():
+            if {*texts} == {"guarded"}:
+                starts[name] = ["guarded"]
+        other = [arm for arm in record.arms if arm not in same]
+        section = {"record": record, "used": used, "starts": starts}
+        sections.append({**section, "same_sources": same, "other_sources": other})
     return sections
 
 
@@ -330,22 +319,15 @@ def effects_sections(
             spent = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
             values = [_value(arm.best.values.get(key)) for key in tuning.space]
             best.append((name, *spent, _value(arm.best.score), *values))
-    return [
-        (
-            kind,
-            [
-                (
-                    *(arm, key, minus(level.text), f"{level.number}"),
-                    Markup("{}<small>[{}, {}]</small>").format(
-                        *(minus(short(mean)) for mean in (level.mean, level.low, level.high))
-                    ),
-                )
-                for arm, key, level in kind.rows
-            ],
-            best if kind.kind != "sweep" else [],
-        )
-        for kind in effects
-    ]
+    sections = list[tuple[Effects, Texts, Texts]]()
+    for kind in effects:
+        rows: Texts = []
+        for name, key, level in kind.rows:
+            mean, low, high = (minus(short(end)) for end in (level.mean, level.low, level.high))
+            with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
+            rows.append((name, key, minus(level.text), f"{level.number}", with_ends))
+        sections.append((kind, rows, best if kind.kind != "sweep" else []))
+    return sections
 
 
 def _value(value: object) -> str:

@@ -109,7 +109,9 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
         scaled = [large * value for value in coordinates]
         if isinstance(drawn, str):
             font = ImageFont.load_default(0.52 * large / max(1, len(drawn) - 0.5))
-            draw.text(scaled, drawn, colour, font, anchor="mm", stroke_width=0.02 * large)
+            draw.text(
+                (scaled[0], scaled[1]), drawn, colour, font, anchor="mm", stroke_width=0.02 * large
+            )
         else:
             drawn(draw, scaled, fill=colour)
     pixels = np.asarray(image.resize((side, side), Image.Resampling.LANCZOS), dtype=np.float32)
@@ -293,7 +295,7 @@ def scene_of(task: Any) -> Scene:
 def scene_of_view(view: GridView) -> GridScene:
     """Return what draws a view; its moments are the cells of markers, (markers,), by rows."""
     letters, columns = _letters_of(view, view.walls), view.shape[1]
-    names, figures, gap = ["@"], [AGENT], ""
+    names, figures, gap = ["@"], list[Figure]([AGENT]), ""
     if len(view.markers) > 1:
         names, gap = [marker.letter for marker in view.markers], " "
         figures = [tile(marker.letter, INKS[marker.colour]) for marker in view.markers]
@@ -321,9 +323,13 @@ def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
         if task.rewards.near_fire:  # cells glow that cost extra
             burning = np.pad(letters == "F", 1)
             beside = np.any([np.roll(burning, way, (0, 1)) for way in MOVES.values()], axis=0)
-            glowing = [*map(tuple, np.argwhere(beside[1:-1, 1:-1] & (letters != "#")).tolist())]
+            glowing = [
+                (y, x) for y, x in np.argwhere(beside[1:-1, 1:-1] & (letters != "#")).tolist()
+            ]
         if task.start != "uniform":
-            starts = [*map(tuple, (task.cells[task.mdp.start_states] - layout.origin).tolist())]
+            starts = [
+                (y, x) for y, x in (task.cells[task.mdp.start_states] - layout.origin).tolist()
+            ]
     figures = [*(tile(number, COATS[2]) for number in markers), AGENT]
 
     def lines(state: int) -> list[str]:
