@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from curricle.arrays import frozen
+from curricle.arrays import IntArray, frozen
 from curricle.display import COLOURS
 from curricle.show.views import GridView, stacked
 from curricle.tasks.domain import MOVES
@@ -109,9 +109,8 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
         scaled = [large * value for value in coordinates]
         if isinstance(drawn, str):
             font = ImageFont.load_default(0.52 * large / max(1, len(drawn) - 0.5))
-            draw.text(
-                (scaled[0], scaled[1]), drawn, colour, font, anchor="mm", stroke_width=0.02 * large
-            )
+            place, width = (scaled[0], scaled[1]), 0.02 * large
+            draw.text(place, drawn, colour, font, anchor="mm", stroke_width=width)
         else:
             drawn(draw, scaled, fill=colour)
     pixels = np.asarray(image.resize((side, side), Image.Resampling.LANCZOS), dtype=np.float32)
@@ -126,6 +125,9 @@ SIDE = 640  # pixels along the longer side of a grid, unless its cells are too l
 LARGEST_CELL, SMALLEST_CELL = 64, 4
 MARGIN = 4
 LINES, GLOW = "#dedace", "#fadcc9"
+NOWHERE = np.empty((0, 2), np.int64)
+Marks = tuple[IntArray, IntArray]  # cells that glow, and cells in which episodes start
+NO_MARKS: Marks = (NOWHERE, NOWHERE)
 FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
 """What lies in cells, by its letter; a goal looks like a treasure."""
 
@@ -138,21 +140,20 @@ def tile(letter: str, colour: str) -> Figure:
 class Canvas:
     """A grid seen from above, north on top, on which figures are put; a frame marks its edge."""
 
-    def __init__(
-        self, letters: Letters, *, glowing: Cells = (), starts: Cells = (), framed: bool = True
-    ):
-        """Draw the walls and objects of a map, (rows, columns), and below them other marks."""
+    def __init__(self, letters: Letters, marks: Marks = NO_MARKS, *, framed: bool = True):
+        """Draw the walls and objects of a map, (rows, columns), and marks below them."""
+        glowing, starts = ({*map(tuple, cells.tolist())} for cells in marks)
         # Even, as video formats require.
         self._cell = max(SMALLEST_CELL, min(LARGEST_CELL, SIDE // max(letters.shape)) // 2 * 2)
         height, width = (side * self._cell + 2 * MARGIN for side in letters.shape)
         self._backdrop = np.empty((height, width, 3), np.uint8)
         self._backdrop[:] = ImageColor.getrgb(DARK if framed else FLOOR)
-        bright, side = set(glowing), self._cell
+        side = self._cell
         for cell in np.ndindex(letters.shape):
             top, left = self._corner(cell)
             self._backdrop[top : top + side, left : left + side] = ImageColor.getrgb(LINES)
             inside = slice(top + 1, top + side - 1), slice(left + 1, left + side - 1)
-            self._backdrop[inside] = ImageColor.getrgb(GLOW if cell in bright else FLOOR)
+            self._backdrop[inside] = ImageColor.getrgb(GLOW if cell in glowing else FLOOR)
         for cell in starts:
             _paste(self._backdrop, self._corner(cell), START, side)
         for cell, letter in np.ndenumerate(letters):
@@ -317,26 +318,22 @@ def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
         (top, left), places = layout.origin, [places[state].tolist() for places in moving]
         return [(row - top, column - left) for row, column in places]
 
-    text, glowing, starts = letters, list[tuple[int, int]](), list[tuple[int, int]]()
+    text, glowing, starts = letters, NOWHERE, NOWHERE
     if isinstance(task, GridWorld):
         text = np.array([list(line) for line in task.map])
         if task.rewards.near_fire:  # cells glow that cost extra
             burning = np.pad(letters == "F", 1)
             beside = np.any([np.roll(burning, way, (0, 1)) for way in MOVES.values()], axis=0)
-            glowing = [
-                (y, x) for y, x in np.argwhere(beside[1:-1, 1:-1] & (letters != "#")).tolist()
-            ]
+            glowing = np.argwhere(beside[1:-1, 1:-1] & (letters != "#"))
         if task.start != "uniform":
-            starts = [
-                (y, x) for y, x in (task.cells[task.mdp.start_states] - layout.origin).tolist()
-            ]
+            starts = task.cells[task.mdp.start_states] - layout.origin
     figures = [*(tile(number, COATS[2]) for number in markers), AGENT]
 
     def lines(state: int) -> list[str]:
         return _lines_of(states, state, others) if others else []
 
-    canvas = Canvas(letters, glowing=glowing, starts=starts)
-    return GridScene(text, canvas, letters, cells, [*markers, "@"], figures, lines=lines)
+    canvas, names = Canvas(letters, (glowing, starts)), [*markers, "@"]
+    return GridScene(text, canvas, letters, cells, names, figures, lines=lines)
 
 
 def _letters_of(grid: GridLayout | GridView, walls: Any) -> Letters:
