@@ -1,6 +1,5 @@
 """Small studies for the tests of the report, and a strict reader of its page."""
 
-from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
@@ -13,12 +12,6 @@ from tests.tasks import predator_edges
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $\\frac{a$ </script>"
 """A name with special characters of HTML, of scripts and of Matplotlib's mathematics."""
-
-
-def with_snapshots(result, **kept):
-    """A result with the snapshots of some tasks."""
-    shown = {name: replace(result[name], snapshots=one) for name, one in kept.items()}
-    return replace(result, nodes={**result.nodes, **shown})
 
 
 def shown(results):

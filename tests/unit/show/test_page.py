@@ -65,6 +65,8 @@ def test_names_are_text_wherever_they_stand(pages):
     found = Reader(page)
     for name in ("", " arm", " short", " long", " reason", " key", " value"):
         assert ODD + name in found.words
+    assert f"{ODD} reason 1 of 6 {ODD} short" in found.words
+    assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in found.words
     assert page.count("</script>") == 4
     data = json.loads(re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1])
     assert set(data["replays"]) == set(found.values("data-key"))
@@ -72,12 +74,9 @@ def test_names_are_text_wherever_they_stand(pages):
     assert {arm["name"] for arm in curves["arms"]} == set(found.values("data-arm"))
 
 
-def test_the_page_is_small_and_the_same_every_time(pages, maze):
+def test_a_page_is_small_and_the_same_every_time_and_of_much_below_a_megabyte(pages, maze):
     assert max(len(page.encode()) for page in pages.values()) < 500_000
     assert page_of(maze) == pages["maze"]
-
-
-def test_a_page_of_many_arms_seeds_and_checkpoints_is_below_a_megabyte(maze):
     rng, seeds, checkpoints = np.random.default_rng(0), 100, 2001
     steps = np.arange(checkpoints) * 500
 
@@ -94,12 +93,6 @@ def test_a_page_of_many_arms_seeds_and_checkpoints_is_below_a_megabyte(maze):
     page = study_page("large", large, maze.results)
     films = re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1]
     assert len(page.encode()) - len(films) < 1_000_000
-
-
-def test_reasons_of_all_trainings_are_counted(pages):
-    words = Reader(pages["odd"]).words
-    assert f"{ODD} reason 1 of 6 {ODD} short" in words
-    assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in words
 
 
 def test_every_control_has_a_label(page):
