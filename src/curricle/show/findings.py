@@ -158,21 +158,17 @@ def too_few(comparison: Comparison) -> str:
     )
 
 
-def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
+def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, list[float]]]:
     """Return the places of 0 and of each gain's low, estimate and high on an axis, in percent."""
-    ends: dict[str, tuple[float, float, float]] = {}
-    for finding in answers:
-        low, middle, high = map(float, (finding.gain.low, finding.gain.estimate, finding.gain.high))
-        ends[finding.arm] = (middle if math.isnan(low) else low, middle, max(middle, high))
-    marks = [0.0, *(mark for triple in ends.values() for mark in triple)]
-    least, width = min(marks), (max(marks) - min(marks)) or 1.0
-
-    def percent(mark: float) -> float:
-        return 100 * (mark - least) / width
-
-    return percent(0.0), {
-        arm: (percent(a), percent(b), percent(c)) for arm, (a, b, c) in ends.items()
-    }
+    gains = [finding.gain for finding in answers]
+    low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
+    # One seed has no interval.
+    ends = np.stack([np.where(np.isnan(low), middle, low), middle, np.fmax(middle, high)], axis=1)
+    least = min(0.0, float(ends.min()))
+    width = (max(0.0, float(ends.max())) - least) or 1.0
+    percent = (100 * (ends - least) / width).tolist()
+    arms = [finding.arm for finding in answers]
+    return 100 * (0.0 - least) / width, dict(zip(arms, percent, strict=True))
 
 
 # -- the table of all measures ---------------------------------------------------------------------

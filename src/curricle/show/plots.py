@@ -290,7 +290,7 @@ def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]
 
 
 def random_level(comparison: Comparison) -> float:
-    """Return the return that counts while an arm trains its sources: the first one of scratch."""
+    """Return the return that counts while an arm trains its sources: the first of scratch."""
     return float(comparison.scratch.curve.filled()[:, 0].mean())
 
 

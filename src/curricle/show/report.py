@@ -19,7 +19,7 @@ from itertools import groupby
 from pathlib import Path
 from secrets import token_hex
 from threading import Event, Lock, Thread
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any, Self
 from xml.etree import ElementTree
 
@@ -452,10 +452,7 @@ class InterimReport:
     def watch(self) -> None:
         """Write the page until the run elsewhere is over."""
         try:
-            pause = self.refresh()
-            while not self.over:
-                sleep(pause)
-                pause = self.refresh()
+            self._follow()
         except KeyboardInterrupt:
             self.break_off(NO_LONGER)
             raise
@@ -483,7 +480,7 @@ class InterimReport:
 
     def _follow(self) -> None:
         pause = 0.0
-        while not self._stopped.wait(pause):
+        while not (self.over or self._stopped.wait(pause)):
             pause = self.refresh()
 
     def _read(self, begun: float, last: bool) -> None:

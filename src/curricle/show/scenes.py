@@ -296,10 +296,10 @@ def scene_of(task: Any) -> Scene:
 def scene_of_view(view: GridView) -> GridScene:
     """Return what draws a view; its moments are the cells of markers, (markers,), by rows."""
     letters, columns = _letters_of(view, view.walls), view.shape[1]
-    names, figures, gap = ["@"], list[Figure]([AGENT]), ""
-    if len(view.markers) > 1:
-        names, gap = [marker.letter for marker in view.markers], " "
-        figures = [tile(marker.letter, INKS[marker.colour]) for marker in view.markers]
+    names, gap = [marker.letter for marker in view.markers], " "
+    figures = [tile(marker.letter, INKS[marker.colour]) for marker in view.markers]
+    if len(names) < 2:
+        names, figures, gap = ["@"], [AGENT], ""
 
     def cells(numbers: Any) -> Cells:
         return [divmod(number, columns) for number in numbers.tolist()]
