@@ -37,17 +37,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.errors import SettingError, StoreError, StudyError, in_words
 from curricle.files import Place, RemotePath, place_at, write_whole
-from curricle.show.findings import (
-    COLUMNS,
-    effects_sections,
-    findings,
-    forecast_sections,
-    forest,
-    headline,
-    meanings,
-    table,
-    too_few,
-)
+from curricle.show import findings
 from curricle.show.graph import graphs
 from curricle.show.plots import (
     controls_first,
@@ -96,7 +86,7 @@ def render(template: str, **values: Any) -> str:
         finalize=_visible,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
-    environment.globals.update(shades=shades_of, asset=asset, digest=_digest)
+    environment.globals.update(shades=shades_of, asset=asset, digest=_digest, findings=findings)
     # A sentence's negative numbers with a minus sign in place of the hyphen.
     environment.filters["signs"] = partial(re.sub, r"(?<![\w)\]])-(?=\d)", "−")
     environment.filters.update(evidence=_evidence, numbered_seeds=numbered_seeds)
@@ -195,7 +185,8 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].transfers]
         empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
-    answers, styles = findings(comparison), arm_styles(comparison)
+    styles = arm_styles(comparison)
+    columns, effects = findings.COLUMNS, effects_of(comparison, curricula, tuning)
     films, not_shown = replays(curricula, learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
@@ -231,24 +222,17 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         "study.html",
         name=study.record.name,
         comparison=comparison,
-        headline=headline(comparison),
-        too_few=too_few(comparison),
         failed={arm: in_words(error) for arm, error in comparison.failed.items()},
-        findings=answers,
-        forest=forest(answers),
         styles=styles,
         graphs=graphs(curricula, learnt, reasons),
         with_scratch=SCRATCH in learnt,
         curves=curves,
         curve_data=curve_data(comparison, styles, panels),
         most_seeds=MOST_SEEDS,
-        table=table(comparison),
-        columns=COLUMNS,
-        kinds={kind: [*keys] for kind, keys in groupby(COLUMNS, lambda key: COLUMNS[key].transfer)},
-        meanings=meanings(comparison),
-        settings_sections=effects_sections(effects_of(comparison, curricula, tuning), tuning),
+        kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
+        settings_sections=findings.effects_sections(effects, tuning),
         tuning=tuning,
-        sections=forecast_sections(analysis, curricula, learnt),
+        sections=findings.forecast_sections(analysis, curricula, learnt),
         replays=films,
         menu={film.task: [other for other in films if other.task == film.task] for film in films},
         first=next((film.key for film in [*curricula_first, *films]), ""),
