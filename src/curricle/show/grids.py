@@ -19,14 +19,14 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.planning.target import Target
 from curricle.show.style import (
     COLOURS,
-    DIVERGING,
     MOST_NUMBERS,
-    SEQUENTIAL,
     STYLE,
     TINTS,
     caption,
+    digits_of,
     minus,
     new_figure,
+    value_scale,
 )
 from curricle.show.views import At, GridView, stacked
 from curricle.tasks.grid_layout import LETTERS
@@ -180,10 +180,8 @@ def draw_potential(
     ('V* (return)', 'column\ncells: where predator_1 is; P: prey, 2: predator_2', 'cividis')
     """
     view = GridView.of(task, at)
-    (low, high), palette = limits or shared_limits(task, values, at=at), SEQUENTIAL
-    if difference or low < 0 < high:
-        high = max(abs(low), abs(high)) or 1.0
-        low, palette = -high, DIVERGING
+    low, high = limits or shared_limits(task, values, at=at)
+    low, high, palette = value_scale(low, high, difference=difference)
     if low == high:
         low, high = low - 1, high + 1
     (top, left), (height, width) = view.origin, view.shape
@@ -191,7 +189,7 @@ def draw_potential(
     grid[tuple((view.cells - view.origin)[~view.ended].T)] = shown[~view.ended]
     extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
     image = axes.imshow(grid, extent=extent, cmap=palette, vmin=low, vmax=high)
-    digits = 0 if max(abs(low), abs(high)) >= 100 else 1
+    digits = digits_of(low, high)
     for (row, column), value, over in zip(view.cells, shown, view.ended, strict=True):
         if over:
             axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))

@@ -244,7 +244,7 @@ def draw_learning_curves(
     """Return figures of the arms' curves in one scale: weak, then strong transfer; no legend."""
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
     both = weak.axes + strong.axes
-    _draw_arms({both[0]: False, both[1]: True}, comparison, most)
+    _draw_arms(dict(zip(both, (False, True), strict=True)), comparison, most)
     for axes in both:
         axes.grid(axis="y", color="#e4e4e4", lw=0.6)
         axes.set_axisbelow(True)

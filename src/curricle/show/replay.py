@@ -18,14 +18,14 @@ from curricle.show.graph import Learnt
 from curricle.show.plots import places
 from curricle.show.style import (
     COLOURS,
-    DIVERGING,
     MOST_NUMBERS,
-    SEQUENTIAL,
     SHADES,
     TINTS,
+    digits_of,
     minus,
     rounded,
     shades_of,
+    value_scale,
 )
 from curricle.show.views import GridView, stacked
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord
@@ -162,24 +162,14 @@ class Replay:
     marks: tuple[str, ...]  # how choices are drawn
     low: float  # return
     high: float
+    palette: str  # the colour map of values
+    digits: int | None  # decimals of the numbers in cells; None where there are too many cells
     episodes: Mapping[str, Any]  # "before" and "after"; empty where they are not shown
 
     @cached_property
     def grid(self) -> dict[str, Any]:
         """The unchanging parts of the drawing."""
         return grid_drawing(self.view)
-
-    @property
-    def palette(self) -> str:
-        """The colour map: diverging where values have both signs."""
-        return DIVERGING if self.low < 0 < self.high else SEQUENTIAL
-
-    @property
-    def digits(self) -> int | None:
-        """Decimals of the numbers written into cells; None where there are too many cells."""
-        if len(self.cells) > MOST_NUMBERS:
-            return None
-        return 0 if max(abs(self.low), abs(self.high)) >= 100 else 1
 
     def moment(self, place: int) -> dict[str, Any]:
         """Return the moment at a place, ready to be drawn."""
@@ -271,10 +261,7 @@ def _replay(
     values = kept.values[:, view.states[~view.ended]]
     best = values.max(axis=-1)
     low, high = (float(best.min()), float(best.max())) if best.size else (0.0, 0.0)
-    if low < 0 < high:
-        # Zero is the middle of the colours.
-        high = max(-low, high)
-        low = -high
+    low, high, palette = value_scale(low, high)
     share = (best.astype(np.float64) - low) / ((high - low) or 1.0)
     chosen = greedy_choices(view, values)
     kinds, choices = np.unique(chosen.reshape(-1, chosen.shape[-1]), axis=0, return_inverse=True)
@@ -297,5 +284,7 @@ def _replay(
         marks=tuple(mark_of(view, kind) for kind in kinds),
         low=low,
         high=high,
+        palette=palette,
+        digits=digits_of(low, high) if best.shape[1] <= MOST_NUMBERS else None,
         episodes={n: shown_episode(e, columns) for n, e in episodes.items() if all(inside)},
     )

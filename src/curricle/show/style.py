@@ -43,6 +43,19 @@ SHADES = 64  # colours of a map on a page
 SCREEN = 72  # pixels of an inch in a notebook
 
 
+def value_scale(low: float, high: float, *, difference: bool = False) -> tuple[float, float, str]:
+    """Return the ends of the colours of values, and the map; 0 is the middle of both signs."""
+    if difference or low < 0 < high:
+        high = max(abs(low), abs(high)) or 1.0
+        return -high, high, DIVERGING
+    return low, high, SEQUENTIAL
+
+
+def digits_of(low: float, high: float) -> int:
+    """Return the decimals of values that are written into cells."""
+    return 0 if max(abs(low), abs(high)) >= 100 else 1
+
+
 def shades_of(palette: str) -> list[str]:
     """Return a colour map as `SHADES` colours, ``#rrggbb``, from low to high."""
     return [to_hex(colour) for colour in matplotlib.colormaps[palette](np.linspace(0, 1, SHADES))]
