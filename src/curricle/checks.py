@@ -82,11 +82,11 @@ def listed(names: Iterable[str]) -> str:
     return ("; " if any("," in name for name in names) else ", ").join(names)
 
 
-def fit_name(what: str, value: Any, error: type[CurricleError]) -> None:
+def fit_name(noun: str, value: Any, error: type[CurricleError]) -> None:
     """Raise `error` unless `value` can be the name of a study, an arm or a task."""
     why = unfit_name(value) if isinstance(value, str) else f"must be text: got {value!r}"
     if why:
-        raise error(f"the name of {what} {why}")
+        raise error(f"the name of {noun} {why}")
 
 
 def unfit_name(text: str) -> str:

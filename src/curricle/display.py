@@ -5,7 +5,7 @@ not escaped again. The HTML loads nothing from outside the notebook.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")  # of c
 MOST_POINTS, MOST_ROWS = 60, 30  # points of a line and rows of a table that are shown, at most
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 190, 58, 8, 10, 30
 """Of the picture of curves, and the margins around them."""
+DIV, DASHES = Markup("<div>{}</div>"), Markup(' stroke-dasharray="4 3"')
 STYLE = Markup(
     "<style>.curricle{font-size:13px;line-height:1.45}"
     ".curricle>*{margin:.4em 0}.curricle>div:not(.wide):not(.row){max-width:62em}"
@@ -64,7 +65,7 @@ class Line:
 
 def block(title: str, *parts: Any) -> str:
     """Return the HTML of a result: its title, and its parts that are not empty, texts escaped."""
-    shown = [part if isinstance(part, Markup) else _paragraph(part) for part in parts if part]
+    shown = [part if isinstance(part, Markup) else DIV.format(part) for part in parts if part]
     head = Markup("<div><strong>{}</strong></div>").format(title)
     return str(STYLE + _element('<div class="curricle">{}</div>', [head, *shown]))
 
@@ -72,10 +73,6 @@ def block(title: str, *parts: Any) -> str:
 def _element(form: str, parts: Iterable[Markup]) -> Markup:
     """Return an element with parts in it."""
     return Markup(form).format(Markup("").join(parts))
-
-
-def _paragraph(text: Any) -> Markup:
-    return Markup("<div>{}</div>").format(text)
 
 
 def beside(parts: Mapping[str, Markup]) -> Markup:
@@ -103,17 +100,13 @@ def table(
         classes.append(' class="w"' if name in wide else ' class="n"' if numeric else "")
 
     def line(tag: str, values: Sequence[Any]) -> Markup:
-        return _element(
-            "<tr>{}</tr>",
-            [
-                Markup(f"<{tag}{kind}>{{}}</{tag}>").format(_cell(value))
-                for kind, value in zip(classes, values, strict=True)
-            ],
-        )
+        forms = [Markup(f"<{tag}{kind}>{{}}</{tag}>") for kind in classes]
+        cells = [form.format(_cell(value)) for form, value in zip(forms, values, strict=True)]
+        return _element("<tr>{}</tr>", cells)
 
     body = Markup("").join([line("td", row) for row in shown])
     form = Markup('<div class="wide"><table><thead>{}</thead><tbody>{}</tbody></table></div>')
-    more = _paragraph(f"and {left:,} more") if left > 0 else Markup()
+    more = DIV.format(f"and {left:,} more") if left > 0 else Markup()
     return form.format(line("th", head), body) + more
 
 
@@ -149,7 +142,6 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
         inside = np.clip(values, low, high)
         return TOP + (high - inside) / (high - low) * (HEIGHT - TOP - BOTTOM)
 
-    axes = Markup('<path d="M{0} {1}V{2}H{3}" fill="none" stroke="currentColor" opacity=".5"/>')
     text = Markup('<text x="{:.0f}" y="{:.0f}" text-anchor="{}">{}</text>')
     texts = [
         *[(LEFT - 5, float(y(v)) + 4, "end", _cell(v)) for v in (low, high)],
@@ -157,20 +149,22 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
         (WIDTH - RIGHT, HEIGHT - BOTTOM + 14, "end", _cell(last)),
         ((LEFT + WIDTH) / 2, HEIGHT - 4, "middle", across),
     ]
-    up_text = Markup(
-        '<text transform="translate(11 {:.0f}) rotate(-90)" text-anchor="middle">{}</text>'
-    )
-    parts = [
-        axes.format(LEFT, TOP, HEIGHT - BOTTOM, WIDTH - RIGHT),
-        *[_drawn(line, x, y) for line in lines],
-        *[text.format(*where) for where in texts],
-        up_text.format((HEIGHT - BOTTOM + TOP) / 2, up),
-    ]
     picture = Markup(
         '<svg viewBox="0 0 {} {}" role="img" aria-label="{}" font-size="11" fill="currentColor">'
-        "{}</svg>"
-    ).format(WIDTH, HEIGHT, f"{up} over {across}", Markup("").join(parts))
-    return picture + (_key(lines) if len(lines) > 1 else Markup())
+        '<path d="M{} {}V{}H{}" fill="none" stroke="currentColor" opacity=".5"/>{}'
+        '<text transform="translate(11 {:.0f}) rotate(-90)" text-anchor="middle">{}</text></svg>'
+    ).format(
+        *(WIDTH, HEIGHT, f"{up} over {across}"),
+        *(LEFT, TOP, HEIGHT - BOTTOM, WIDTH - RIGHT),
+        Markup("").join([_drawn(line, x, y) for line in lines] + [text.format(*t) for t in texts]),
+        *((HEIGHT - BOTTOM + TOP) / 2, up),
+    )
+    key = Markup(
+        '<span><svg viewBox="0 0 22 8" style="display:inline-block;width:22px;height:8px">'
+        '<path d="M0 4H22" stroke="{}" stroke-width="2"{}/></svg> {}</span> '
+    )
+    keys = [key.format(line.colour, DASHES * line.dashed, line.name) for line in lines]
+    return picture + (_element('<div class="key">{}</div>', keys) if len(keys) > 1 else Markup())
 
 
 def _thinned(line: Line) -> Line:
@@ -178,12 +172,11 @@ def _thinned(line: Line) -> Line:
     known = np.flatnonzero(np.isfinite(line.values))
     if len(known) > MOST_POINTS:
         known = known[np.linspace(0, len(known) - 1, MOST_POINTS).round().astype(int)]
-    values = line.values[known]
-    low, high = (
-        np.where(np.isfinite(edge[known]), edge[known], values) for edge in (line.low, line.high)
+    steps, values, *edges = (
+        np.asarray(row)[known] for row in (line.steps, line.values, line.low, line.high)
     )
-    steps = np.asarray(line.steps)[known]
-    return Line(line.name, steps, values, low, high, line.colour, line.dashed)
+    low, high = (np.where(np.isfinite(edge), edge, values) for edge in edges)
+    return replace(line, steps=steps, values=values, low=low, high=high)
 
 
 def _drawn(line: Line, x: Any, y: Any) -> Markup:
@@ -197,19 +190,6 @@ def _drawn(line: Line, x: Any, y: Any) -> Markup:
     if np.any(line.high > line.low):
         edge = f"{points(line.high, across)} {points(line.low[::-1], across[::-1])}"
         band = Markup('<polygon points="{}" fill="{}" opacity=".16"/>').format(edge, line.colour)
-    dashes = Markup(' stroke-dasharray="4 3"' if line.dashed else "")
     return band + Markup(
         '<polyline points="{}" fill="none" stroke="{}" stroke-width="1.5"{}/>'
-    ).format(points(line.values, across), line.colour, dashes)
-
-
-def _key(lines: Sequence[Line]) -> Markup:
-    form = Markup(
-        '<span><svg viewBox="0 0 22 8" style="display:inline-block;width:22px;height:8px">'
-        '<path d="M0 4H22" stroke="{}" stroke-width="2"{}/></svg> {}</span> '
-    )
-    dashes = Markup(' stroke-dasharray="4 3"')
-    return _element(
-        '<div class="key">{}</div>',
-        [form.format(line.colour, line.dashed * dashes, line.name) for line in lines],
-    )
+    ).format(points(line.values, across), line.colour, DASHES * line.dashed)

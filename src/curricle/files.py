@@ -146,8 +146,7 @@ class RemotePath:
         from pyarrow.fs import FileSelector  # a local folder does not need it
 
         selector = FileSelector(key, allow_not_found=True, recursive=recursive)
-        infos: list[FileInfo] = self._retried(lambda: self.system.get_file_info(selector))
-        return infos
+        return list(self._retried(lambda: self.system.get_file_info(selector)))
 
     def unlink(self, missing_ok: bool = False) -> None:
         """Delete the file."""
@@ -228,15 +227,16 @@ def read_bounded(path: Place, most: int) -> bytes:
         return file.read(most)
 
 
-def local_file(path: str | Path) -> Path:
-    """Return a path of a file on this machine; StoreError for anything else."""
+def local_file(path: str | Path, ending: str = "") -> Path:
+    """Return a path of a file on this machine, with an ending; StoreError for anything else."""
     if not isinstance(path, str | os.PathLike):
         raise StoreError(f"a file must be a path: got {path!r}")
     if "://" in str(path):
         raise StoreError(f"a file is saved on this machine, not at a URL: got {str(path)!r}")
     if not Path(path).name:
         raise StoreError(f"a file needs a name: got {str(path)!r}")
-    return Path(path)
+    file = Path(path)
+    return file if not ending or file.suffix == ending else file.with_name(f"{file.name}{ending}")
 
 
 def remove_folder(path: Place) -> None:
@@ -256,10 +256,8 @@ def opened_regular(path: Place) -> Iterator[tuple[IO[bytes], int]]:
             yield file_and_size
         return
 
-    def without_waiting(path: str, flags: int) -> int:  # for a pipe in the file's place
-        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-    with open(path, "rb", opener=without_waiting) as file:
+    at_once = getattr(os, "O_NONBLOCK", 0)  # a pipe in the file's place is not waited for
+    with open(path, "rb", opener=lambda path, flags: os.open(path, flags | at_once)) as file:
         about = os.fstat(file.fileno())
         if not stat.S_ISREG(about.st_mode):
             raise OSError(errno.EINVAL, "it is no regular file", str(path))
@@ -387,8 +385,7 @@ class ArrayArchive:
     @property
     def names(self) -> list[str]:
         """The names of its arrays."""
-        files = (file for file in self.members if file.endswith(".npy"))
-        return [file.removesuffix(".npy") for file in files]
+        return [file.removesuffix(".npy") for file in self.members if file.endswith(".npy")]
 
     def read(
         self, *names: str, compressed: Collection[str] = (), most: int | None = None
@@ -482,24 +479,24 @@ def write_saved(
     path: str | Path, kind: str, arrays: Mapping[str, npt.NDArray[Any]], about: Mapping[str, Any]
 ) -> Path:
     """Write a whole ``.npz`` file, make its folders, and return its path; StoreError."""
-    file = saved_path(path)
+    file = local_file(path, ENDING)
     others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
     write_in_folder(file, archive_content(arrays, others), f"a {kind}")
     return file
 
 
-def write_in_folder(file: Path, content: bytes, what: str) -> None:
-    """Write a whole file and make its folders; StoreError names `what` could not be written."""
+def write_in_folder(file: Path, content: bytes, noun: str) -> None:
+    """Write a whole file and make its folders; StoreError says that the `noun` was not written."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, content)
     except OSError as error:
-        raise StoreError(f"{what} cannot be written to {file}: {reason(error)}") from None
+        raise StoreError(f"{noun} cannot be written to {file}: {reason(error)}") from None
 
 
 def read_saved(path: str | Path, kind: str) -> SavedFile:
     """Return the arrays and the JSON of a file; StoreError unless `save` wrote it."""
-    file = saved_path(path)
+    file = local_file(path, ENDING)
     try:
         with opened_archive(file, whole=True) as archive:
             arrays = archive.read(*archive.names)
@@ -522,9 +519,3 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
             f"{about.get('format')}"
         )
     return SavedFile(file, arrays, about)
-
-
-def saved_path(path: str | Path) -> Path:
-    """Return the path of a saved file with its ending."""
-    file = local_file(path)
-    return file if file.suffix == ENDING else file.with_name(f"{file.name}{ENDING}")

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from curricle.cli import progress_bars
 from curricle.cli.app import app
-from curricle.show.report import stored_page
+from curricle.show.report import page_of
 from curricle.study import StudyResults
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -113,7 +113,7 @@ def test_a_run_opens_its_report_and_writes_it_to_the_end(
     assert out.splitlines()[-1].startswith("Stored in out: ")
     assert "page" not in complaint
     results = StudyResults("out")
-    assert page.read_text("utf-8") == stored_page(results)
+    assert page.read_text("utf-8") == page_of(results)
     page.unlink()
     assert contents(results.store.path) == contents(finished)  # it leaves no other trace
 
@@ -132,7 +132,7 @@ def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
     (address,) = opened()
     page = Path(urlparse(address).path)
     assert (code, page.name, page.parent == copied) == (0, "report.html", False)
-    assert page.read_text("utf-8") == stored_page(StudyResults(copied))
+    assert page.read_text("utf-8") == page_of(StudyResults(copied))
     assert out.splitlines()[-1] == f"The run is over: {page}"
     assert contents(copied) == before
 

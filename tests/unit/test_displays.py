@@ -13,7 +13,7 @@ from PIL import Image
 
 import curricle as cr
 from curricle.display import Line, block, curves, table
-from curricle.text import GAP, or_dash, text_table
+from curricle.text import GAP, text_table
 
 EVIL = "<b>&\"'"
 LONGEST, LARGEST = 1_000, 60_000
@@ -37,56 +37,55 @@ def plan(calibrate=False):
 def results(tmp_path_factory):
     """Results of all kinds, by name."""
     maze = cr.GridWorld(["S..", ".PT"])
-    found = {"curriculum": plan()}
-    found["training"] = trained = plan(calibrate=True).train(seeds=2, snapshots=2)
-    found["learning"] = learnt = trained["hunt"]
-    found["without evaluation"] = cr.learn(
+    by_name = {"curriculum": plan()}
+    by_name["training"] = trained = plan(calibrate=True).train(seeds=2, snapshots=2)
+    by_name["learning"] = learnt = trained["hunt"]
+    by_name["without evaluation"] = cr.learn(
         maze, budget=500, evaluation=cr.GreedyEvaluation(method="off")
     )
-    found["decisions"] = trained.decisions(EVIL)
-    found["no decisions"] = trained.decisions("hunt")
-    found["snapshots"], found["source"] = learnt.snapshots, trained.sources[EVIL]
-    found["calibration"] = trained.calibrations["hunt"][0]
-    found["potential"] = trained.potentials["hunt"][0]
-    found["transfer"] = plan().transfers[0]
-    found["mapping"] = plan().transfers[0].mapping
-    found["index mapping"] = cr.same_position(maze, maze.crop(rows=(0, 2), columns=(1, 3)))
-    found["coverage"] = found["mapping"].coverage()
-    found["comparison"] = compared = cr.compare(
+    by_name["decisions"] = trained.decisions(EVIL)
+    by_name["no decisions"] = trained.decisions("hunt")
+    by_name["snapshots"], by_name["source"] = learnt.snapshots, trained.sources[EVIL]
+    by_name["calibration"] = trained.calibrations["hunt"][0]
+    by_name["potential"] = trained.potentials["hunt"][0]
+    by_name["transfer"] = plan().transfers[0]
+    by_name["mapping"] = plan().transfers[0].mapping
+    by_name["index mapping"] = cr.same_position(maze, maze.crop(rows=(0, 2), columns=(1, 3)))
+    by_name["coverage"] = by_name["mapping"].coverage()
+    by_name["comparison"] = compared = cr.compare(
         {EVIL: plan()}, seeds=7, controls=["constant", "placebo"]
     )
-    found["arm"], found["curve"] = compared[EVIL], compared[EVIL].curve
-    found["contrast"], found["verdict"] = compared.contrasts[EVIL], compared.verdicts[EVIL]
-    found["reason"], found["times"] = compared.reasons[EVIL], compared.times(EVIL)
-    found["forecast"] = forecast = cr.forecast(plan(), seeds=2, trial=True)
-    found["row"], found["trial"] = forecast.rows[0], forecast.trial
-    found["source learning"] = forecast.sources[EVIL]
-    found["solution"] = cr.solve(HUNT)
-    found["values"] = cr.evaluate(maze, np.zeros(maze.states.size, int))
-    found["episode"] = cr.planning.rollout(maze, np.zeros(maze.states.size, int))
-    found["certificate"] = cr.certify(maze, cr.StateShaping(np.zeros(maze.states.size)))
+    by_name["arm"], by_name["curve"] = compared[EVIL], compared[EVIL].curve
+    by_name["contrast"], by_name["verdict"] = compared.contrasts[EVIL], compared.verdicts[EVIL]
+    by_name["reason"], by_name["times"] = compared.reasons[EVIL], compared.times(EVIL)
+    by_name["forecast"] = forecast = cr.forecast(plan(), seeds=2, trial=True)
+    by_name["row"], by_name["trial"] = forecast.rows[0], forecast.trial
+    by_name["source learning"] = forecast.sources[EVIL]
+    by_name["solution"] = cr.solve(HUNT)
+    by_name["values"] = cr.evaluate(maze, np.zeros(maze.states.size, int))
+    by_name["episode"] = cr.planning.rollout(maze, np.zeros(maze.states.size, int))
+    by_name["certificate"] = cr.certify(maze, cr.StateShaping(np.zeros(maze.states.size)))
     unsafe = cr.certificate.ShapingReward(lambda s, a, after: 500.0 * (after == s))
-    found["refutation"] = cr.certify(maze, unsafe)
-    found["sample"] = cr.certify(maze, unsafe, method="sampled")
-    found["teaching"] = cr.teaching.teach({EVIL: maze}, target=EVIL, budget=500, seeds=2)
-    found["mappings"] = cr.transfer.find_mappings(HUNT, CHASE)
-    found["found mapping"] = found["mappings"][0]
-    found["candidates"] = cr.design.source_candidates(maze)
-    arm = {
-        "tasks": {
-            "near": {"type": "maze", "map": ".ST", "budget": 500},
-            "far": {"type": "maze", "map": "S.T", "budget": 500},
-        },
-        "transfers": [{"source": "near", "target": "far", "mapping": "same_position"}],
+    by_name["refutation"] = cr.certify(maze, unsafe)
+    by_name["sample"] = cr.certify(maze, unsafe, method="sampled")
+    by_name["teaching"] = cr.teaching.teach({EVIL: maze}, target=EVIL, budget=500, seeds=2)
+    by_name["mappings"] = cr.transfer.find_mappings(HUNT, CHASE)
+    by_name["found mapping"] = by_name["mappings"][0]
+    by_name["candidates"] = cr.design.source_candidates(maze)
+    tasks = {
+        name: {"type": "maze", "map": line, "budget": 500}
+        for name, line in (("near", ".ST"), ("far", "S.T"))
     }
+    edges = [{"source": "near", "target": "far", "mapping": "same_position"}]
+    arm = {"tasks": tasks, "transfers": edges}
     data = {"name": "line", "seeds": [0, 1], "arms": {EVIL: arm}}
-    found["study"] = cr.study.StudyConfig.from_data(data, Path())
+    by_name["study"] = cr.study.StudyConfig.from_data(data, Path())
     folder = tmp_path_factory.mktemp("study") / "out"
-    found["study results"] = cr.run_study(found["study"], folder, progress=False)
-    found["stored result"] = found["study results"].result(EVIL, "far")
-    found["policy"] = cr.learn(cr.GridWorld("S" + 2_000 * "." + "T"), budget=500).policy
-    found["store"] = found["study results"].store
-    return found
+    by_name["study results"] = cr.run_study(by_name["study"], folder, progress=False)
+    by_name["stored result"] = by_name["study results"].result(EVIL, "far")
+    by_name["policy"] = cr.learn(cr.GridWorld("S" + 2_000 * "." + "T"), budget=500).policy
+    by_name["store"] = by_name["study results"].store
+    return by_name
 
 
 NAMED = (
@@ -99,31 +98,27 @@ SHOWN_ALONE = {"snapshots", "source", "potential", "reason", "store", "policy"}
 
 
 def test_a_repr_is_short_and_says_what_it_is(results):
-    long = {name: len(repr(one)) for name, one in results.items() if len(repr(one)) >= LONGEST}
-    assert long == {}
-    for one in results.values():
-        assert repr(one).startswith(type(one).__name__)
-        assert "0x" not in repr(one)
-        assert "\n" not in repr(one)
+    for result in results.values():
+        text = repr(result)
+        assert text.startswith(type(result).__name__)
+        assert len(text) < LONGEST
+        assert not re.search("0x|\n", text)
     assert str(results["study"]) == repr(results["study"])
 
 
 def test_every_class_of_a_package_of_results_has_a_repr_of_its_own():
     packages = (cr.comparison, cr.curriculum, cr.certificate, cr.learning, cr.planning)
-    kinds = {getattr(one, name) for one in packages for name in one.__all__}
+    kinds = {getattr(package, name) for package in packages for name in package.__all__}
     bare = [k.__name__ for k in kinds if inspect.isclass(k) and k.__repr__ is object.__repr__]
     assert set(bare) <= {"Shaping", "ShapingReward", "Learner"}
 
 
 def test_displays_are_well_formed_small_and_self_contained(results):
-    for name, one in results.items():
-        if name in SHOWN_ALONE:
-            continue
-        html = one._repr_html_()
+    for name in results.keys() - SHOWN_ALONE:
+        html = results[name]._repr_html_()
         ElementTree.fromstring(f"<div>{html}</div>")
         assert len(html) <= LARGEST, name
-        assert "http" not in html, name
-        assert "<script" not in html, name
+        assert not re.search("http|<script", html), name
 
 
 @pytest.mark.parametrize("name", NAMED)
@@ -192,8 +187,3 @@ def test_columns_never_touch(rows):
         assert before.endswith(row[1])
         ends.append((len(line), len(before)))
     assert len(set(ends)) == 1  # numbers are aligned to the right
-
-
-@pytest.mark.parametrize(("value", "text"), [(float("nan"), "-"), (0.0, "0"), (-1.5, "-1.5")])
-def test_a_dash_stands_for_no_number(value, text):
-    assert or_dash(value) == text

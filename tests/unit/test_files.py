@@ -2,35 +2,21 @@
 
 import os
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from curricle.files import file_name, read_bounded, write_whole
 
 
-@pytest.fixture
-def calls(monkeypatch):
-    """The names of the system calls that decide what is on disk, in the order they are made."""
-    made = []
-
-    def noted(name):
-        original = getattr(os, name)
-
-        def call(*arguments, **settings):
-            made.append(name)
-            return original(*arguments, **settings)
-
-        return call
-
+def test_content_is_on_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    calls = Mock()  # of the system, which decide what is on disk
     for name in ("fsync", "replace"):
-        monkeypatch.setattr(os, name, noted(name))
-    return made
-
-
-def test_content_is_on_disk_before_it_has_its_name(tmp_path, calls):
+        monkeypatch.setattr(os, name, Mock(side_effect=getattr(os, name)))
+        calls.attach_mock(getattr(os, name), name)
     write_whole(tmp_path / "a", b"whole")
     assert (tmp_path / "a").read_bytes() == b"whole"
-    assert calls == ["fsync", "replace"]
+    assert [name for name, *_ in calls.mock_calls] == ["fsync", "replace"]
 
 
 def test_until_the_last_moment_the_old_content_stays(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from curricle.cli.study_preview import graph, print_forecasts
 from curricle.cli.tables import print_table
 from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
-from curricle.show.page import render
+from curricle.show.report import render
 from curricle.study import StudyStore, read_study
 from curricle.study.arms import Arms, units_of
 from curricle.study.cost import costs

@@ -1,6 +1,7 @@
 """What ``progress`` shows on a terminal, in a notebook and elsewhere; the pace of a run."""
 
 import io
+from functools import partial
 from itertools import count
 
 import numpy as np
@@ -30,95 +31,65 @@ def plan():
     )
 
 
-def zero():
-    return cr.StateShaping(np.zeros(MAZE.states.size))
+ZERO = cr.StateShaping(np.zeros(MAZE.states.size))
+FOUND = [search.__name__ for search in cr.transfer.search.SEARCHES]
 
 
-# Each function, the parts that a user's function is called with, and the bars that are shown.
+def other_mapping(**how):
+    """Mappings of other tasks each time: what was found for the same ones is remembered."""
+    return cr.transfer.auto_mapping(cr.GridWorld(f"S{'.' * next(LENGTHS)}T"), LINE, **how)
+
+
+COMPARE = partial(cr.compare, plan(), seeds=2, controls=["negated"])
+SEARCH = partial(cr.transfer.find_mappings, MAZE, CORNER, searches=SEARCHES)
+TEACH = partial(cr.teaching.teach, {"maze": MAZE}, target="maze", budget=500)
+ARMS = ["scratch", "transfer", "transfer, negated"]
+BARS = ["scratch: maze", "transfer: corner", "transfer: maze", "transfer, negated: maze"]
+FORECAST = partial(cr.forecast, plan(), seeds=2, trial=False)
+BISIMULATION = partial(cr.transfer.lax_bisimulation, cr.GridWorld("S..T"), LINE)
+# Each function, the parts that a user's function is called with, and the bars that are full.
 LONG = {
-    "learn": (
-        lambda **how: cr.learn(MAZE, budget=500, seeds=2, **how),
-        [0, 1],
-        ["learning: 2 done"],
-    ),
-    "train": (
-        lambda **how: plan().train(2, **how),
-        ["corner", "maze"],
-        ["corner: 2 done", "maze: 2 done"],
-    ),
-    "compare": (
-        lambda **how: cr.compare(plan(), seeds=2, controls=["negated"], **how),
-        ["scratch", "transfer", "transfer, negated"],
-        [
-            *["scratch: maze: 2 done", "transfer: corner: 2 done", "transfer: maze: 2 done"],
-            "transfer, negated: maze: 2 done",
-        ],
-    ),
-    "forecast": (
-        lambda **how: cr.forecast(plan(), seeds=2, trial=False, **how),
-        ["mean"],
-        ["corner: 2 done", "potentials: 1 done"],
-    ),
-    "teach": (
-        lambda **how: cr.teaching.teach({"maze": MAZE}, target="maze", budget=500, **how),
-        [0],
-        ["learning: 1 done"],
-    ),
-    "find_mappings": (
-        lambda **how: cr.transfer.find_mappings(MAZE, CORNER, searches=SEARCHES, **how),
-        ["by_name", "by_homomorphism"],
-        ["searches: 2 done"],
-    ),
-    "auto_mapping": (
-        # other tasks each time: what was found for the same ones is remembered
-        lambda **how: cr.transfer.auto_mapping(
-            cr.GridWorld(f"S{'.' * next(LENGTHS)}T"), LINE, **how
-        ),
-        [one.__name__ for one in cr.transfer.search.SEARCHES],
-        [f"searches: {len(cr.transfer.search.SEARCHES)} done"],
-    ),
-    "lax_bisimulation": (
-        lambda **how: cr.transfer.lax_bisimulation(cr.GridWorld("S..T"), LINE, **how),
-        ["float"] * 3,
-        [],
-    ),
-    "tabulate": (lambda **how: cr.tabulate("FrozenLake-v1", discount=0.9, **how), [], []),
-    "solve": (lambda **how: cr.solve(MAZE, **how), ["float"], []),
-    "evaluate": (lambda **how: cr.evaluate(MAZE, [0] * 15, **how), ["float"], []),
-    "certify": (lambda **how: cr.certify(MAZE, zero(), **how), ["Certificate"], []),
+    "learn": (partial(cr.learn, MAZE, budget=500, seeds=2), [0, 1], ["learning: 2"]),
+    "train": (partial(plan().train, 2), ["corner", "maze"], ["corner: 2", "maze: 2"]),
+    "compare": (COMPARE, ARMS, [f"{bar}: 2" for bar in BARS]),
+    "forecast": (FORECAST, ["mean"], ["corner: 2", "potentials: 1"]),
+    "teach": (TEACH, [0], ["learning: 1"]),
+    "find_mappings": (SEARCH, ["by_name", "by_homomorphism"], ["searches: 2"]),
+    "auto_mapping": (other_mapping, FOUND, [f"searches: {len(FOUND)}"]),
+    "bisimulation": (BISIMULATION, ["float"] * 3, []),
+    "tabulate": (partial(cr.tabulate, "FrozenLake-v1", discount=0.9), [], []),
+    "solve": (partial(cr.solve, MAZE), ["float"], []),
+    "evaluate": (partial(cr.evaluate, MAZE, [0] * 15), ["float"], []),
+    "certify": (partial(cr.certify, MAZE, ZERO), ["Certificate"], []),
 }
-each = pytest.mark.parametrize("name", LONG)
+each_function = pytest.mark.parametrize("name", LONG)
 
 
 def in_words(part):
     return part if isinstance(part, str | int) else type(part).__name__
 
 
-@each
-def test_a_function_is_called_with_each_part(name):
-    long, told, _ = LONG[name]
-    parts = []
-    long(progress=parts.append)
-    assert [in_words(part) for part in parts] == told
+@each_function
+def test_a_function_is_called_with_each_part_and_nothing_is_shown_unasked(name, capsys):
+    long, parts, _ = LONG[name]
+    calls = []
+    long(progress=calls.append)
+    assert [in_words(part) for part in calls] == parts
+    for silent in (False, None):
+        long(progress=silent)
+    assert capsys.readouterr() == ("", "")
 
 
-@each
+@each_function
 def test_a_line_is_printed_for_each_full_bar_where_there_is_no_terminal(name, capsys):
     long, _, lines = LONG[name]
     long(progress=True)
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.splitlines() == lines
+    assert printed.err.splitlines() == [f"{line} done" for line in lines]
 
 
-@each
-@pytest.mark.parametrize("silent", [False, None])
-def test_nothing_is_shown_unasked(name, silent, capsys):
-    LONG[name][0](progress=silent)
-    assert capsys.readouterr() == ("", "")
-
-
-@each
+@each_function
 @pytest.mark.parametrize("wrong", [3, "yes", [print]])
 def test_anything_else_is_refused_in_a_sentence(name, wrong):
     with pytest.raises(SettingError) as error:
@@ -212,10 +183,9 @@ def units(number):
 
 
 class Clock:
-    """Seconds that pass when it is told."""
+    """Seconds that pass when a test sets them."""
 
-    def __init__(self):
-        self.now = 0.0
+    now = 0.0
 
     def __call__(self):
         return self.now
@@ -247,7 +217,8 @@ def test_the_rate_is_that_of_what_was_seen(clock):
     assert pace.line_of(50, 200) == "50 of 200 units, 30 units a minute, 0:05:00 left"
 
 
-def printed(capsys, clock, number):
+def test_very_many_units_have_a_line_a_second(capsys, clock):
+    number = progress_bars.MANY + 500
     pace, every = Pace(clock), units(number)
     lines = Lines(pace)
     for unit in (None, *every):
@@ -255,14 +226,9 @@ def printed(capsys, clock, number):
         pace.note(progress)
         lines.show(progress)
         clock.now += 0.01
-    return capsys.readouterr().err.splitlines()
-
-
-def test_very_many_units_have_a_line_a_second(capsys, clock):
-    number = progress_bars.MANY + 500
-    found = printed(capsys, clock, number)
-    assert len(found) == number // 100 + 1
-    assert found[-1].startswith(f"{number:,} of {number:,} units, 1 worker, ")
+    printed = capsys.readouterr().err.splitlines()
+    assert len(printed) == number // 100 + 1
+    assert printed[-1].startswith(f"{number:,} of {number:,} units, 1 worker, ")
 
 
 @pytest.mark.parametrize("width", [40, 80])

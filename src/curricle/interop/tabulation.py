@@ -22,7 +22,7 @@ from gymnasium.wrappers import FrameStackObservation
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, StoreError, TaskError
-from curricle.files import digest_of, read_saved, saved_path, write_saved
+from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
 from curricle.interop.exploration import (
     Listed,
     ListedOutcomes,
@@ -311,7 +311,7 @@ def tabulate(
         max_states=whole_number("max_states", max_states, 1, SettingError),
         max_seconds=number("max_seconds", max_seconds, SettingError, low=0),
         progress=progress,
-        cache=None if cache is None else saved_path(cache),
+        cache=None if cache is None else local_file(cache, ENDING),
     )
     plan.check()
     discount = number("discount", discount, TaskError, low=0, high=1)

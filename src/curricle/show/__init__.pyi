@@ -4,7 +4,6 @@ from .grids import (
     draw_sources as draw_sources,
     frame_cells as frame_cells,
 )
-from .page import render as render
 from .plots import content_of as content_of, draw_curve as draw_curve, plot as plot, save as save
-from .report import write_report as write_report
+from .report import render as render, write_report as write_report
 from .style import COLOURS as COLOURS, STYLE as STYLE, new_figure as new_figure

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.verdicts import not_asked
@@ -13,7 +14,7 @@ from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
-from curricle.study.record import Analysis, CurriculaRecord, SectionRecord
+from curricle.study.record import Analysis, CurriculaRecord
 from curricle.study.tuning import Effects, TuningRecord, short
 from curricle.study_file.vary import value_text
 from curricle.text import counted
@@ -46,8 +47,8 @@ def headline(comparison: Comparison) -> str:
     if open_ and not paid and not harmed:
         return "No curriculum is shown to differ from learning the target from scratch."
     counts = [
-        f"{_count(names, len(verdicts))} {words[len(names) > 1]}"
-        for names, words in (
+        f"{_count(names, len(verdicts))} {verbs[len(names) > 1]}"
+        for names, verbs in (
             (paid, ("pays for itself", "pay for themselves")),
             (harmed, ("costs more than it brings", "cost more than they bring")),
         )
@@ -61,15 +62,23 @@ def headline(comparison: Comparison) -> str:
     rival = "learning from scratch"
     if len(comparison.scratches) > 1:
         rival = f"the best learner from {comparison.best_scratch}"
+    # Why curricula pay that were asked: a sentence for each reason.
+    reasons: dict[str, list[str]] = {}
+    for name, reason in comparison.reasons.items():
+        if reason.words:
+            reasons.setdefault(reason.words, []).append(name)
+    why = [" " + _sentence(f"{reason}: {', '.join(names)}") for reason, names in reasons.items()]
+    if len(verdicts) == 1:
+        why = [f" It pays {reason}." for reason in reasons]
     return (
         f"{_sentence(', '.join(counts), ':')} {leading}{signed(gains[most])} mean return against "
         f"{rival}, source steps counted, over {counted(comparison.seeds, 'seed')}."
-        f"{_why(comparison)}"
+        f"{''.join(why)}"
     )
 
 
-def _sentence(words: str, end: str = ".") -> str:
-    return f"{words[0].upper()}{words[1:]}{end}"
+def _sentence(text: str, end: str = ".") -> str:
+    return f"{text[0].upper()}{text[1:]}{end}"
 
 
 def _count(names: list[str], all_: int) -> str:
@@ -78,18 +87,6 @@ def _count(names: list[str], all_: int) -> str:
     if len(names) == all_ == 2:
         return "both curricula"
     return f"all {all_} curricula" if len(names) == all_ else f"{len(names)} of {all_}"
-
-
-def _why(comparison: Comparison) -> str:
-    """Return why those curricula pay that were asked, a sentence for each reason."""
-    by_words: dict[str, list[str]] = {}
-    for name, reason in comparison.reasons.items():
-        if reason.words:
-            by_words.setdefault(reason.words, []).append(name)
-    if len(comparison.verdicts) == 1:
-        return "".join(f" It pays {words}." for words in by_words)
-    reasons = (f"{words}: {', '.join(names)}" for words, names in by_words.items())
-    return "".join(f" {_sentence(reason)}" for reason in reasons)
 
 
 def signed(interval: Interval) -> str:
@@ -115,22 +112,17 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Find
         f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[comparison.best_scratch]),
     ]
-    apart = map(comparison.cluster_sentence, (name, comparison.best_scratch))
-    sentences += [_sentence(words) for words in apart if words]
+    others = [*map(comparison.cluster_sentence, (name, comparison.best_scratch))]
     if name in comparison.control_verdicts:
-        words = comparison.control_sentence(name).removeprefix(f"{name} ")
-        sentences.append(_sentence(words))
+        others.append(comparison.control_sentence(name).removeprefix(f"{name} "))
     if name in comparison.verdicts:
         # Why a curriculum pays, as far as the verdict does not say it.
-        reason, cheaper = comparison.reasons[name], comparison.cheaper_way(name)
-        if cheaper:
-            sentences.append(_sentence(cheaper))
+        reason = comparison.reasons[name]
+        others.append(comparison.cheaper_way(name))
         if reason.why in ("level", "mostly level") and reason.share < 1:
-            sentences.append(f"At most {reason.share:.0%} of its gain is by what it knows.")
-        if open_ := not_asked([reason]):
-            sentences.append(_sentence(open_))
-    if row["unlearnt"]:
-        sentences.append(_sentence(row["unlearnt"]))
+            others.append(f"at most {reason.share:.0%} of its gain is by what it knows")
+        others.append(not_asked([reason]))
+    sentences += map(_sentence, filter(None, (*others, row["unlearnt"])))
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
 
@@ -166,21 +158,17 @@ def too_few(comparison: Comparison) -> str:
     )
 
 
-def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, tuple[float, float, float]]]:
+def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, list[float]]]:
     """Return the places of 0 and of each gain's low, estimate and high on an axis, in percent."""
-    ends: dict[str, tuple[float, float, float]] = {}
-    for finding in answers:
-        low, middle, high = map(float, (finding.gain.low, finding.gain.estimate, finding.gain.high))
-        ends[finding.arm] = (middle if math.isnan(low) else low, middle, max(middle, high))
-    marks = [0.0, *(mark for triple in ends.values() for mark in triple)]
-    least, width = min(marks), (max(marks) - min(marks)) or 1.0
-
-    def percent(mark: float) -> float:
-        return 100 * (mark - least) / width
-
-    return percent(0.0), {
-        arm: (percent(a), percent(b), percent(c)) for arm, (a, b, c) in ends.items()
-    }
+    gains = [finding.gain for finding in answers]
+    low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
+    # One seed has no interval.
+    ends = np.stack([np.where(np.isnan(low), middle, low), middle, np.fmax(middle, high)], axis=1)
+    least = min(0.0, float(ends.min()))
+    width = (max(0.0, float(ends.max())) - least) or 1.0
+    percent = (100 * (ends - least) / width).tolist()
+    arms = [finding.arm for finding in answers]
+    return 100 * (0.0 - least) / width, dict(zip(arms, percent, strict=True))
 
 
 # -- the table of all measures ---------------------------------------------------------------------
@@ -211,8 +199,8 @@ def _saved(measure: str, comparison: Comparison, row: Row) -> Cell:
     return cell
 
 
-def _time(measure: str, comparison: Comparison, row: Row) -> Cell:
-    missed = row["seeds"] - row["reached"]
+def _steps(measure: str, comparison: Comparison, row: Row) -> Cell:
+    missed = (row["seeds"] - row["reached"]) * (measure == "steps_to_threshold")
     below = f"{missed} of {row['seeds']} never" if missed else ""
     return Cell("> " * (missed > 0) + f"{row[measure]:,.0f}", below)
 
@@ -220,10 +208,6 @@ def _time(measure: str, comparison: Comparison, row: Row) -> Cell:
 def _p(measure: str, comparison: Comparison, row: Row) -> Cell:
     tested = row["arm"] in comparison.verdicts and not comparison.withheld
     return Cell(f"{row[measure]:.2g}" if tested else "")
-
-
-def _whole(measure: str, comparison: Comparison, row: Row) -> Cell:
-    return Cell(f"{row[measure]:,.0f}")
 
 
 class Column(NamedTuple):
@@ -250,12 +234,12 @@ COLUMNS = {
         "asymp&shy;totic gain", f"return at the end of all steps, {ABOVE}", _interval
     ),
     "mean_return": Column("mean return", "mean height of the curve over all steps", _interval),
-    "steps_to_threshold": Column("steps to threshold", TIME, _time),
+    "steps_to_threshold": Column("steps to threshold", TIME, _steps),
     "strong_steps_saved": Column("steps saved", SAVED, _saved),
     "weak_gain": Column("gain", f"mean return over target steps, {ABOVE}", _interval, WEAK),
     "jumpstart": Column("jumpstart", f"return at the first target step, {ABOVE}", _interval, WEAK),
     "weak_steps_saved": Column("steps saved", f"target {SAVED}", _saved, WEAK),
-    "source_steps": Column("source steps", "steps in the sources, mean over seeds", _whole, ""),
+    "source_steps": Column("source steps", "steps in the sources, mean over seeds", _steps, ""),
 }
 """Key in :meth:`Comparison.rows` -> its column."""
 
@@ -272,68 +256,48 @@ def meanings(comparison: Comparison) -> list[tuple[str, str]]:
     """Return the name of each column, and what it means."""
     why = f" ({comparison.threshold_from})" * bool(comparison.threshold_from)
     terms = {"threshold": rounded(comparison.threshold) + why, "window": comparison.window}
+    weak = {key: " (weak)" * (column.transfer == WEAK) for key, column in COLUMNS.items()}
     return [
-        (
-            column.head.replace("&shy;", "") + " (weak)" * (column.transfer == WEAK),
-            column.meaning.format(**terms),
-        )
-        for column in COLUMNS.values()
+        (column.head.replace("&shy;", "") + weak[key], column.meaning.format(**terms))
+        for key, column in COLUMNS.items()
     ]
 
 
 # -- the forecast of each curriculum next to what was measured -------------------------------------
 
 
-@dataclass(frozen=True)
-class ForecastSection:
-    """The forecast and certificates of arms with the same graph."""
-
-    record: SectionRecord
-    used: Mapping[str, tuple[str, ...]]  # name of a forecast row -> the arms with that potential
-    # Arm -> mean greedy return at the first target step; None where a guard begins without phi.
-    measured: Mapping[str, float | None]
-    other_sources: tuple[str, ...] = ()  # arms to which the forecast does not apply
-
-    @property
-    def same_sources(self) -> tuple[str, ...]:
-        """The arms that train their sources as the forecast assumes."""
-        return tuple(arm for arm in self.record.arms if arm not in self.other_sources)
-
-    def starts(self, potential: str) -> str:
-        """Return the measured starts of the arms with a potential, in words."""
-        arms = self.used.get(potential, ())
-        words = [
-            "guarded" if (start := self.measured[arm]) is None else rounded(start) for arm in arms
-        ]
-        return ", ".join(dict.fromkeys(words) if {*words} == {"guarded"} else words)
-
-
 def forecast_sections(
     analysis: Analysis, curricula: CurriculaRecord, learnt: Learnt
-) -> tuple[ForecastSection, ...]:
-    """Return the sections of an analysis, with what was measured."""
-    known = [record for record in analysis.sections if set(record.arms) <= curricula.arms.keys()]
-    return tuple(_section(record, curricula, learnt) for record in known)
-
-
-def _section(record: SectionRecord, curricula: CurriculaRecord, learnt: Learnt) -> ForecastSection:
-    names = [] if record.forecast is None else [row.name for row in record.forecast.rows]
-    used: dict[str, tuple[str, ...]] = {}
-    measured: dict[str, float | None] = {}
-    sources = {
-        arm: [(name, node.key, node.settings) for name, node in curricula.arms[arm].nodes.items()]
-        for arm in record.arms
-    }
-    first = sources[record.arms[0]][:-1]  # without the target
-    other_sources = tuple(arm for arm in record.arms if sources[arm][:-1] != first)
-    for arm in record.arms:
-        potential = curricula.arms[arm].potential
-        if potential in names and arm not in other_sources:
-            used[potential] = (*used.get(potential, ()), arm)
-        *_, target = learnt[arm].values()
-        guarded = np.isfinite(target.guard_share[:, 0]).any()
-        measured[arm] = None if guarded else float(target.greedy_return[:, 0].mean())
-    return ForecastSection(record, used, measured, other_sources)
+) -> list[Mapping[str, Any]]:
+    """Return the forecast and certificates of arms with the same graph, and what was measured."""
+    sections = list[Mapping[str, Any]]()
+    for record in analysis.sections:
+        if not set(record.arms) <= curricula.arms.keys():
+            continue
+        names = [] if record.forecast is None else [row.name for row in record.forecast.rows]
+        used: dict[str, list[str]] = {}  # a row of the forecast -> the arms with that potential
+        measured: dict[str, str] = {}  # arm -> mean return at the first target step
+        sources = {
+            arm: [(name, node.key, node.settings) for name, node in graph.nodes.items()][:-1]
+            for arm, graph in curricula.arms.items()
+        }
+        # The forecast assumes the sources of the first arm.
+        same = [arm for arm in record.arms if sources[arm] == sources[record.arms[0]]]
+        for arm in record.arms:
+            if curricula.arms[arm].potential in names and arm in same:
+                used.setdefault(curricula.arms[arm].potential, []).append(arm)
+            *_, target = learnt[arm].values()
+            guarded = np.isfinite(target.guard_share[:, 0]).any()  # it begins without phi
+            start = target.greedy_return[:, 0].mean()
+            measured[arm] = "guarded" if guarded else rounded(float(start))
+        starts = {name: [measured[arm] for arm in arms] for name, arms in used.items()}
+        for name, texts in starts.items():
+            if {*texts} == {"guarded"}:
+                starts[name] = ["guarded"]
+        other = [arm for arm in record.arms if arm not in same]
+        section = {"record": record, "used": used, "starts": starts}
+        sections.append({**section, "same_sources": same, "other_sources": other})
+    return sections
 
 
 # -- what was swept or tuned: what was tried, what was best, main effects --------------------------
@@ -351,20 +315,15 @@ def effects_sections(
             spent = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
             values = [_value(arm.best.values.get(key)) for key in tuning.space]
             best.append((name, *spent, _value(arm.best.score), *values))
-    return [
-        (
-            kind,
-            [
-                (
-                    *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
-                    f"[{minus(short(level.low))}, {minus(short(level.high))}]",
-                )
-                for arm, key, level in kind.rows
-            ],
-            best if kind.kind != "sweep" else [],
-        )
-        for kind in effects
-    ]
+    sections = list[tuple[Effects, Texts, Texts]]()
+    for kind in effects:
+        rows: Texts = []
+        for name, key, level in kind.rows:
+            mean, low, high = (minus(short(end)) for end in (level.mean, level.low, level.high))
+            with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
+            rows.append((name, key, minus(level.text), f"{level.number}", with_ends))
+        sections.append((kind, rows, best if kind.kind != "sweep" else []))
+    return sections
 
 
 def _value(value: object) -> str:

@@ -60,23 +60,19 @@ def _graph(
         lines = len(wrap(name, NAME_LETTERS)) + sum(len(wrap(text, LETTERS)) for text in written)
         height = PLAIN + CURVE_SPACE * bool(curves) + LINE * lines
         cards[name] = {"name": name, "curves": curves, "height": height, **texts}
-    heights = {name: card["height"] for name, card in cards.items()}
-    corners, width, height = layout(heights, [(t.source, t.target) for t in arm.transfers])
-    for name, (left, top) in corners.items():
-        cards[name] |= {"left": left, "top": top}
+    width, height = _lay_out(cards, [(t.source, t.target) for t in arm.transfers])
     # How several transfers into a task become one potential.
     notes: dict[str, list[str]] = {}
     for owner in arms:
         for name, node in curricula.arms[owner].nodes.items():
             if node.aggregate is not None:
-                words = f"{name} uses the {node.aggregate} of its transfers"
-                notes.setdefault(words, []).append(owner)
-    named = {words: f"{'; '.join(owners)}: " * (len(notes) > 1) for words, owners in notes.items()}
+                note = f"{name} uses the {node.aggregate} of its transfers."
+                notes.setdefault(note, []).append(owner)
     return {
         "arms": tuple(arms),
         "cards": [*cards.values()],
         "edges": [*_edges(arm, cards)],
-        "notes": [f"{owners}{words}." for words, owners in named.items()],
+        "notes": [f"{'; '.join(a)}: " * (len(notes) > 1) + note for note, a in notes.items()],
         "width": width,
         "height": height,
     }
@@ -107,8 +103,8 @@ def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
         mean, lower, upper = (high - values) / ((high - low) or 1.0) * CURVE_HEIGHT
         band = points([*x, *x[::-1]], [*lower, *upper[::-1]]) * (len(result.seeds) > 1)
         start, end = result.greedy_return[:, [0, -1]].mean(axis=0)
-        words = f"{rounded(start)} → {rounded(end)}"
-        curves.append({"arms": owners, "line": points(x, mean), "band": band, "words": words})
+        ends = f"{rounded(start)} → {rounded(end)}"
+        curves.append({"arms": owners, "line": points(x, mean), "band": band, "words": ends})
     return curves
 
 
@@ -120,12 +116,10 @@ def points(x: Sequence[float] | FloatArray, y: Sequence[float] | FloatArray) -> 
 # -- where cards are, sources above their targets, and the arrows between them ---------------------
 
 
-def layout(
-    heights: Mapping[str, int], pairs: Sequence[tuple[str, str]]
-) -> tuple[dict[str, tuple[int, int]], int, int]:
-    """Return left and top of cards, sources above their targets, and width and height of all."""
+def _lay_out(cards: Mapping[str, Data], pairs: Sequence[tuple[str, str]]) -> tuple[int, int]:
+    """Add left and top to cards, sources above their targets; return width and height of all."""
     depth = dict[str, int]()
-    for name in heights:
+    for name in cards:
         depth[name] = max((depth[source] + 1 for source, to in pairs if to == name), default=0)
     rows: dict[int, list[str]] = {}
     for name, row in sorted(depth.items(), key=lambda pair: pair[1]):
@@ -133,13 +127,13 @@ def layout(
     around = {(source, target) for source, target in pairs if depth[target] - depth[source] > 1}
     side = SIDE + (len(around) - 1) * LANE if around else 0
     width = max(len(names) for names in rows.values()) * (CARD + GAP) - GAP + 2 * side
-    corners, top = dict[str, tuple[int, int]](), 0
+    top = 0
     for names in rows.values():
         left = (width - len(names) * (CARD + GAP) + GAP) // 2
         for place, name in enumerate(names):
-            corners[name] = (left + place * (CARD + GAP), top)
-        top += max(heights[name] for name in names) + FALL
-    return corners, width, top - FALL
+            cards[name].update(left=left + place * (CARD + GAP), top=top)
+        top += max(cards[name]["height"] for name in names) + FALL
+    return width, top - FALL
 
 
 def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -159,7 +153,7 @@ def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
     for transfer in arm.transfers:
         pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)
     taken, around = list[tuple[float, float]](), 0
-    for (source, target), words in pairs.items():
+    for (source, target), labels in pairs.items():
         above, below = cards[source], cards[target]
         bottom, top = above["top"] + above["height"], below["top"]
         passed = [card["left"] + CARD for card in cards.values() if bottom < card["top"] < top]
@@ -175,4 +169,4 @@ def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
         taken.append(_free(curve, taken))
         path = f"M{x0:g} {bottom:g}C{x1:g} {middle:g} {x2:g} {middle:g} {x3:g} {y3:g}"
         names = {"source": source, "target": target}
-        yield {**names, "path": path, "place": taken[-1], "words": words}
+        yield {**names, "path": path, "place": taken[-1], "words": labels}

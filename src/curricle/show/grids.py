@@ -1,6 +1,6 @@
 """Grids by Matplotlib: mazes, the grid of any view, values and potentials as heat maps."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -19,16 +19,16 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.planning.target import Target
 from curricle.show.style import (
     COLOURS,
-    DIVERGING,
     MOST_NUMBERS,
-    SEQUENTIAL,
     STYLE,
     TINTS,
     caption,
+    digits_of,
     minus,
     new_figure,
+    value_scale,
 )
-from curricle.show.views import At, GridView
+from curricle.show.views import At, GridView, stacked
 from curricle.tasks.domain import LETTERS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
@@ -36,6 +36,7 @@ from curricle.transfer.transfer import transfer_names
 
 DARK = 0.45  # brightness of a colour below which the text on it is white
 PANEL = 2.6  # width of a panel in inches
+MIDDLE: Any = {"ha": "center", "va": "center"}
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
@@ -108,7 +109,7 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
         axes.axhline(y - 0.5, color="#dddddd", lw=0.5, zorder=0)
     for row, column in view.walls:
         axes.add_patch(_square(row, column, color="#222222"))
-    middle: Any = {"ha": "center", "va": "center", "fontsize": 8, "fontweight": "bold"}
+    middle: Any = {**MIDDLE, "fontsize": 8, "fontweight": "bold"}
     aside = 0.32 if heat and height * width <= MOST_NUMBERS else 0
     for name, row, column, _ in view.objects:
         colour = "w" if name == "pit" and not heat else "k"
@@ -117,7 +118,7 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
             axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
         elif not aside:
             letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
-    for (row, column), letters in view.stacked_letters.items():
+    for (row, column), letters in stacked(view.letters).items():
         letter = axes.text(column - 0.3, row - 0.3, letters, color="k", **middle)
         letter.set_bbox({"boxstyle": "circle,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6})
     if legend and view.words:
@@ -126,30 +127,6 @@ def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = 
 
 def _square(row: float, column: float, **style: Any) -> Rectangle:
     return Rectangle((column - 0.5, row - 0.5), 1, 1, **style)
-
-
-def _draw_heat(
-    axes: Axes, view: GridView, values: FloatArray, palette: str, limits: tuple[float, float]
-) -> AxesImage:
-    """Draw the values of a view's states, (n,), as colours, and as numbers where cells are few."""
-    low, high = limits
-    (top, left), (height, width) = view.origin, view.shape
-    grid = np.full((height, width), np.nan)
-    row, column = (view.cells - np.array(view.origin))[~view.ended].T
-    grid[row, column] = values[~view.ended]
-    extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
-    image = axes.imshow(grid, extent=extent, cmap=palette, vmin=low, vmax=high)
-    digits = 0 if max(abs(low), abs(high)) >= 100 else 1
-    place: Any = {"ha": "center", "va": "center", "fontsize": 7}
-    for (row, column), value, over in zip(view.cells, values, view.ended, strict=True):
-        if over:
-            axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
-        elif height * width <= MOST_NUMBERS:
-            red, green, blue, _ = image.to_rgba(value)
-            colour = "w" if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else "k"
-            number = minus(f"{value:z.{digits}f}")
-            axes.text(column + 0.05, row + 0.2, number, color=colour, **place)
-    return image
 
 
 def draw_potential(
@@ -166,8 +143,8 @@ def draw_potential(
 ) -> AxesImage:
     r"""Draw values of states, or the best of their actions, as a heat map of a grid.
 
-    Colours diverge from white at 0 where the limits have both signs and for differences. States in
-    which the episode is over are hatched.
+    Colours diverge from white at 0 where the limits have both signs. States in which the episode is
+    over are hatched.
 
     Parameters
     ----------
@@ -176,21 +153,16 @@ def draw_potential(
         A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free.
     values : (S,) or (S, A) float64
         Of (S, A) the maximum over actions is drawn.
-    label : str
-        The title of the panel.
+    label, unit : str
+        Titles of the panel and of its bar of colours.
     at : dict of str to int, str or (int, int), optional
         The other components of the state, as in ``{"prey": (1, 2)}``. Letters mark them.
     limits : (float, float), optional
         Ends of the colours, to compare panels; by default those of the drawn values.
     difference : bool
         Whether 0 is the middle of the colours in any case.
-    bar, unit : bool, str
-        Whether to draw a bar of colours beside the panel, and its label.
-
-    Returns
-    -------
-    AxesImage
-        To give several panels one bar of colours.
+    bar : bool
+        Whether to draw the bar; several panels can share that of the image that is returned.
 
     Raises
     ------
@@ -208,13 +180,24 @@ def draw_potential(
     ('V* (return)', 'column\ncells: where predator_1 is; P: prey, 2: predator_2', 'cividis')
     """
     view = GridView.of(task, at)
-    (low, high), palette = limits or shared_limits(task, values, at=at), SEQUENTIAL
-    if difference or low < 0 < high:
-        high = max(abs(low), abs(high)) or 1.0
-        low, palette = -high, DIVERGING
+    low, high = limits or shared_limits(task, values, at=at)
+    low, high, palette = value_scale(low, high, difference=difference)
     if low == high:
         low, high = low - 1, high + 1
-    image = _draw_heat(axes, view, _best(task, values)[view.states], palette, (low, high))
+    (top, left), (height, width) = view.origin, view.shape
+    grid, shown = np.full((height, width), np.nan), _best(task, values)[view.states]
+    grid[tuple((view.cells - view.origin)[~view.ended].T)] = shown[~view.ended]
+    extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
+    image = axes.imshow(grid, extent=extent, cmap=palette, vmin=low, vmax=high)
+    digits = digits_of(low, high)
+    for (row, column), value, over in zip(view.cells, shown, view.ended, strict=True):
+        if over:
+            axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
+        elif height * width <= MOST_NUMBERS:
+            red, green, blue, _ = image.to_rgba(value)
+            colour = "w" if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else "k"
+            number = minus(f"{value:z.{digits}f}")
+            axes.text(column + 0.05, row + 0.2, number, color=colour, **MIDDLE, fontsize=7)
     draw_view(axes, view, heat=True)
     axes.set_title(label)
     if bar:
@@ -256,8 +239,8 @@ def draw_sources(
 
     A panel for phi_i(s) = max_a phi_i(s, a) of each transfer, for the aggregate, unless it equals
     the only source, and for V*(s) = max_a Q*(s, a), all in the same colours; and for the error of
-    the aggregate, phi(s, a*) - V*(s), where a* is the action that phi prefers. The last two are
-    left out where the target cannot be solved.
+    the aggregate, phi(s, a*) - V*(s), where a* is the action that phi prefers. Where the target
+    cannot be solved, the last two are left out.
 
     Parameters
     ----------
@@ -297,9 +280,9 @@ def draw_sources(
     one_of("seed", seed, seeds, SettingError)
     k, numbered = seeds.index(seed), len(edges) > 1
     panels = dict[str, npt.ArrayLike]()
-    for i, (edge, words) in enumerate(zip(edges, transfer_names(edges), strict=True), start=1):
+    for i, (edge, title) in enumerate(zip(edges, transfer_names(edges), strict=True), start=1):
         phi = curriculum.potentials(name, result.sources, transfers=[edge])[k].values
-        panels[f"φ{f'{i}'.translate(SUBSCRIPTS) * numbered}: {words}"] = phi
+        panels[f"φ{f'{i}'.translate(SUBSCRIPTS) * numbered}: {title}"] = phi
     potentials = result.potentials.get(name) or curriculum.potentials(name, result.sources)
     aggregate = potentials[k].values
     if numbered or not np.array_equal(aggregate, phi):
@@ -308,29 +291,17 @@ def draw_sources(
             title += f", calibrated × {result.calibrations[name][k].scale:.2g}"
         panels[title] = aggregate
     solution, error = Target.of(task).solution, None
-    words = f"Seed {seed}. Values of the best action, all in one scale of return"
+    sentences = f"Seed {seed}. Values of the best action, all in one scale of return"
     if solution is None:
-        words += "; the target cannot be solved, so V* is not drawn."
+        sentences += "; the target cannot be solved, so V* is not drawn."
     else:
         panels["V* = max Q*"] = solution.values
         error = aggregate.max(axis=1) - solution.values
-        words += (
+        sentences += (
             ". Last panel, in a scale of its own: φ of the action a* that φ prefers, minus V*; "
             "above 0 it is an overestimate."
         )
-    figure, view = _draw_panels(task, panels, error, at)
-    figure.suptitle(f"{name}: potentials from its sources")
-    words += " Hatched: the episode is over." * bool(view.ended.any())
-    if view.words:
-        words += f" {view.words[0].upper()}{view.words[1:]}."
-    caption(figure, words)
-    return figure
-
-
-def _draw_panels(
-    task: Task, panels: Mapping[str, npt.ArrayLike], error: FloatArray | None, at: At | None
-) -> tuple[Figure, GridView]:
-    """Return the figure of panels in the same colours, and of an error in its own; their view."""
+    # A panel for each in the same colours, and for the error in its own.
     limits, view = shared_limits(task, *panels.values(), at=at), GridView.of(task, at)
     n = len(panels) + (error is not None)
     columns = min(n, 3 if n <= 6 else 4)
@@ -348,4 +319,9 @@ def _draw_panels(
     for axes in grid.flat[:n]:
         axes.set_xlabel("column")
     figure.colorbar(image, ax=shared, label="return", shrink=0.8)
-    return figure, view
+    figure.suptitle(f"{name}: potentials from its sources")
+    sentences += " Hatched: the episode is over." * bool(view.ended.any())
+    if view.words:
+        sentences += f" {view.words[0].upper()}{view.words[1:]}."
+    caption(figure, sentences)
+    return figure

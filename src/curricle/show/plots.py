@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -65,23 +65,17 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     Raises
     ------
     CurricleError
-        When the subject or the file's ending is another, a task is given without values or the
-        other way round, states do not lie on a grid, the file cannot be written, or a study cannot
-        be compared.
+        When the subject or the file's ending is another, values and task are not given together,
+        states lie on no grid, the file cannot be written, or a study cannot be compared.
 
     Examples
     --------
-    >>> from curricle import Curriculum, GridWorld, Transfer, compare, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
-    ...     budget={"corner": 500, "maze": 2000})
-    >>> figure = plot(compare(plan, seeds=3))
-    >>> len(figure.axes)
-    3
-    >>> plot(plan.train()["maze"].values[0], task=maze).axes[0].get_title()
+    >>> from curricle import GridWorld, learn
+    >>> maze = GridWorld(["..T", "S.."])
+    >>> learnt = learn(maze, budget=500)
+    >>> plot(learnt).axes[0].get_ylabel()
+    'greedy return'
+    >>> plot(learnt.values[0], task=maze).axes[0].get_title()
     'max Q(s, a)'
     """
     if path is not None:
@@ -89,9 +83,8 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     if task is not None:
         array = numbers("the values of a task", subject, SettingError)
         with matplotlib.rc_context(STYLE):
-            figure, axes = new_figure(1, 1, width=5.5, height=4.2)
-            label = "max Q(s, a)" if array.ndim == 2 else "V(s)"
-            draw_potential(axes[0, 0], task, array, label=label)
+            figure, ((axes,),) = new_figure(1, 1, width=5.5, height=4.2)
+            draw_potential(axes, task, array, label="max Q(s, a)" if array.ndim == 2 else "V(s)")
     elif isinstance(subject, Forecast):
         figure = draw_forecast(subject)
     elif isinstance(subject, LearningResult):
@@ -249,40 +242,32 @@ def draw_learning_curves(
     comparison: Comparison, *, width: float = 8.4, height: float = 4.0, most: int = ALL
 ) -> tuple[Figure, Figure]:
     """Return figures of the arms' curves in one scale: weak, then strong transfer; no legend."""
-    styles = arm_styles(comparison)
     weak, strong = (new_figure(1, 1, width=width, height=height)[0] for _ in range(2))
-    _draw_arms(weak.axes[0], comparison, styles, strong=False, most=most)
-    _draw_arms(strong.axes[0], comparison, styles, strong=True, most=most)
     both = weak.axes + strong.axes
-    _scale_returns(both, comparison)
+    _draw_arms(dict(zip(both, (False, True), strict=True)), comparison, most)
     for axes in both:
         axes.grid(axis="y", color="#e4e4e4", lw=0.6)
         axes.set_axisbelow(True)
     return weak, strong
 
 
-def _scale_returns(panels: Sequence[Axes], comparison: Comparison) -> None:
-    """Give panels of drawn arms one scale of return, in which the threshold can be seen."""
+def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = ALL) -> None:
+    """Draw the curve of each arm into panels, in which source steps count if True, in one scale."""
+    for axes, strong in panels.items():
+        _draw_panel(axes, comparison, strong, most)
+    # In which the threshold can be seen.
     ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
     for axes in panels:
         return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
 
 
-def _draw_arms(
-    axes: Axes,
-    comparison: Comparison,
-    styles: Mapping[str, ArmStyle],
-    *,
-    strong: bool,
-    most: int = ALL,
-) -> None:
-    """Draw the curve of each arm, in which source steps count if `strong`."""
-    for name, style in controls_first(styles):
+def _draw_panel(axes: Axes, comparison: Comparison, strong: bool, most: int) -> None:
+    for name, style in controls_first(arm_styles(comparison)):
         whole, begin = shown_curve(comparison, name, strong=strong)
         kept = places(len(whole.steps), most)
         shown = Curve(whole.steps[kept], whole.filled()[:, kept])
-        look = {"label": name, "colour": style.colour, "dashes": style.dashes}
-        draw_curve(axes, shown, **look, confidence=comparison.confidence)
+        drawn: Any = {"label": name, "colour": style.colour, "dashes": style.dashes}
+        draw_curve(axes, shown, **drawn, confidence=comparison.confidence)
         if begin:
             # Dotted from step 0 to where training in the target begins.
             low, start = random_level(comparison), int(shown.steps[0])
@@ -292,17 +277,11 @@ def _draw_arms(
     counted = "target and source steps" if strong else "target steps"
     steps_scale(axes, comparison.total if strong else comparison.budget, counted)
     axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
-    axes.annotate(
-        minus(f"threshold {comparison.threshold:.4g}"),
-        (1, comparison.threshold),
-        (-2, 2),
-        xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        ha="right",
-        fontsize=7.5,
-        color="#444444",
-        bbox={"fc": "w", "ec": "none", "pad": 0.8, "alpha": 0.8},
-    )
+    above: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+    look: Any = {"ha": "right", "fontsize": 7.5, "color": "#444444"}
+    behind = {"fc": "w", "ec": "none", "pad": 0.8, "alpha": 0.8}
+    label = minus(f"threshold {comparison.threshold:.4g}")
+    axes.annotate(label, (1, comparison.threshold), (-2, 2), **above, **look, bbox=behind)
 
 
 def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:
@@ -311,7 +290,7 @@ def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]
 
 
 def random_level(comparison: Comparison) -> float:
-    """Return the return that counts while an arm trains its sources: the first one of scratch."""
+    """Return the return that counts while an arm trains its sources: the first of scratch."""
     return float(comparison.scratch.curve.filled()[:, 0].mean())
 
 
@@ -324,22 +303,19 @@ def draw_comparison(comparison: Comparison) -> Figure:
     height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
     figure = ShownFigure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
-    _draw_arms(curves, comparison, styles, strong=True)
-    _scale_returns([curves], comparison)
+    _draw_arms({curves: True}, comparison)
     curves.set_title("learning curves (strong transfer)")
     _draw_profiles(profile, comparison, styles)
     _draw_gains(gains, comparison, styles)
     figure.suptitle(f"{comparison.target}: every arm spends {comparison.total:,} steps")
-    caption(figure, _words(comparison))
+    caption(figure, _caption_of(comparison))
     return figure
 
 
 def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the share of runs above tau; a step where a run ends."""
-    final = {
-        name: asymptotic_performance(arm.charged(comparison.scratch))
-        for name, arm in comparison.arms.items()
-    }
+    scratch, arms = comparison.scratch, comparison.arms.items()
+    final = {name: asymptotic_performance(arm.charged(scratch)) for name, arm in arms}
     ends = np.concatenate(list(final.values()))
     return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final return")
     tau = np.unique([*axes.get_xlim(), *ends])
@@ -355,19 +331,15 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
             band = tau, share.low, share.high
             axes.fill_between(*band, step="post", color=style.colour, alpha=0.15, lw=0)
     axes.axvline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
-    axes.set(
-        ylim=(-0.03, 1.03),
-        title="final returns",
-        ylabel="share of runs with a final return > τ",
-    )
+    label = "share of runs with a final return > τ"
+    axes.set(ylim=(-0.03, 1.03), title="final returns", ylabel=label)
 
 
 def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
     axes.axvline(0, color=COLOURS["black"], lw=0.8)
     tested = not comparison.withheld
-    head = "gain [95 %]" if comparison.seeds > 1 else "gain"
-    columns = [(head, "p (Holm)" if tested else "")]
+    columns = [("gain" + " [95 %]" * (comparison.seeds > 1), "p (Holm)" * tested)]
     for row, (name, style) in enumerate(styles.items()):
         sample: Any = {"linestyle": style.dashes, "lw": 1.8, "clip_on": False}
         across = axes.get_yaxis_transform()
@@ -392,26 +364,21 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     axes.spines["left"].set_visible(False)
     spare = max(0.5, (7 - len(styles)) / 2)
     axes.set_ylim(len(styles) - 1 + spare, -spare)
-    xlabel = f"mean return, minus that of {comparison.best_scratch}"
-    axes.set(title="gain over scratch", xlabel=xlabel)
+    label = f"mean return, minus that of {comparison.best_scratch}"
+    axes.set(title="gain over scratch", xlabel=label)
 
 
-def _words(comparison: Comparison) -> str:
-    n, seeds = len(comparison.verdicts), comparison.seeds
-    tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
-    if seeds > 1:
+def _caption_of(comparison: Comparison) -> str:
+    how, sure = "One seed, which allows neither intervals nor tests.", ""
+    if comparison.seeds > 1:
         how = (
-            f"{seeds} seeds; bands and bars are nominal 95 % intervals over seeds, Student's for "
-            "means and Wilson's for shares, pointwise for curves and profiles."
+            f"{comparison.seeds} seeds; bands and bars are nominal 95 % intervals over seeds, "
+            "Student's for means and Wilson's for shares, pointwise for curves and profiles."
         )
-        sure = (
-            f"; p values of a sign-flip test of the paired differences, {tests}; filled where "
-            f"p < {SIGNIFICANT:g}"
-        )
-        if why := comparison.withheld:
-            sure = f"; {why}"
-    else:
-        how, sure = "One seed, which allows neither intervals nor tests.", ""
+        n = len(comparison.verdicts)
+        tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
+        sure = f"p values of a sign-flip test of the paired differences, {tests}; filled where "
+        sure = f"; {comparison.withheld or f'{sure}p < {SIGNIFICANT:g}'}"
     controls = any(arm.control for arm in comparison.arms.values())
     return (
         f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
@@ -428,8 +395,7 @@ def _words(comparison: Comparison) -> str:
 def draw_forecast(forecast: Forecast) -> Figure:
     """Return the figure of a forecast: bars from the random policy's return to predicted starts."""
     rows, low = forecast.rows, forecast.random_return
-    figure, grid = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
-    axes = grid[0, 0]
+    figure, ((axes,),) = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
     for y, row in enumerate(rows):
         colour, alpha = COLOURS["blue" if row.aggregate else "grey"], 0.9 if row.used else 0.45
         axes.barh(y, row.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
@@ -442,14 +408,12 @@ def draw_forecast(forecast: Forecast) -> Figure:
     axes.spines["left"].set_visible(False)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-    for name, bound, dashes, side in (
-        ("random policy", low, ":", "left"),
-        ("optimum", forecast.optimum, "-", "right"),
-    ):
+    bounds = ("random policy", low, ":", "left"), ("optimum", forecast.optimum, "-", "right")
+    for name, bound, dashes, side in bounds:
         if not math.isnan(bound):
             axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
-            words = f"{name} {rounded(bound)}"
-            axes.annotate(words, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
+            label = f"{name} {rounded(bound)}"
+            axes.annotate(label, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
     axes.use_sticky_edges = False
     axes.margins(x=0.04)
     axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
@@ -462,10 +426,8 @@ def draw_forecast(forecast: Forecast) -> Figure:
     scales = ["none" if math.isnan(row.scale) else f"× {row.scale:.2g}" for row in rows]
     write_columns(axes, [(over, *shares), ("scale", *scales)])
     # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
-    figure.suptitle(
-        f"{forecast.target}: where learning would start, not what it gains\n"
-        f"a forecast {forecast.computed_from}"
-    )
+    title = f"{forecast.target}: where learning would start, not what it gains"
+    figure.suptitle(f"{title}\na forecast {forecast.computed_from}")
     bars = "Bars: mean over seeds; dots: seeds" if len(rows[0].seeds) > 1 else "One seed"
     returns = "exact" if forecast.exact else "by rollouts"
     alone = any(not row.aggregate for row in rows)

@@ -5,7 +5,7 @@ The page holds three drawn moments of each; its script draws the others from :me
 
 import base64
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,17 +18,17 @@ from curricle.show.graph import Learnt
 from curricle.show.plots import places
 from curricle.show.style import (
     COLOURS,
-    DIVERGING,
     MOST_NUMBERS,
-    SEQUENTIAL,
     SHADES,
     TINTS,
+    digits_of,
     minus,
     rounded,
     shades_of,
+    value_scale,
 )
-from curricle.show.views import GridView
-from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord, TaskRecord
+from curricle.show.views import GridView, stacked
+from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord
 from curricle.tasks.domain import LETTERS
 from curricle.text import counted
 
@@ -56,14 +56,14 @@ def squares(cells: Iterable[tuple[int, int]]) -> str:
 def grid_drawing(view: GridView) -> dict[str, Any]:
     """Return the unchanging parts of a grid, in columns and rows from its top-left cell."""
     (top, left), (rows, columns) = view.origin, view.shape
-    across = "".join(f"M0 {y}h{columns}" for y in range(rows + 1))
-    down = "".join(f"M{x} 0v{rows}" for x in range(columns + 1))
+    lines = [f"M0 {y}h{columns}" for y in range(rows + 1)]
+    lines += [f"M{x} 0v{rows}" for x in range(columns + 1)]
     numbered = zip(shifted(view, view.cells), view.states.tolist(), strict=True)
     return {
         "columns": columns,
         "rows": rows,
         # Paths: the lines between cells, cells in which no state lies, and terminal states.
-        "lines": across + down,
+        "lines": "".join(lines),
         "walls": squares(shifted(view, view.walls)),
         "ended": squares(shifted(view, view.cells[view.ended])),
         # What lies in a maze: letter, colour, column, row, and whether it ends the episode.
@@ -72,7 +72,7 @@ def grid_drawing(view: GridView) -> dict[str, Any]:
             for name, row, column, ends in view.objects
         ],
         # Fixed components of the state, the number of each state of a strip, and what moves.
-        "letters": [(x, c - left, r - top) for (r, c), x in view.stacked_letters.items()],
+        "letters": [(x, c - left, r - top) for (r, c), x in stacked(view.letters).items()],
         "labels": [] if view.is_map else [(x, y, str(n)) for (x, y), n in numbered],
         "markers": [(marker.letter, COLOURS[marker.colour]) for marker in view.markers],
     }
@@ -128,21 +128,20 @@ def mark_of(view: GridView, chosen: BoolArray) -> str:
 
 
 def shown_episode(record: EpisodeRecord, columns: int) -> dict[str, Any]:
-    """Return a greedy episode of n steps on a grid: how it ended, and where markers are."""
-    cells, n = record.cells, len(record.cells) - 1
-    markers = cells.shape[1]
+    """Return a greedy episode of n states on a grid: how it ended, and where markers are."""
+    cells, (n, markers) = record.cells, record.cells.shape
     turn = 2 * np.pi * np.arange(markers) / markers
     # Several markers stand apart within a cell.
     aside = APART * (markers > 1) * np.stack([-np.cos(turn), -np.sin(turn)], axis=1)
     corner = np.stack([cells % columns, cells // columns], axis=-1)
-    points = (corner + 0.5 + aside).round(2)  # (n + 1, markers, 2)
+    points = (corner + 0.5 + aside).round(2)  # (n, markers, 2)
     how, last = "terminated" if record.terminated else "truncated", rounded(record.returns[-1])
     return {
-        "words": f"{how} after {counted(n, 'step')}, return {last}",
+        "words": f"{how} after {counted(n - 1, 'step')}, return {last}",
         # Of each marker the points of its path, and where it starts as a CSS translation.
         "trails": [" ".join(f"{x:g},{y:g}" for x, y in points[:, m]) for m in range(markers)],
         "starts": [f"{x:g}px, {y:g}px" for x, y in points[0]],
-        "places": points.reshape(n + 1, -1).tolist(),
+        "places": points.reshape(n, -1).tolist(),
         "returns": [rounded(value) for value in record.returns],
     }
 
@@ -163,6 +162,8 @@ class Replay:
     marks: tuple[str, ...]  # how choices are drawn
     low: float  # return
     high: float
+    palette: str  # the colour map of values
+    digits: int | None  # decimals of the numbers in cells; None where there are too many cells
     episodes: Mapping[str, Any]  # "before" and "after"; empty where they are not shown
 
     @cached_property
@@ -170,34 +171,20 @@ class Replay:
         """The unchanging parts of the drawing."""
         return grid_drawing(self.view)
 
-    @property
-    def arrows(self) -> bool:
-        """Whether choices are drawn as arrows."""
-        return self.view.directions is not None
-
-    @property
-    def palette(self) -> str:
-        """The colour map: diverging where values have both signs."""
-        return DIVERGING if self.low < 0 < self.high else SEQUENTIAL
-
-    @property
-    def digits(self) -> int | None:
-        """Decimals of the numbers written into cells; None where there are too many cells."""
-        if len(self.cells) > MOST_NUMBERS:
-            return None
-        return 0 if max(abs(self.low), abs(self.high)) >= 100 else 1
-
     def moment(self, place: int) -> dict[str, Any]:
         """Return the moment at a place, ready to be drawn."""
         shade = self.levels[place].astype(np.int64) * SHADES // LEVELS
-        marks = [(*cell, self.marks[k]) for cell, k in self._with_cells(self.choices[place])]
+        marks = [
+            (*cell, self.marks[k]) for cell, k in zip(self.cells, self.choices[place], strict=True)
+        ]
+        arrows = self.view.directions is not None
         numbers, middle = list[tuple[int, int, str]](), 0.5
         if self.digits is not None:
             values = self.low + (self.high - self.low) * self.levels[place] / (LEVELS - 1)
-            cells_values = self._with_cells(values)
-            numbers = [(*cell, minus(f"{x:z.{self.digits}f}")) for cell, x in cells_values]
+            texts = [minus(f"{value:z.{self.digits}f}") for value in values]
+            numbers = [(*cell, text) for cell, text in zip(self.cells, texts, strict=True)]
             middle = 0.4
-        cells, arrows = np.array(self.cells), self.arrows
+        cells = np.array(self.cells)
         paths = [f"M{x}.5 {y + middle:g}{mark}" for x, y, mark in marks if mark]
         return {
             "step": int(self.steps[place]),
@@ -207,19 +194,17 @@ class Replay:
                 for number, colour in enumerate(shades_of(self.palette))
                 if (shade == number).any()
             ],
-            # Choices are arrows or words; words and values of cells: column, row, text.
+            # Choices are arrows or texts; texts and values of cells: column, row, text.
             "choice": "".join(paths) if arrows else "",
             "texts": [] if arrows else marks,
             "numbers": numbers,
         }
 
-    def _with_cells(self, values: Any) -> Iterable[tuple[tuple[int, int], Any]]:
-        return zip(self.cells, values, strict=True)
-
     def data(self) -> dict[str, Any]:
         """Return all moments for the script of the page."""
-        names = ("marks", "arrows", "low", "high", "digits", "palette")
+        names = ("marks", "low", "high", "digits", "palette")
         return {name: getattr(self, name) for name in names} | {
+            "arrows": self.view.directions is not None,
             "steps": self.steps.tolist(),
             "cells": [number for cell in self.cells for number in cell],
             "levels": base64.b64encode(self.levels.astype("<u2").tobytes()).decode(),
@@ -235,9 +220,18 @@ def replays(
     curricula: CurriculaRecord, learnt: Learnt, analysis: Analysis
 ) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
     """Return the replays of all snapshots, the last task first, and the tasks too large to show."""
+    # Tasks with snapshots, and their arms; equal names may be two tasks.
+    depths, owners_of = dict[str, int](), dict[tuple[str, int], list[str]]()
+    for arm, record in curricula.arms.items():
+        for depth, (name, node) in enumerate(record.nodes.items()):
+            depths[name] = max(depth, depths.get(name, 0))
+            if name in learnt[arm] and learnt[arm][name].snapshots is not None:
+                owners_of.setdefault((name, node.task), []).append(arm)
     shown, left_out, cells = list[tuple[str, GridView, list[str]]](), dict[str, None](), 0
-    for name, task, arms in reversed(_tasks(curricula, learnt)):
-        view = None if task.view is None else task.view.view
+    sources_first = sorted(owners_of, key=lambda place: depths[place[0]])
+    for name, number in reversed(sources_first):
+        arms, record_of_view = owners_of[name, number], curricula.tasks[number].view
+        view = None if record_of_view is None else record_of_view.view
         size = 0 if view is None else len(arms) * view.states.size
         if view is None or cells + size > MOST_CELLS:
             left_out[name] = None
@@ -253,57 +247,44 @@ def replays(
             same = kept.seed, kept.steps.tobytes(), kept.values.tobytes()
             alike.setdefault(same, (kept, []))[1].append(arm)
         for kept, owners in alike.values():
-            episodes = _episodes(analysis.episodes.get(owners[0], {}).get(name), view)
-            values = _values(kept, view, most)
-            made.append(
-                Replay(f"r{len(made)}", name, tuple(owners), view, **values, episodes=episodes)
-            )
+            pair = analysis.episodes.get(owners[0], {}).get(name)
+            # The first and the last moment are among those that are shown.
+            moments = places(len(kept.steps), most)
+            thinned = replace(kept, steps=kept.steps[moments], values=kept.values[moments])
+            made.append(_replay(f"r{len(made)}", name, owners, view, thinned, pair))
     return tuple(made), tuple(left_out)
 
 
-def _tasks(curricula: CurriculaRecord, learnt: Learnt) -> list[tuple[str, TaskRecord, list[str]]]:
-    """Return each task with snapshots and its arms, sources first; equal names may be two tasks."""
-    depths, owners = dict[str, int](), dict[tuple[str, int], list[str]]()
-    for arm, record in curricula.arms.items():
-        for depth, (name, node) in enumerate(record.nodes.items()):
-            depths[name] = max(depth, depths.get(name, 0))
-            if name in learnt[arm] and learnt[arm][name].snapshots is not None:
-                owners.setdefault((name, node.task), []).append(arm)
-    tasks = [(name, curricula.tasks[task], arms) for (name, task), arms in owners.items()]
-    return sorted(tasks, key=lambda task: depths[task[0]])
-
-
-def _episodes(pair: EpisodePair | None, view: GridView) -> dict[str, Any]:
-    """Return the episodes "before" and "after"; none where the view does not hold them."""
-    records = {} if pair is None else {"before": pair.before, "after": pair.after}
-    rows, columns = view.shape
-    for record in records.values():
-        if record.cells.shape[1] != len(view.markers) or record.cells.max() >= rows * columns:
-            return {}
-    return {which: shown_episode(record, columns) for which, record in records.items()}
-
-
-def _values(snapshots: Snapshots, view: GridView, most: int) -> dict[str, Any]:
-    """Return the fields of a replay for `most` moments, the first and the last among them."""
-    moments = places(len(snapshots.steps), most)
-    values = snapshots.values[moments][:, view.states[~view.ended]]
+def _replay(
+    key: str, task: str, arms: list[str], view: GridView, kept: Snapshots, pair: EpisodePair | None
+) -> Replay:
+    values = kept.values[:, view.states[~view.ended]]
     best = values.max(axis=-1)
     low, high = (float(best.min()), float(best.max())) if best.size else (0.0, 0.0)
-    if low < 0 < high:
-        # Zero is the middle of the colours.
-        high = max(-low, high)
-        low = -high
+    low, high, palette = value_scale(low, high)
     share = (best.astype(np.float64) - low) / ((high - low) or 1.0)
-    levels = (np.clip(share, 0, 1) * (LEVELS - 1)).round().astype(np.uint16)
     chosen = greedy_choices(view, values)
     kinds, choices = np.unique(chosen.reshape(-1, chosen.shape[-1]), axis=0, return_inverse=True)
-    return {
-        "seed": snapshots.seed,
-        "steps": snapshots.steps[moments],
-        "cells": tuple(shifted(view, view.cells[~view.ended])),
-        "levels": levels,
-        "choices": choices.reshape(levels.shape),
-        "marks": tuple(mark_of(view, kind) for kind in kinds),
-        "low": low,
-        "high": high,
-    }
+    episodes, (rows, columns) = {} if pair is None else dict(pair), view.shape
+    # None where the view does not hold them.
+    inside = [
+        episode.cells.shape[1] == len(view.markers) and episode.cells.max() < rows * columns
+        for episode in episodes.values()
+    ]
+    return Replay(
+        key,
+        task,
+        tuple(arms),
+        view,
+        seed=kept.seed,
+        steps=kept.steps,
+        cells=tuple(shifted(view, view.cells[~view.ended])),
+        levels=(np.clip(share, 0, 1) * (LEVELS - 1)).round().astype(np.uint16),
+        choices=choices.reshape(best.shape),
+        marks=tuple(mark_of(view, kind) for kind in kinds),
+        low=low,
+        high=high,
+        palette=palette,
+        digits=digits_of(low, high) if best.shape[1] <= MOST_NUMBERS else None,
+        episodes={n: shown_episode(e, columns) for n, e in episodes.items() if all(inside)},
+    )

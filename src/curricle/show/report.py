@@ -1,34 +1,139 @@
-"""The report of a study's folder: once, or again and again while units are stored.
+"""The report of a study: one HTML page without a network and without other files.
 
-An interim report is made of what the folder holds, whoever runs the study, so that ``run --open``
-and ``watch`` do the same.
+Curves are in it twice: as pictures, for paper and for readers without scripts, and as numbers. An
+interim report is made of what the folder holds, whoever runs the study, so that ``run --open`` and
+``watch`` do the same.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+import base64
+import hashlib
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
+from functools import partial
+from importlib.resources import files
+from itertools import groupby
 from pathlib import Path
 from secrets import token_hex
 from threading import Event, Lock, Thread
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any, Self
+from xml.etree import ElementTree
 
+import matplotlib
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.scale import SymmetricalLogTransform
+
+from curricle.arrays import FloatArray
 from curricle.checks import listed
-from curricle.comparison.plan import seed_ranges
-from curricle.errors import StudyError, in_words
-from curricle.files import Place, RemotePath, place_at
-from curricle.show.page import ShownStudy, page_of, render, write_page
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.plan import numbered_seeds, seed_ranges
+from curricle.errors import SettingError, StoreError, StudyError, in_words
+from curricle.files import Place, RemotePath, place_at, write_whole
+from curricle.show import findings
+from curricle.show.graph import graphs
+from curricle.show.plots import (
+    controls_first,
+    draw_learning_curves,
+    places,
+    random_level,
+    shown_curve,
+)
+from curricle.show.replay import replays
+from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
+from curricle.statistics.intervals import mean_interval
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
 from curricle.study.tuning import effects_of, read_tuning
 from curricle.text import counted
 
-BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
-REST = 10.0  # after an interim report that took t seconds no other is begun for REST * t
-ATTEMPTS = 3  # a file that a listing names may have been merged into another before it is read
-INTERRUPTED = "The run was interrupted. What was stored is whole, and --resume goes on from there."
-NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
+# -- templates -------------------------------------------------------------------------------------
+
+WHITE = "\n\t\u00a0\u202f"  # characters that are not printable and stay
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a template filled in; text is escaped, ``Markup`` is not.
+
+    Parameters
+    ----------
+    template : str
+        File name in ``assets``.
+    **values
+        What it names; ``UndefinedError`` where one is missing.
+
+    Examples
+    --------
+    >>> page = render("paper.html", title="A < B", counts={}, sections=[], seeds="")
+    >>> "<h1>A &lt; B</h1>" in page
+    True
+    """
+    environment = Environment(
+        loader=PackageLoader("curricle.show", "assets"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_visible,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    environment.globals.update(shades=shades_of, asset=asset, digest=_digest, findings=findings)
+    # A sentence's negative numbers with a minus sign in place of the hyphen.
+    environment.filters["signs"] = partial(re.sub, r"(?<![\w)\]])-(?=\d)", "−")
+    environment.filters.update(evidence=_evidence, numbered_seeds=numbered_seeds)
+    environment.filters.update(rounded=rounded, listed=listed, counted=counted)
+    return environment.get_template(template).render(values)
+
+
+def _visible(value: Any) -> Any:
+    """Return a text with control and format characters written out: some reverse what follows."""
+    if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
+        return value
+    return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
+
+
+def asset(name: str) -> Markup:
+    """Return the text of a file in ``assets``."""
+    return Markup((files("curricle.show") / "assets" / name).read_text("utf-8"))
+
+
+def _digest(script: str) -> str:
+    """Return the digest by which the policy of a page names its script."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+def write_page(page: str, path: str | Path) -> Path:
+    """Write a page, whole or not at all, and return its path; StoreError if that fails."""
+    try:
+        write_whole(Path(path), page.encode())
+    except OSError as error:
+        raise StoreError(f"a report cannot be written to {path}: {error.strerror}") from None
+    return Path(path)
+
+
+def _evidence(value: Any) -> str:
+    """Return a number, an interval or a text of a claim's evidence."""
+
+    def text(number: float) -> str:
+        return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
+
+    if isinstance(value, dict) and "estimate" in value:
+        ends = [value["low"], value["high"]]
+        bounds = "(no interval)" if None in ends else f"[{', '.join(map(text, ends))}]"
+        return f"{text(value['estimate'])} {bounds}"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+# -- a study's page ---------------------------------------------------------------------------
 
 
 def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
@@ -48,7 +153,7 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     """
     study = StudyResults(folder)
     path = default_page(study.store.path) if out is None else Path(out)
-    return write_page(stored_page(study), path)
+    return write_page(page_of(study), path)
 
 
 def default_page(place: Place) -> Path:
@@ -56,39 +161,233 @@ def default_page(place: Place) -> Path:
     return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
 
 
-def stored_page(study: StudyResults, banner: str = "") -> str:
-    """Return the page of a stored study; StoreError when there is nothing to compare yet."""
-    comparison = study.comparison
+WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
+"""Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
+
+
+def page_of(study: StudyResults, banner: str = "") -> str:
+    """Return the page of a study, an interim one if it has a `banner`; StoreError without arms."""
+    comparison, tuning, analysis = study.comparison, read_tuning(study.store), study.analysis
+    if not comparison.contrasts:
+        raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
     learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
-    places = [(arm, task) for arm, nodes in learnt.items() for task in nodes]
-    record, tuning, analysis = study.record.only(learnt), read_tuning(study.store), study.analysis
+    curricula = study.record.only(learnt)
+    reasons = {
+        (arm, task): list(study.ended_by(arm, task).values())
+        for arm, nodes in learnt.items()
+        for task in nodes
+    }
     if analysis is None:
         why = (
             "The forecast and certificates are left out, because the run has not ended: "
             "curricle run --resume makes them."
         )
-        groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
+        groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].transfers]
         empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
-    shown = ShownStudy(
+    styles = arm_styles(comparison)
+    columns, effects = findings.COLUMNS, effects_of(comparison, curricula, tuning)
+    films, not_shown = replays(curricula, learnt, analysis)
+    # The replay to begin with: the first curriculum in the target.
+    in_target = [film for film in films if film.task == comparison.target]
+    curricula_first = [film for film in in_target if not {*film.arms} <= {*comparison.scratches}]
+    curves, panels = _curves(comparison)
+    settings = [
+        (arm, task, {"task": curricula.task(arm, task).text, **node.settings})
+        for arm, record in curricula.arms.items()
+        for task, node in record.nodes.items()
+    ]
+    counts = Counter(reason for why in reasons.values() for reason in why)
+    tasks = {r: dict.fromkeys(t for (_, t), why in reasons.items() if r in why) for r in counts}
+    ends = [(r, f"{n:,} of {counts.total():,}", listed(tasks[r])) for r, n in counts.most_common()]
+    ended = [
+        (*place, Markup("<br>").join(_visible(f"{n}: {e}") for e, n in Counter(why).most_common()))
+        for place, why in reasons.items()
+    ]
+    total, budget = f"{comparison.total:,}", f"{comparison.budget:,}"
+    threshold = rounded(comparison.threshold)
+    if comparison.threshold_from:
+        threshold += f" ({comparison.threshold_from})"
+    facts = {
+        "arms": listed(styles),
+        "steps": f"{total} in all; the budget of the target is {budget}",
+        "threshold": f"{threshold}, smoothed over {counted(comparison.window, 'checkpoint')}",
+    }
+    for last in study.runs[-1:]:
+        facts |= {"file": last.file, "started": last.started, "seeds": seed_ranges(study.seeds)}
+        facts |= {"commit": last.commit or "none", "Python": last.python, "machine": last.machine}
+        facts |= last.versions
+    scripts = ["study.js", "curves.js", *["reload.js"] * bool(banner)]
+    return render(
+        "study.html",
         name=study.record.name,
         comparison=comparison,
-        curricula=record,
-        learnt=learnt,
-        analysis=analysis,
-        reasons={place: list(study.ended_by(*place).values()) for place in places},
-        effects=effects_of(comparison, record, tuning),
+        failed={arm: in_words(error) for arm, error in comparison.failed.items()},
+        styles=styles,
+        graphs=graphs(curricula, learnt, reasons),
+        with_scratch=SCRATCH in learnt,
+        curves=curves,
+        curve_data=curve_data(comparison, styles, panels),
+        most_seeds=MOST_SEEDS,
+        kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
+        settings_sections=findings.effects_sections(effects, tuning),
         tuning=tuning,
+        sections=findings.forecast_sections(analysis, curricula, learnt),
+        replays=films,
+        menu={film.task: [other for other in films if other.task == film.task] for film in films},
+        first=next((film.key for film in [*curricula_first, *films]), ""),
+        not_shown=not_shown,
+        settings=_shared(settings),
+        facts=facts,
+        reasons=[(task, listed(arms), ended) for arms, task, ended in _shared(ended)],
+        ends=ends,
+        banner=banner,
+        scripts=scripts,
+        data={
+            "replays": {film.key: film.data() for film in films},
+            "palettes": {film.palette: shades_of(film.palette) for film in films},
+        },
     )
-    environment = dict[str, str]()
-    for last in study.runs[-1:]:
-        environment = {"file": last.file, "started": last.started}
-        environment |= {"seeds": seed_ranges(study.seeds), "commit": last.commit or "none"}
-        environment |= {"Python": last.python, "machine": last.machine, **last.versions}
-    return page_of(shown, environment, banner)
+
+
+def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
+    """Return the learning curves, kind of transfer -> width -> SVG, and the axes of each kind."""
+    drawn: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
+    panels = dict[str, Axes]()
+    for size, (width, height, most) in WIDTHS.items():
+        pair = draw_learning_curves(comparison, width=width, height=height, most=most)
+        for kind, figure in zip(drawn, pair, strict=True):
+            steps = "target steps" if kind == "weak" else "target and source steps"
+            label = f"Greedy return of each arm over {steps}; the table below has the numbers."
+            drawn[kind][size] = inline_svg(figure, f"{kind}-{size}", label)
+            panels[kind] = figure.axes[0]
+    return drawn, panels
+
+
+def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, Any]]:
+    """Return rows of arm, task and content; rows of equal task and content become one."""
+    alike: dict[str, tuple[list[str], str, Any]] = {}
+    for arm, task, content in rows:
+        alike.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
+    return list(alike.values())
+
+
+# -- figures as SVG --------------------------------------------------------------------------------
+
+_REFERENCE = re.compile(r"#([\w-]+)")
+_DRAWN = ("d", "transform", "x", "y", "width", "height")  # attributes that hold coordinates
+
+
+def inline_svg(figure: Figure, name: str, label: str) -> Markup:
+    """Return a figure as an ``<svg>`` element that shares no identifier with another name's."""
+    content = io.BytesIO()
+    with matplotlib.rc_context({**STYLE, "svg.fonttype": "none"}):
+        figure.savefig(content, format="svg", metadata={"Date": None})
+    root = ElementTree.fromstring(content.getvalue())
+    for parent in list(root.iter()):
+        for child in list(parent):
+            # Metadata; and a style rule for *, which would apply to the whole page.
+            if child.tag.endswith(("}metadata", "}style")):
+                parent.remove(child)
+    values = [value for element in root.iter() for value in element.attrib.values()]
+    used = {name for value in values for name in _REFERENCE.findall(value)}
+    for element in root.iter():
+        element.text = element.text if element.text and element.text.strip() else None
+        element.tag, element.tail = element.tag.rpartition("}")[2], None
+        attributes = {key.rpartition("}")[2]: value for key, value in element.attrib.items()}
+        element.attrib.clear()
+        for key, value in attributes.items():
+            if key in _DRAWN:  # in hundredths
+                value = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):z.2f}", value)
+                value = re.sub(r"\s+", " ", value).strip()
+            elif "url(" in value or key == "href":
+                value = _REFERENCE.sub(rf"#{name}-\1", value)
+            elif key == "id":
+                value = f"{name}-{value}" if value in used else ""
+            else:
+                value = re.sub(r"font-family:[^;]*;\s*", "", value)
+            if value or key != "id":
+                element.set(key, value)
+    box = root.get("viewBox", "")
+    root.attrib.clear()
+    root.attrib.update({"viewBox": box, "role": "img", "aria-label": label})
+    root.set("stroke-linejoin", "round")
+    return Markup(ElementTree.tostring(root, encoding="unicode"))
+
+
+# -- learning curves as data for the script of the page --------------------------------------------
+
+MOST_CHECKPOINTS = 400  # checkpoints of a mean that a page holds
+MOST_SEEDS, MOST_SEED_VALUES = 100, 60_000  # seeds of an arm that a page shows, values of all
+SEEN, SEEN_NEAR_ZERO = 4000, 100  # rounded to a share of an axis, of a symlog axis's linear part
+
+
+def curve_data(
+    comparison: Comparison, styles: Mapping[str, ArmStyle], panels: Mapping[str, Axes]
+) -> dict[str, Any]:
+    """Return what the script of a page draws curves from, as data for JSON."""
+    scale, symlog = panels["strong"].yaxis.get_transform(), None
+    if isinstance(scale, SymmetricalLogTransform):
+        symlog = [float(scale.linthresh), float(scale.linscale)]
+    low, high = panels["strong"].get_ylim()
+    seen = symlog[0] / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
+    digits = max(0, math.ceil(-math.log10(seen)))
+    steps, seeds = comparison.scratch.curve.steps, min(comparison.seeds, MOST_SEEDS)
+    # The checkpoints of means that are kept, and those of seeds.
+    begins = [shown_curve(comparison, name, strong=True)[1] for name in comparison.arms]
+    budget = int(np.searchsorted(steps, comparison.budget, side="right")) - 1
+    kept = np.union1d(places(len(steps), MOST_CHECKPOINTS), [*begins, budget])
+    most = max(2, MOST_SEED_VALUES // (seeds * len(comparison.arms)))
+    kept_of_seeds = places(len(steps), min(most, MOST_CHECKPOINTS))
+
+    def row(values: FloatArray) -> Any:
+        """Return the first number, then the difference of each from the number before."""
+        known, differences = ~np.isnan(values), np.full(len(values), None)
+        whole = np.round(values[known] * 10**digits).astype(np.int64)
+        differences[known] = np.diff(whole, prepend=0).tolist()
+        return differences.tolist()
+
+    def band(name: str, panel: str) -> dict[str, Any]:
+        curve, begin = shown_curve(comparison, name, strong=panel == "strong")
+        inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
+        mean = mean_interval(curve.filled()[:, inside - begin], confidence=comparison.confidence)
+        return {
+            "first": int(np.searchsorted(kept, begin)),
+            **{end: row(np.asarray(getattr(mean, end))) for end in ("low", "high")},
+            "mean": row(np.asarray(mean.estimate)),
+        }
+
+    return {
+        "digits": digits,
+        "threshold": comparison.threshold,
+        "threshold_words": minus(f"{comparison.threshold:.4g}"),
+        "random": random_level(comparison),  # the return while sources are trained
+        "symlog": symlog,
+        "panels": {k: {"x": [*a.get_xlim()], "y": [*a.get_ylim()]} for k, a in panels.items()},
+        "steps": np.diff(steps[kept], prepend=0).tolist(),
+        "seed_steps": np.diff(steps[kept_of_seeds], prepend=0).tolist(),
+        "arms": [
+            {
+                "name": name,
+                "colour": style.colour,
+                "dashes": style.svg_dashes,
+                "control": style.control,
+                **{panel: band(name, panel) for panel in panels},
+                "source_steps": comparison[name].curve.source_steps[:seeds].tolist(),
+                "seeds": [*map(row, comparison[name].curve.filled()[:seeds, kept_of_seeds])],
+            }
+            for name, style in controls_first(styles)
+        ],
+    }
 
 
 # -- while units are stored ------------------------------------------------------------------------
+
+BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
+REST = 10.0  # after an interim report that took t seconds no other is begun for REST * t
+ATTEMPTS = 3  # a file that a listing names may have been merged into another before it is read
+INTERRUPTED = "The run was interrupted. What was stored is whole, and --resume goes on from there."
+NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
 
 
 class InterimReport:
@@ -109,9 +408,8 @@ class InterimReport:
         self._line, self._say, self._opened, self._elsewhere = line, say, opened, elsewhere
         self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
         self._place = token_hex(16)  # of the banner in the page
-        self._page, self._was_running = "", False
+        self._page, self._was_running, self._said = "", False, set[str]()
         self._seen: Any = None
-        self._said = set[str]()
         self._stopped, self._writing = Event(), Lock()
         self._thread: Thread | None = None
 
@@ -138,10 +436,7 @@ class InterimReport:
     def watch(self) -> None:
         """Write the page until the run elsewhere is over."""
         try:
-            pause = self.refresh()
-            while not self.over:
-                sleep(pause)
-                pause = self.refresh()
+            self._follow()
         except KeyboardInterrupt:
             self.break_off(NO_LONGER)
             raise
@@ -169,7 +464,7 @@ class InterimReport:
 
     def _follow(self) -> None:
         pause = 0.0
-        while not self._stopped.wait(pause):
+        while not (self.over or self._stopped.wait(pause)):
             pause = self.refresh()
 
     def _read(self, begun: float, last: bool) -> None:
@@ -179,23 +474,21 @@ class InterimReport:
         study = StudyResults(self.folder)
         per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
         seeds, keys, kept = study.record.seeds, set(study.record.keys.values()), study.stored
-        units = len(keys) * len({seed // per_unit for seed in seeds})
         # A unit is stored when all its seeds are.
-        missing = {
-            (k, seed // per_unit) for k in keys for seed in seeds if seed not in kept.get(k, {})
-        }
+        missing = {(k, s // per_unit) for k in keys for s in seeds if s not in kept.get(k, {})}
+        units = len(keys) * len({seed // per_unit for seed in seeds})
         stored_units = units - len(missing)
         running = in_use(self.folder) if self._elsewhere else True
-        over = last or (self._elsewhere and self._ended(study, stored_units == units, running))
+        over = last or (self._elsewhere and self._ended(study, not missing, running))
         stored = {key: len(done) for key, done in kept.items()}
         seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
         if seen == self._seen and not over:
             return
         arms = arms_so_far(study)
         if over and stored_units == units and arms:
-            page = stored_page(study)
+            page = page_of(study)
         elif arms:
-            page = stored_page(_only(study, {*arms, *study.failed}), self._place)
+            page = page_of(_only(study, {*arms, *study.failed}), self._place)
         else:
             page = render("waiting.html", name=study.record.name, banner=self._place)
         if over:

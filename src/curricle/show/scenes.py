@@ -9,13 +9,13 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from textwrap import shorten
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from curricle.arrays import frozen
+from curricle.arrays import IntArray, frozen
 from curricle.display import COLOURS
 from curricle.show.views import GridView, stacked
 from curricle.tasks.domain import LETTERS, MOVES, GridLayout, layout_of
@@ -26,24 +26,14 @@ from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
 
 FINER = 4  # figures are drawn this many times larger and then reduced, which smooths their edges
-FLOOR, DARK, INK = "#f7f5f0", "#4d5366", "#22242c"
+FLOOR, DARK, INK, WHITE = "#f7f5f0", "#4d5366", "#22242c", "#ffffff"
+MIDDLE = (0.5, 0.57)  # of a number that is written over a figure
 
-# The method that draws it, its coordinates in a cell of side 1, and its colour.
-Shape = tuple[Callable[..., None], tuple[float, ...], str]
+# The method that draws it, or text; its coordinates in a cell of side 1; its colour.
+Shape = tuple[Callable[..., None] | str, tuple[float, ...], str]
+Figure = tuple[Shape, ...]  # the later shapes on top
 OVAL, BLOCK = ImageDraw.ImageDraw.ellipse, ImageDraw.ImageDraw.rectangle
 POLYGON = ImageDraw.ImageDraw.polygon
-
-
-class Figure(NamedTuple):
-    """Shapes, the later ones on top, and a number written over them."""
-
-    shapes: tuple[Shape, ...]
-    number: str = ""
-
-    @classmethod
-    def of(cls, *shapes: Shape, number: str = "") -> Self:
-        """Return the figure of these shapes."""
-        return cls(shapes, number)
 
 
 def _flame(middle: float, width: float, top: float, bottom: float) -> tuple[float, ...]:
@@ -54,28 +44,26 @@ def _flame(middle: float, width: float, top: float, bottom: float) -> tuple[floa
     return tuple(np.stack([x, y], axis=1).ravel().tolist())
 
 
-WALL = Figure.of(
+WALL = (
     (BLOCK, (0, 0, 1, 1), DARK),
     *((BLOCK, (0, y, 1, y + 0.03), "#6b7288") for y in (0.31, 0.64, 0.97)),
     *((BLOCK, (x, 0.00, x + 0.03, 0.31), "#6b7288") for x in (0.22, 0.72)),
     *((BLOCK, (x, 0.34, x + 0.03, 0.64), "#6b7288") for x in (0.47, 0.97)),
     *((BLOCK, (x, 0.67, x + 0.03, 0.97), "#6b7288") for x in (0.22, 0.72)),
 )
-START = Figure.of(
-    (OVAL, (0.18, 0.18, 0.82, 0.82), "#c9c4b4"), (OVAL, (0.24, 0.24, 0.76, 0.76), FLOOR)
-)
-PIT = Figure.of(
+START = (OVAL, (0.18, 0.18, 0.82, 0.82), "#c9c4b4"), (OVAL, (0.24, 0.24, 0.76, 0.76), FLOOR)
+PIT = (
     (OVAL, (0.06, 0.14, 0.94, 0.90), "#b3ad9a"),
     (OVAL, (0.12, 0.20, 0.88, 0.87), DARK),
     (OVAL, (0.16, 0.32, 0.84, 0.87), "#000000"),
 )
-FIRE = Figure.of(
+FIRE = (
     (POLYGON, _flame(0.32, 0.40, 0.34, 0.90), COLOURS["vermillion"]),
     (POLYGON, _flame(0.68, 0.40, 0.28, 0.90), COLOURS["vermillion"]),
     (POLYGON, _flame(0.50, 0.62, 0.06, 0.94), COLOURS["vermillion"]),
     (POLYGON, _flame(0.50, 0.36, 0.40, 0.92), "#F0E442"),
 )
-TREASURE = Figure.of(
+TREASURE = (
     (OVAL, (0.12, 0.18, 0.88, 0.76), "#7a4f00"),
     (BLOCK, (0.12, 0.46, 0.88, 0.84), "#7a4f00"),
     (OVAL, (0.17, 0.23, 0.83, 0.70), COLOURS["orange"]),
@@ -84,22 +72,20 @@ TREASURE = Figure.of(
     (BLOCK, (0.41, 0.40, 0.59, 0.64), "#F0E442"),
     (BLOCK, (0.47, 0.47, 0.53, 0.58), INK),
 )
-AGENT = Figure.of(
-    (OVAL, (0.08, 0.08, 0.92, 0.92), "#ffffff"),
+AGENT = (
+    (OVAL, (0.08, 0.08, 0.92, 0.92), WHITE),
     (OVAL, (0.12, 0.12, 0.88, 0.88), COLOURS["blue"]),
-    *((OVAL, (x, 0.32, x + 0.20, 0.58), "#ffffff") for x in (0.27, 0.53)),
+    *((OVAL, (x, 0.32, x + 0.20, 0.58), WHITE) for x in (0.27, 0.53)),
     *((OVAL, (x, 0.40, x + 0.11, 0.54), INK) for x in (0.33, 0.57)),
 )
-PREY = Figure.of(
+PREY = (
     *((OVAL, (x, 0.08, x + 0.38, 0.46), "#7a4f00") for x in (0.04, 0.58)),
     *((OVAL, (x, 0.16, x + 0.22, 0.38), "#f3cfa0") for x in (0.12, 0.66)),
     (OVAL, (0.12, 0.20, 0.88, 0.92), COLOURS["orange"]),
     *((OVAL, (x, 0.44, x + 0.11, 0.59), INK) for x in (0.31, 0.58)),
     (OVAL, (0.43, 0.66, 0.57, 0.77), "#7a4f00"),
 )
-ASIDE = Figure.of(
-    *((method, tuple(0.44 + 0.56 * x for x in at), colour) for method, at, colour in AGENT.shapes)
-)
+ASIDE = tuple((drawn, tuple(0.44 + 0.56 * x for x in at), colour) for drawn, at, colour in AGENT)
 """The agent, drawn small, in a cell with an object."""
 COATS = ("#0072B2", "#00785A", "#B34700", "#8E4C7A", "#444444", "#2B6E96")
 
@@ -109,7 +95,7 @@ def predator(number: int) -> Figure:
     coat = COATS[(number - 1) % len(COATS)]
     ears = (0.08, 0.04, 0.46, 0.24, 0.12, 0.56), (0.92, 0.04, 0.54, 0.24, 0.88, 0.56)
     head = (OVAL, (0.08, 0.16, 0.92, 0.96), coat)
-    return Figure.of(*((POLYGON, ear, coat) for ear in ears), head, number=str(number))
+    return (*((POLYGON, ear, coat) for ear in ears), head, (str(number), MIDDLE, WHITE))
 
 
 @cache
@@ -118,12 +104,14 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
     large = side * FINER
     image = Image.new("RGBA", (large, large))
     draw = ImageDraw.Draw(image)
-    for method, coordinates, colour in figure.shapes:
-        method(draw, [large * value for value in coordinates], fill=colour)
-    if figure.number:
-        font = ImageFont.load_default(0.52 * large / max(1, len(figure.number) - 0.5))
-        middle = (0.5 * large, 0.57 * large)
-        draw.text(middle, figure.number, "#ffffff", font, anchor="mm", stroke_width=0.02 * large)
+    for drawn, coordinates, colour in figure:
+        scaled = [large * value for value in coordinates]
+        if isinstance(drawn, str):
+            font = ImageFont.load_default(0.52 * large / max(1, len(drawn) - 0.5))
+            place, width = (scaled[0], scaled[1]), 0.02 * large
+            draw.text(place, drawn, colour, font, anchor="mm", stroke_width=width)
+        else:
+            drawn(draw, scaled, fill=colour)
     pixels = np.asarray(image.resize((side, side), Image.Resampling.LANCZOS), dtype=np.float32)
     opaque = pixels[..., 3:] / np.float32(255)
     return frozen(pixels[..., :3] * opaque), frozen(1 - opaque)
@@ -131,49 +119,46 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
 
 Pixels = npt.NDArray[np.uint8]
 Letters = npt.NDArray[np.str_]
-Cells = list[tuple[int, int]]  # row and column of everything that moves
+Cells = Sequence[tuple[int, int]]  # row and column of everything that moves
 SIDE = 640  # pixels along the longer side of a grid, unless its cells are too large or small
 LARGEST_CELL, SMALLEST_CELL = 64, 4
 MARGIN = 4
 LINES, GLOW = "#dedace", "#fadcc9"
+NOWHERE = np.empty((0, 2), np.int64)
+Marks = tuple[IntArray, IntArray]  # cells that glow, and cells in which episodes start
+NO_MARKS: Marks = (NOWHERE, NOWHERE)
 FIGURES = {"#": WALL, "P": PIT, "F": FIRE, "T": TREASURE, "G": TREASURE}
 """What lies in cells, by its letter; a goal looks like a treasure."""
 
 
 def tile(letter: str, colour: str) -> Figure:
     """Return a square with a letter in white."""
-    return Figure.of((BLOCK, (0.08, 0.08, 0.92, 0.92), colour), number=letter)
+    return (BLOCK, (0.08, 0.08, 0.92, 0.92), colour), (letter, MIDDLE, WHITE)
 
 
 class Canvas:
     """A grid seen from above, north on top, on which figures are put; a frame marks its edge."""
 
-    def __init__(self, shape: tuple[int, ...], *, framed: bool = True):
+    def __init__(self, letters: Letters, marks: Marks = NO_MARKS, *, framed: bool = True):
+        """Draw the walls and objects of a map, (rows, columns), and marks below them."""
+        glowing, starts = ({*map(tuple, cells.tolist())} for cells in marks)
         # Even, as video formats require.
-        self._cell = max(SMALLEST_CELL, min(LARGEST_CELL, SIDE // max(shape)) // 2 * 2)
-        height, width = (side * self._cell + 2 * MARGIN for side in shape)
+        self._cell = max(SMALLEST_CELL, min(LARGEST_CELL, SIDE // max(letters.shape)) // 2 * 2)
+        height, width = (side * self._cell + 2 * MARGIN for side in letters.shape)
         self._backdrop = np.empty((height, width, 3), np.uint8)
         self._backdrop[:] = ImageColor.getrgb(DARK if framed else FLOOR)
-        for cell in np.ndindex(shape):
-            self.paint(cell, FLOOR)
-
-    def paint(self, cell: Sequence[int], colour: str) -> None:
-        """Give a cell of the background a colour."""
-        top, left = self._corner(cell)
-        bottom, right = top + self._cell, left + self._cell
-        self._backdrop[top:bottom, left:right] = ImageColor.getrgb(LINES)
-        inside = slice(top + 1, bottom - 1), slice(left + 1, right - 1)
-        self._backdrop[inside] = ImageColor.getrgb(colour)
-
-    def put(self, cell: Sequence[int], figure: Figure) -> None:
-        """Put a figure into a cell of the background."""
-        _paste(self._backdrop, self._corner(cell), figure, self._cell)
-
-    def put_letters(self, letters: Letters) -> None:
-        """Put the walls and objects of a map of letters, (rows, columns), into its background."""
+        side = self._cell
+        for cell in np.ndindex(letters.shape):
+            top, left = self._corner(cell)
+            self._backdrop[top : top + side, left : left + side] = ImageColor.getrgb(LINES)
+            inside = slice(top + 1, top + side - 1), slice(left + 1, left + side - 1)
+            self._backdrop[inside] = ImageColor.getrgb(GLOW if cell in glowing else FLOOR)
+        for cell in starts:
+            _paste(self._backdrop, self._corner(cell), START, side)
         for cell, letter in np.ndenumerate(letters):
             if letter != ".":
-                self.put(cell, FIGURES.get(letter, tile(letter, COATS[1])))
+                figure = FIGURES.get(letter, tile(letter, COATS[1]))
+                _paste(self._backdrop, self._corner(cell), figure, side)
 
     def with_figures(self, cells: Cells, figures: Sequence[Figure]) -> Pixels:
         """Return the grid with figures in cells; those that share a cell are side by side."""
@@ -262,26 +247,22 @@ class LabelScene:
 
     def image(self, state: int) -> Pixels:
         """Return a card with a line for each component."""
-        lines = self._lines(state)
+        first, *others = self.states.components
+        lines = list[str]()  # none of the one component of plain numbered states
+        if others or not self.states.is_box or first.low != 0 or first.labels is not None:
+            lines = _lines_of(self.states, state, self.states.names)
+        if len(lines) > MOST_LINES:
+            lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
         height = LINE * (len(lines) + (3 if lines else 2))
         image = Image.new("RGB", (WIDTH, height), FLOOR)
         draw = ImageDraw.Draw(image)
         draw.rectangle((0, 0, WIDTH, 2 * LINE), fill=DARK)
         large, font = ImageFont.load_default(22), ImageFont.load_default(18)
-        draw.text((LINE, LINE), f"state {state}", "#ffffff", large, anchor="lm")
+        draw.text((LINE, LINE), f"state {state}", WHITE, large, anchor="lm")
         for i, line in enumerate(lines):
-            draw.text((LINE, LINE * (i + 3)), line, INK, font, anchor="lm")
+            short = shorten(line, LONGEST_LINE, placeholder=" …")
+            draw.text((LINE, LINE * (i + 3)), short, INK, font, anchor="lm")
         return np.array(image)
-
-    def _lines(self, state: int) -> list[str]:
-        """Return the components' values, nothing for the one component of plain numbered states."""
-        first, *others = self.states.components
-        if self.states.is_box and first.low == 0 and first.labels is None and not others:
-            return []
-        lines = _lines_of(self.states, state, self.states.names)
-        if len(lines) > MOST_LINES:
-            lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
-        return [shorten(line, LONGEST_LINE, placeholder=" …") for line in lines]
 
     def text(self, state: int) -> str:
         """Return the state's label."""
@@ -295,8 +276,16 @@ def scene_of(task: Any) -> Scene:
     """Return what draws a task: from above where it says where its states lie, else as a label."""
     if isinstance(task, TaskWithStart):
         return scene_of(task.task)
-    if isinstance(task, Pursuit):
-        return _pursuit_scene(task)
+    if isinstance(task, Pursuit):  # with a dark frame where the grid is walled
+        empty = np.full((task.size, task.size), ".")
+        predators = range(1, task.predators + 1)
+        names, figures = ["P", *map(str, predators)], [PREY, *map(predator, predators)]
+
+        def cells(state: int) -> Cells:
+            return [divmod(int(cell), task.size) for cell in task.states.decode(state).values()]
+
+        canvas = Canvas(empty, framed=not task.torus)
+        return GridScene(empty, canvas, empty, cells, names, figures, " ")
     layout = layout_of(task)
     if layout is not None and (isinstance(task, GridWorld) or np.prod(layout.shape) <= MOST_CELLS):
         return _layout_scene(task, layout)
@@ -306,30 +295,15 @@ def scene_of(task: Any) -> Scene:
 def scene_of_view(view: GridView) -> GridScene:
     """Return what draws a view; its moments are the cells of markers, (markers,), by rows."""
     letters, columns = _letters_of(view, view.walls), view.shape[1]
-    canvas = Canvas(letters.shape)
-    canvas.put_letters(letters)
-    names, figures, gap = ["@"], [AGENT], ""
-    if len(view.markers) > 1:
-        names, gap = [marker.letter for marker in view.markers], " "
-        figures = [tile(marker.letter, INKS[marker.colour]) for marker in view.markers]
+    names, gap = [marker.letter for marker in view.markers], " "
+    figures = [tile(marker.letter, INKS[marker.colour]) for marker in view.markers]
+    if len(names) < 2:
+        names, figures, gap = ["@"], [AGENT], ""
 
     def cells(numbers: Any) -> Cells:
         return [divmod(number, columns) for number in numbers.tolist()]
 
-    return GridScene(letters, canvas, letters, cells, names, figures, gap)
-
-
-def _pursuit_scene(pursuit: Pursuit) -> GridScene:
-    """Return the prey and the numbered predators; a dark frame where the grid is walled."""
-    predators = range(1, pursuit.predators + 1)
-    empty = np.full((pursuit.size, pursuit.size), ".")
-
-    def cells(state: int) -> Cells:
-        return [divmod(int(cell), pursuit.size) for cell in pursuit.states.decode(state).values()]
-
-    canvas = Canvas(empty.shape, framed=not pursuit.torus)
-    names, figures = ["P", *map(str, predators)], [PREY, *map(predator, predators)]
-    return GridScene(empty, canvas, empty, cells, names, figures, " ")
+    return GridScene(letters, Canvas(letters), letters, cells, names, figures, gap)
 
 
 def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
@@ -343,29 +317,22 @@ def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
         (top, left), places = layout.origin, [places[state].tolist() for places in moving]
         return [(row - top, column - left) for row, column in places]
 
-    canvas, text = Canvas(letters.shape), letters
+    text, glowing, starts = letters, NOWHERE, NOWHERE
     if isinstance(task, GridWorld):
-        _mark(canvas, task, letters)
         text = np.array([list(line) for line in task.map])
-    canvas.put_letters(letters)
+        if task.rewards.near_fire:  # cells glow that cost extra
+            burning = np.pad(letters == "F", 1)
+            beside = np.any([np.roll(burning, way, (0, 1)) for way in MOVES.values()], axis=0)
+            glowing = np.argwhere(beside[1:-1, 1:-1] & (letters != "#"))
+        if task.start != "uniform":
+            starts = task.cells[task.mdp.start_states] - layout.origin
     figures = [*(tile(number, COATS[2]) for number in markers), AGENT]
 
     def lines(state: int) -> list[str]:
         return _lines_of(states, state, others) if others else []
 
-    return GridScene(text, canvas, letters, cells, [*markers, "@"], figures, lines=lines)
-
-
-def _mark(canvas: Canvas, maze: GridWorld, letters: Letters) -> None:
-    """Let cells glow that cost extra beside a fire, and ring those in which episodes start."""
-    if maze.rewards.near_fire:
-        burning = np.pad(letters == "F", 1)
-        beside = np.any([np.roll(burning, way, (0, 1)) for way in MOVES.values()], axis=0)
-        for cell in np.argwhere(beside[1:-1, 1:-1] & (letters != "#")).tolist():
-            canvas.paint(cell, GLOW)
-    if maze.start != "uniform":
-        for cell in (maze.cells[maze.mdp.start_states] - maze.layout.origin).tolist():
-            canvas.put(cell, START)
+    canvas, names = Canvas(letters, (glowing, starts)), [*markers, "@"]
+    return GridScene(text, canvas, letters, cells, names, figures, lines=lines)
 
 
 def _letters_of(grid: GridLayout | GridView, walls: Any) -> Letters:

@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, cycle, product
 from typing import Any
 
 import matplotlib
@@ -16,7 +17,6 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 
 from curricle.comparison.comparison import Comparison
 from curricle.display import COLOURS as PALETTE, OWN_COLOURS
-from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 
 COLOURS = PALETTE
@@ -41,6 +41,19 @@ DIVERGING, SEQUENTIAL = "PuOr", "cividis"  # colour maps that colour-blind reade
 MOST_NUMBERS = 36  # cells of a grid up to which their values are written
 SHADES = 64  # colours of a map on a page
 SCREEN = 72  # pixels of an inch in a notebook
+
+
+def value_scale(low: float, high: float, *, difference: bool = False) -> tuple[float, float, str]:
+    """Return the ends of the colours of values, and the map; 0 is the middle of both signs."""
+    if difference or low < 0 < high:
+        high = max(abs(low), abs(high)) or 1.0
+        return -high, high, DIVERGING
+    return low, high, SEQUENTIAL
+
+
+def digits_of(low: float, high: float) -> int:
+    """Return the decimals of values that are written into cells."""
+    return 0 if max(abs(low), abs(high)) >= 100 else 1
 
 
 def shades_of(palette: str) -> list[str]:
@@ -80,24 +93,23 @@ class ArmStyle:
 
 def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
     """Return how each arm is drawn; a control has the colour of its curriculum, greyer."""
-    styles = {SCRATCH: ArmStyle(SCRATCH, COLOURS["black"], "-", False)}
-    for number, name in enumerate(comparison.scratches[1:]):
-        dashes = CONTROL_DASHES[number % len(CONTROL_DASHES)]
-        styles[name] = ArmStyle(name, COLOURS["black"], dashes, False)
-    parent, place, colour, controls = "", -1, COLOURS["grey"], 0
+    dashes_of_scratch = chain(["-"], cycle(CONTROL_DASHES))
+    styles = {
+        name: ArmStyle(name, COLOURS["black"], dashes, False)
+        for name, dashes in zip(comparison.scratches, dashes_of_scratch, strict=False)
+    }
+    parent, colour, controls = "", COLOURS["grey"], cycle(CONTROL_DASHES)
+    looks = cycle(product(MORE_DASHES, OWN_COLOURS))
     for name, arm in comparison.arms.items():
-        if name in comparison.scratches:
-            continue
         if arm.control:
-            dashes, controls = CONTROL_DASHES[controls % len(CONTROL_DASHES)], controls + 1
             rgb = [to_rgb(GREY), to_rgb(colour)]
-            greyer = np.average(rgb, axis=0, weights=[GREYNESS, 1 - GREYNESS]).tolist()
-            styles[name] = ArmStyle(name.removeprefix(f"{parent}, "), to_hex(greyer), dashes, True)
-        else:
-            parent, place, controls = name, place + 1, 0
-            times_used, number = divmod(place, len(OWN_COLOURS))
-            colour = COLOURS[OWN_COLOURS[number]]
-            styles[name] = ArmStyle(name, colour, MORE_DASHES[times_used % len(MORE_DASHES)], False)
+            greyer = to_hex(np.average(rgb, axis=0, weights=[GREYNESS, 1 - GREYNESS]).tolist())
+            short = name.removeprefix(f"{parent}, ")
+            styles[name] = ArmStyle(short, greyer, next(controls), True)
+        elif name not in comparison.scratches:
+            parent, controls, (dashes, key) = name, cycle(CONTROL_DASHES), next(looks)
+            colour = COLOURS[key]
+            styles[name] = ArmStyle(name, colour, dashes, False)
     return styles
 
 
@@ -210,6 +222,6 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
 def steps_scale(axes: Axes, last: int, label: str = "steps") -> None:
     """Scale and label the horizontal axis from step 0 to the `last`, in a round unit."""
     units = ((10**6, " (millions)"), (1000, " (thousands)"), (1, ""))
-    unit, words = next(pair for pair in units if last >= 5 * pair[0] or pair[0] == 1)
+    unit, name = next(pair for pair in units if last >= 5 * pair[0] or pair[0] == 1)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / unit:,g}"))
-    axes.set(xlim=(0, last), xlabel=label + words)
+    axes.set(xlim=(0, last), xlabel=label + name)

@@ -89,11 +89,6 @@ class GridView:
         return _strip(task, space)
 
     @property
-    def stacked_letters(self) -> dict[tuple[int, int], str]:
-        """The letters on the grid, (row, column) -> those that share a cell."""
-        return stacked(self.letters)
-
-    @property
     def walls(self) -> IntArray:
         """Row and column of the cells of a map in which no state lies, (m, 2)."""
         grid = np.full(self.shape, self.is_map)
@@ -155,18 +150,15 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         raise SettingError(f"at must leave a state to draw: none is as in {dict(fixed)}")
     letters, legend = _lettered({name: at[states[0]] for name, at in layout.markers.items()})
     cells, objects = layout.cells[states], dict.fromkeys(name for name, *_ in layout.objects)
-    air = np.ones(layout.shape, bool)
-    for taken in (layout.wall_cells, cells):
-        air[tuple((taken - layout.origin).T)] = False
+    taken, air = np.concatenate([layout.wall_cells, cells]), np.ones(layout.shape, bool)
+    air[tuple((taken - layout.origin).T)] = False
     return GridView(
         states=states,
         cells=cells,
         origin=layout.origin,
         shape=layout.shape,
         letters=letters,
-        words=", ".join(
-            [*(f"{LETTERS[name]}: {name}" for name in objects), *legend.values(), *keys]
-        ),
+        words=", ".join([*(f"{LETTERS[n]}: {n}" for n in objects), *legend.values(), *keys]),
         objects=layout.objects,
         air=np.flatnonzero(air),
         **_of_task(task, states, None, is_map=True),
@@ -202,24 +194,20 @@ def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
     states = space.encode(**values, **sides)
     there = states != MISSING
     (top, left), (bottom, right) = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
-    kept = {part.name: part for part in space.components if part.name in values}
-    by_value = {name: labelled_cells(part) for name, part in kept.items()}
+    kept = [part for part in space.components if part.name in values]
+    labelled = [(part, labelled_cells(part)) for part in kept]
     letters, legend = _lettered(
-        {
-            name: places[values[name] - kept[name].low]
-            for name, places in by_value.items()
-            if places is not None
-        }
+        {p.name: at[values[p.name] - p.low] for p, at in labelled if at is not None}
     )
-    words = [legend.get(name, f"{name} {kept[name].label(values[name])}") for name in kept]
-    what = f"cells: where {free[0].name} is" if len(free) == 1 else ""
+    texts = [legend.get(p.name, f"{p.name} {p.label(values[p.name])}") for p in kept]
+    moving = f"cells: where {free[0].name} is" if len(free) == 1 else ""
     return GridView(
         states=states[there],
         cells=cells[there],
         origin=(top, left),
         shape=(bottom - top + 1, right - left + 1),
         letters=letters,
-        words="; ".join(filter(None, (what, ", ".join(words)))),
+        words="; ".join(filter(None, (moving, ", ".join(texts)))),
         **_of_task(task, states[there], mover, is_map=True),
     )
 
@@ -250,18 +238,18 @@ def _value(component: Component, value: Any) -> int:
 
 def _lettered(places: Mapping[str, IntArray]) -> tuple[Letters, dict[str, str]]:
     """Return the letters of what is fixed in cells, name -> (row, column), and what they mean."""
-    letters = list[tuple[str, int, int]]()
-    for name, (row, column) in places.items():
-        letter = _letter_of(name, [letter for letter, *_ in letters])
-        letters.append((letter, int(row), int(column)))
-    legend = {name: f"{letter}: {name}" for (letter, *_), name in zip(letters, places, strict=True)}
-    return tuple(letters), legend
+    letters = _letters_of(places)
+    there = [(letters[name], int(row), int(column)) for name, (row, column) in places.items()]
+    return tuple(there), {name: f"{letter}: {name}" for name, letter in letters.items()}
 
 
-def _letter_of(name: str, taken: Collection[str]) -> str:
-    """Return the number that a name ends in, or its first letter that is not taken yet."""
-    candidates = re.findall(r"\d+$", name) + [char.upper() for char in name if char.isalnum()]
-    return next((letter for letter in candidates if letter not in taken), "?")
+def _letters_of(names: Iterable[str]) -> dict[str, str]:
+    """Return for each name the number it ends in, or its first letter that is not taken yet."""
+    letters = dict[str, str]()
+    for name in names:
+        candidates = re.findall(r"\d+$", name) + [char.upper() for char in name if char.isalnum()]
+        letters[name] = next((char for char in candidates if char not in letters.values()), "?")
+    return letters
 
 
 def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridView | None:
@@ -270,16 +258,11 @@ def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridVi
     free = agents[0] if agents else next(iter(cells))
     rows, columns = cells[free].max(axis=0)
     corners = cycle([(0, 0), (0, columns), (rows, columns), (rows, 0)])
-    at = dict[str, Any]()
-    for component in space.components:
-        if component.name == free:
-            continue
-        if component.name not in cells:
-            at[component.name] = component.low
-            continue
-        wanted = next(corners) if component.name in agents else (rows // 2, columns // 2)
-        distance = abs(cells[component.name] - wanted).sum(axis=1)
-        at[component.name] = tuple(cells[component.name][distance.argmin()].tolist())
+    at: dict[str, Any] = {part.name: part.low for part in space.components if part.name != free}
+    for name in [name for name in at if name in cells]:
+        wanted = next(corners) if name in agents else (rows // 2, columns // 2)
+        distance = abs(cells[name] - wanted).sum(axis=1)
+        at[name] = tuple(cells[name][distance.argmin()].tolist())
     values = space.decode()
     by_state = {
         name: where[values[name] - space.component(name).low] for name, where in cells.items()
@@ -294,13 +277,15 @@ def _with_markers(
     rows, columns = view.shape
     if rows * columns > MOST_CELLS:
         return None
-    colours = cycle(AGENTS)
-    markers = list[Marker]()
-    for name, where in cells.items():
-        acts = len(cells) == 1 or name in agents
-        letter = _letter_of(name, [marker.letter for marker in markers])
-        colour = next(colours) if acts else OTHER
-        markers.append(Marker(letter, colour, (where - view.origin) @ np.array([columns, 1])))
+    colours, letters = cycle(AGENTS), _letters_of(cells)
+    markers = [
+        Marker(
+            letters[name],
+            next(colours) if len(cells) == 1 or name in agents else OTHER,
+            (where - view.origin) @ np.array([columns, 1]),
+        )
+        for name, where in cells.items()
+    ]
     return replace(view, markers=tuple(markers))
 
 
@@ -309,9 +294,7 @@ def _strip(task: Any, space: Space) -> GridView:
     states = np.arange(min(space.size, LONGEST_STRIP))
     cells = np.stack(np.divmod(states, STRIP), axis=1)
     shape = (int(cells[-1, 0]) + 1, min(STRIP, len(states)))
-    words = "cells: states by number"
-    if len(states) < space.size:
-        words += f", the first {len(states)} of {space.size:,}"
+    rest = f", the first {len(states)} of {space.size:,}" * (len(states) < space.size)
     place = np.full(space.size, -1)
     place[states] = cells @ np.array([shape[1], 1])
     return GridView(
@@ -319,7 +302,7 @@ def _strip(task: Any, space: Space) -> GridView:
         cells=cells,
         origin=(0, 0),
         shape=shape,
-        words=words,
+        words=f"cells: states by number{rest}",
         is_map=False,
         markers=(Marker("", AGENTS[0], place),),
         **_of_task(task, states, None, is_map=False),

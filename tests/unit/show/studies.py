@@ -1,25 +1,17 @@
 """Small studies for the tests of the report, and a strict reader of its page."""
 
-from dataclasses import replace
 from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import curricle as cr
 from curricle.learning.stopping import ended_by
-from curricle.show import page as module
-from curricle.show.page import ShownStudy
+from curricle.show import report as module
 from curricle.study.analysis import analysed, curricula_record
 from tests.tasks import predator_edges
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $\\frac{a$ </script>"
 """A name with special characters of HTML, of scripts and of Matplotlib's mathematics."""
-
-
-def with_snapshots(result, **kept):
-    """A result with the snapshots of some tasks."""
-    shown = {name: replace(result[name], snapshots=one) for name, one in kept.items()}
-    return replace(result, nodes={**result.nodes, **shown})
 
 
 def shown(results):
@@ -31,17 +23,20 @@ def shown(results):
 def study_page(name, comparison, results, *, decisions=None, environment=None):
     """The page of arms by name; ``decisions`` are why trainings ended, for some of them."""
     curricula, learnt, analysis = shown(results)
-    reasons = {}
-    for arm, nodes in learnt.items():
-        for task, node in nodes.items():
-            ended = results[arm].curriculum.node(task)
-            default = [
-                rows[-1].criterion if rows else ended_by(ended.budget, full)
-                for rows, full in zip(ended.decisions(node), node.out_of_memory, strict=True)
-            ]
-            reasons[arm, task] = (decisions or {}).get((arm, task), default)
-    study = ShownStudy(name, comparison, curricula, learnt, analysis, reasons)
-    return module.page_of(study, environment or {})
+
+    def reasons(arm, task):
+        node, ended = learnt[arm][task], results[arm].curriculum.node(task)
+        rows = zip(ended.decisions(node), node.out_of_memory, strict=True)
+        default = [r[-1].criterion if r else ended_by(ended.budget, full) for r, full in rows]
+        return dict(enumerate((decisions or {}).get((arm, task), default)))
+
+    run = {"file": "", "started": "", "commit": "", "python": "", "machine": ""}
+    study = {"comparison": comparison, "analysis": analysis, "results": learnt, "failed": {}}
+    study["record"] = SimpleNamespace(name=name, only=lambda _: curricula)
+    study["store"] = SimpleNamespace(has=lambda _: False)
+    study |= {"ended_by": reasons, "seeds": range(comparison.seeds)}
+    study["runs"] = [SimpleNamespace(**run, versions=environment or {})]
+    return module.page_of(SimpleNamespace(**study))
 
 
 def page_of(study):

@@ -14,6 +14,7 @@ from curricle.show.grids import draw_potential, draw_sources, shared_limits
 from curricle.show.plots import draw_comparison, draw_forecast, draw_learning_curves, plot, save
 from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
+from curricle.study.results import StudyResults
 
 from .studies import labelled, texts_of
 
@@ -66,28 +67,28 @@ def test_a_profile_steps_down_where_a_run_ends():
 def test_gains_have_a_row_each_with_interval_and_p():
     placebo = arm(-5.0, 20, control=True, seeds=6, spread=3.0)
     own = arm(10.0, 20, seeds=6, spread=2.0)
-    found = comparison(seeds=6, **{"mean": own, "mean, placebo": placebo})
-    axes = draw_comparison(found).axes[2]
+    result = comparison(seeds=6, **{"mean": own, "mean, placebo": placebo})
+    axes = draw_comparison(result).axes[2]
     ticks = [label.get_text() for label in axes.get_yticklabels()]
     assert ticks == ["scratch", "mean", "placebo"]
     assert [0, 0] in [list(line.get_xdata()) for line in axes.lines]
     dots = labelled(axes)
     for row, name in enumerate(["mean", "mean, placebo"], 1):
-        gain = found.contrasts[name].strong_gain
+        gain = result.contrasts[name].strong_gain
         assert (*dots[name].get_xdata(), *dots[name].get_ydata()) == (gain.estimate, row)
         segment = axes.collections[row - 1].get_segments()[0]
         assert segment.tolist() == [[gain.low, row], [gain.high, row]]
         filled = name == "mean"  # a control is compared with its curriculum only
         assert (dots[name].get_markerfacecolor() == "w") is not filled
-    assert f"{found.verdicts['mean'].adjusted_p:.2g}" in texts_of(axes)
+    assert f"{result.verdicts['mean'].adjusted_p:.2g}" in texts_of(axes)
     assert {"reference", "gain [95 %]", "p (Holm)"} <= set(texts_of(axes))
 
 
 def test_returns_over_decades_are_drawn_on_a_bent_axis():
     far = {"scratch": arm(-400.0), "mean": arm(-8.0, 20)}
     curves, profile, gains = draw_comparison(Comparison("hunt", far, 80, 100, -9.0, 1)).axes
-    assert curves.get_yscale() == profile.get_xscale() == "symlog"
-    assert gains.get_xscale() == "linear"
+    scales = curves.get_yscale(), profile.get_xscale(), gains.get_xscale()
+    assert scales == ("symlog", "symlog", "linear")
     assert curves.get_ylim()[0] < -400
 
 
@@ -122,7 +123,7 @@ def test_what_cannot_be_drawn_is_refused_and_nothing_written(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_what_was_learnt_is_plotted(tmp_path):
+def test_what_was_learnt_is_plotted(tmp_path, finished):
     maze = cr.GridWorld(["..T", "S.."])
     near = cr.GridWorld([".T", "S."])
     edge = cr.Transfer("$near$", "maze", cr.project(maze, near))
@@ -135,17 +136,14 @@ def test_what_was_learnt_is_plotted(tmp_path):
     assert axes.lines[0].get_ydata().tolist() == learnt.greedy_return.mean(axis=0).tolist()
     unevaluated = cr.learn(maze, budget=500, evaluation=cr.GreedyEvaluation(method="off"))
     assert plot(unevaluated).axes[0].get_ylabel() == "training return"
-    data = {"name": "line", "seeds": [0, 1], "arms": {"near": {
-        "tasks": {"maze": {"type": "maze", "map": "S.T", "budget": 500}}}}}  # fmt: skip
-    study = cr.study.StudyConfig.from_data(data, tmp_path)
-    found = cr.run_study(study, tmp_path / "out", progress=False)
-    assert len(plot(found).axes) == len(plot(found.comparison).axes) == 3
+    study = StudyResults(finished)
+    assert len(plot(study).axes) == len(plot(study.comparison).axes) == 3
     values = learnt.values[0]
     assert plot(values, task=maze).axes[0].get_title() == "max Q(s, a)"
     assert plot(cr.solve(maze).values, task=maze).axes[0].get_title() == "V(s)"
-    for subject, given in ((values, None), (trained, maze), (values, near)):
+    for subject, task in ((values, None), (trained, maze), (values, near)):
         with pytest.raises(SettingError):
-            plot(subject, tmp_path / "none.png", task=given)
+            plot(subject, tmp_path / "none.png", task=task)
     assert not (tmp_path / "none.png").exists()
 
 
@@ -176,9 +174,8 @@ def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
 
 
 def test_what_makes_no_grid_is_refused(hunt):
-    wrong = [None, {"wolf": 0}, {"prey": (1, 3), "predator_1": 0}, [("prey", 0)]]
-    wrong.append({"prey": 0, "predator_1": 0, "predator_2": 0})
-    for at in wrong:
+    all_fixed = {"prey": 0, "predator_1": 0, "predator_2": 0}
+    for at in (None, {"wolf": 0}, {"prey": (1, 3), "predator_1": 0}, [("prey", 0)], all_fixed):
         with pytest.raises(SettingError, match=r"leaves|got 'wolf'|got \(1, 3\)|be a Mapping"):
             GridView.of(hunt, at)
 
@@ -194,10 +191,8 @@ def test_a_maze_s_values_lie_in_their_cells():
     assert image.get_clim() == (3, 6)
     assert image.get_cmap().name == "cividis"
     assert {"4.0", "3.0", "5.0", "6.0", "T"} == set(texts_of(axes))
-    assert axes.get_title() == "φ (return)"
     assert any(patch.get_hatch() for patch in axes.patches)
-    assert axes.get_xlim() == (0.5, 3.5)
-    assert axes.get_ylim() == (3.5, 1.5)
+    assert (axes.get_xlim(), axes.get_ylim()) == ((0.5, 3.5), (3.5, 1.5))
 
 
 @pytest.mark.parametrize(
@@ -250,16 +245,16 @@ def test_sources_are_drawn_one_by_one_and_against_the_truth(plan, trained, hunt,
     save(figure, tmp_path / "sources.png")
 
 
-def test_sources_that_cannot_be_drawn_are_refused(plan, trained, hunt):
-    with pytest.raises(SettingError, match="seed must be one of 0, 1: got 2"):
-        draw_sources(trained, seed=2, at={"prey": 0, "predator_1": 0})
-    with pytest.raises(SettingError, match="leaves prey, predator_1, predator_2"):
-        draw_sources(trained)
-    with pytest.raises(CurriculumError, match="'chase' has none"):
-        draw_sources(trained, "chase")
+def test_sources_that_cannot_be_drawn_are_refused(trained):
+    for how, rule in (
+        ({"seed": 2, "at": {"prey": 0, "predator_1": 0}}, "seed must be one of 0, 1: got 2"),
+        ({}, "leaves prey, predator_1, predator_2"),
+        ({"target": "chase"}, "'chase' has none"),
+    ):
+        with pytest.raises((SettingError, CurriculumError), match=rule):
+            draw_sources(trained, **how)
 
 
 def test_sources_alone_are_drawn_before_the_target_is_learnt(plan):
-    result = plan.train(only=["chase"])
-    figure = draw_sources(result, at={"prey": 0, "predator_1": 4})
+    figure = draw_sources(plan.train(only=["chase"]), at={"prey": 0, "predator_1": 4})
     assert "φ: mean" in [axes.get_title() for axes in figure.axes]

@@ -6,12 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Event, Thread
 from time import monotonic, sleep
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
 from curricle.errors import StoreError, StudyError
 from curricle.show import report as module
-from curricle.show.report import InterimReport, arms_so_far, stored_page
+from curricle.show.report import InterimReport, arms_so_far, page_of
 from curricle.study import run_study
 from curricle.study.results import StudyResults
 from curricle.study.store import in_use, locked
@@ -77,7 +78,7 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     assert re.search(r">\s*chain\s*<.*reload|reload.*>\s*chain\s*<", live.page, re.DOTALL)
     live.store_all()
     report.refresh(last=True)
-    assert live.page == stored_page(StudyResults(live.finished))
+    assert live.page == page_of(StudyResults(live.finished))
     assert "reload" not in live.page
     assert (live.said, live.opened) == ([], [live.path])
 
@@ -148,17 +149,11 @@ def test_a_page_that_cannot_be_written_ends_no_run(live):
 
 
 def test_a_file_that_is_merged_while_it_is_read_is_no_error(live, monkeypatch):
-    tries = []
-
-    def merged_once(study):
-        tries.append(study)
-        if len(tries) == 1:
-            raise StoreError("units/maze/seeds-0.npz cannot be read: No such file or directory")
-        return arms_so_far(study)
-
-    monkeypatch.setattr(module, "arms_so_far", merged_once)
+    merged = StoreError("units/maze/seeds-0.npz cannot be read: No such file or directory")
+    arms = Mock(side_effect=[merged, []])
+    monkeypatch.setattr(module, "arms_so_far", arms)
     live.report().refresh()
-    assert (len(tries), live.said) == (2, [])
+    assert (arms.call_count, live.said) == (2, [])
 
 
 @pytest.mark.parametrize(
@@ -216,24 +211,16 @@ def test_watching_ends_when_the_run_lets_go_of_the_folder(live):
     assert live.banner[1] == 0
 
 
-def test_a_run_that_has_not_begun_is_waited_for_and_watching_a_finished_study_ends(live):
+@pytest.mark.parametrize("locks", [True, False])
+def test_a_run_that_has_not_begun_is_waited_for_and_watching_ends(live, monkeypatch, locks):
+    if not locks:  # where they cannot be read only the end is known
+        monkeypatch.setattr(module, "in_use", lambda _: None)
     report = live.report(elsewhere=True)
     report.refresh()
-    assert "No process is at work now." in live.banner[0]
-    assert not report.over
+    assert ("No process is at work now." in live.banner[0], report.over) == (locks, False)
     live.store_all()
     live.report(elsewhere=True).watch()
-    assert live.page == stored_page(StudyResults(live.finished))
-
-
-def test_where_locks_cannot_be_read_only_the_end_is_known(live, monkeypatch):
-    monkeypatch.setattr(module, "in_use", lambda _: None)
-    report = live.report(elsewhere=True)
-    report.refresh()
-    assert (report.over, "No process" in live.banner[0]) == (False, False)
-    live.store_all()
-    report.refresh()
-    assert report.over
+    assert live.page == page_of(StudyResults(live.finished))
 
 
 def test_whoever_looks_whether_a_run_is_at_work_keeps_none_from_beginning(live):

@@ -15,9 +15,9 @@ from curricle.comparison.comparison import Arm
 from curricle.errors import SettingError
 from curricle.show.findings import forecast_sections
 from curricle.show.graph import CARD, graphs
-from curricle.show.page import SEEN, curve_data
 from curricle.show.plots import draw_learning_curves
-from curricle.show.style import arm_styles
+from curricle.show.report import SEEN, curve_data
+from curricle.show.style import arm_styles, rounded
 from curricle.statistics.curves import Curve
 from curricle.study import analysis as analysis_module
 from curricle.study.analysis import analysed, curricula_record
@@ -30,54 +30,55 @@ def without_scripts(page):
 
 
 def test_the_page_is_balanced_and_its_references_resolve(page):
-    found = Reader(page)
-    assert found.problems == found.open == []
-    ids = found.values("id")
+    reader = Reader(page)
+    assert reader.problems == reader.open == []
+    ids = reader.values("id")
     assert len(set(ids)) == len(ids)
-    wanted = [href[1:] for href in found.values("href") if href.startswith("#")]
-    wanted += found.values("for")
+    wanted = [href[1:] for href in reader.values("href") if href.startswith("#")]
+    wanted += reader.values("for")
     wanted += re.findall(r"url\(#([\w-]+)\)", without_scripts(page))
     assert set(wanted) <= set(ids)
-    levels = [int(tag[1]) for tag, _ in found.elements if re.fullmatch(r"h[1-6]", tag)]
+    levels = [int(tag[1]) for tag, _ in reader.elements if re.fullmatch(r"h[1-6]", tag)]
     assert levels[0] == 1
     assert all(after - before <= 1 for before, after in pairwise(levels))
 
 
 def test_the_page_requests_nothing_and_allows_its_own_scripts_only(page):
-    found = Reader(page)
+    reader = Reader(page)
     assert not re.search(r"https?://(?!www.w3.org/2000/svg)", page)
-    addresses = [*found.values("src"), *found.values("href"), *found.values("srcset")]
+    addresses = [*reader.values("src"), *reader.values("href"), *reader.values("srcset")]
     assert all(address.startswith(("#", "data:")) for address in addresses)
     assert not re.search(r"@import|url\((?!#)", page)
-    assert {tag for tag, _ in found.elements} & {"iframe", "object", "embed", "img"} == set()
-    policy = found.values("content", "meta")[0]
+    assert {tag for tag, _ in reader.elements} & {"iframe", "object", "embed", "img"} == set()
+    policy = reader.values("content", "meta")[0]
     assert policy.startswith("default-src 'none';")
     scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
-    digests = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in scripts]
+    digests = [
+        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts
+    ]
     assert len(scripts) == 2
-    assert "script-src " + " ".join(f"'sha256-{one}'" for one in digests) + ";" in policy
-    assert not [name for _, attrs in found.elements for name in attrs if name.startswith("on")]
+    assert "script-src " + " ".join(f"'sha256-{digest}'" for digest in digests) + ";" in policy
+    assert not [name for _, attrs in reader.elements for name in attrs if name.startswith("on")]
 
 
 def test_names_are_text_wherever_they_stand(pages):
     page = pages["odd"]
     assert "<b>&" not in page
-    found = Reader(page)
+    reader = Reader(page)
     for name in ("", " arm", " short", " long", " reason", " key", " value"):
-        assert ODD + name in found.words
+        assert ODD + name in reader.words
+    assert f"{ODD} reason 1 of 6 {ODD} short" in reader.words
+    assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in reader.words
     assert page.count("</script>") == 4
     data = json.loads(re.search(r'id="replays">(.*?)</script>', page, re.DOTALL)[1])
-    assert set(data["replays"]) == set(found.values("data-key"))
+    assert set(data["replays"]) == set(reader.values("data-key"))
     curves = json.loads(re.search(r'id="curves-data">(.*?)</script>', page, re.DOTALL)[1])
-    assert {arm["name"] for arm in curves["arms"]} == set(found.values("data-arm"))
+    assert {arm["name"] for arm in curves["arms"]} == set(reader.values("data-arm"))
 
 
-def test_the_page_is_small_and_the_same_every_time(pages, maze):
+def test_a_page_is_small_and_the_same_every_time_and_of_much_below_a_megabyte(pages, maze):
     assert max(len(page.encode()) for page in pages.values()) < 500_000
     assert page_of(maze) == pages["maze"]
-
-
-def test_a_page_of_many_arms_seeds_and_checkpoints_is_below_a_megabyte(maze):
     rng, seeds, checkpoints = np.random.default_rng(0), 100, 2001
     steps = np.arange(checkpoints) * 500
 
@@ -96,16 +97,10 @@ def test_a_page_of_many_arms_seeds_and_checkpoints_is_below_a_megabyte(maze):
     assert len(page.encode()) - len(films) < 1_000_000
 
 
-def test_reasons_of_all_trainings_are_counted(pages):
-    words = Reader(pages["odd"]).words
-    assert f"{ODD} reason 1 of 6 {ODD} short" in words
-    assert f"all steps used 5 of 6 {ODD} long, {ODD} short" in words
-
-
 def test_every_control_has_a_label(page):
-    found = Reader(page)
-    controls = [a for tag, a in found.elements if tag in ("select", "input") and a["id"]]
-    labelled = set(found.values("for", "label"))
+    reader = Reader(page)
+    controls = [a for tag, a in reader.elements if tag in ("select", "input") and a["id"]]
+    labelled = set(reader.values("for", "label"))
     # The labels of these hold them.
     switches = {a["id"] for a in controls if a.get("type") in ("radio", "checkbox")}
     assert {a["id"] for a in controls} == (labelled | switches)
@@ -125,19 +120,21 @@ def test_both_axes_have_one_scale_and_all_arms(pursuit):
 def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
     plan = maze_plan(2)
     comparison = cr.compare({"mean": plan}, seeds=1)
-    found = Reader(study_page("alone", comparison, {"mean": plan.train(1)}))
-    assert found.problems == []
-    assert "One seed allows neither intervals nor tests." in found.words
-    assert "This study kept no snapshots" in found.words
-    assert "nan" not in found.words.lower().split()
+    reader = Reader(study_page("alone", comparison, {"mean": plan.train(1)}))
+    assert reader.problems == []
+    assert "One seed allows neither intervals nor tests." in reader.words
+    assert "This study kept no snapshots" in reader.words
+    assert "nan" not in reader.words.lower().split()
 
 
 def test_an_arm_without_transfers_has_no_forecast_and_scratch_alone_no_page(maze):
     plan = cr.Curriculum({"maze": maze_plan(2).tasks["maze"]}, budget=500)
-    found = Reader(study_page("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)}))
-    assert found.problems == []
-    assert "Too few seeds for a verdict (2; 6 or more)." in found.words
-    assert "predicted start" not in found.words
+    reader = Reader(
+        study_page("same", cr.compare({"same": plan}, seeds=2), {"same": plan.train(2)})
+    )
+    assert reader.problems == []
+    assert "Too few seeds for a verdict (2; 6 or more)." in reader.words
+    assert "predicted start" not in reader.words
     comparison = replace(maze.comparison, arms={"scratch": maze.comparison.scratch})
     with pytest.raises(SettingError, match="needs an arm besides 'scratch'"):
         study_page("alone", comparison, {"scratch": maze.results["scratch"]})
@@ -148,8 +145,8 @@ def test_an_arm_without_transfers_has_no_forecast_and_scratch_alone_no_page(maze
 
 def data_of(comparison):
     weak, strong = (figure.axes[0] for figure in draw_learning_curves(comparison))
-    found = curve_data(comparison, arm_styles(comparison), {"weak": weak, "strong": strong})
-    return json.loads(json.dumps(found, allow_nan=False))
+    data = curve_data(comparison, arm_styles(comparison), {"weak": weak, "strong": strong})
+    return json.loads(json.dumps(data, allow_nan=False))
 
 
 def numbers(row, digits):
@@ -161,20 +158,20 @@ def numbers(row, digits):
 
 
 def test_seeds_are_their_returns_over_target_steps(pursuit):
-    found = data_of(pursuit.comparison)
-    unit = 10.0 ** -found["digits"]
-    for arm in found["arms"]:
+    data = data_of(pursuit.comparison)
+    unit = 10.0 ** -data["digits"]
+    for arm in data["arms"]:
         curve = pursuit.comparison[arm["name"]].curve
         assert arm["source_steps"] == curve.source_steps.tolist()
-        assert np.cumsum(found["seed_steps"]).tolist() == curve.steps.tolist()
-        rows = [numbers(row, found["digits"]) for row in arm["seeds"]]
+        assert np.cumsum(data["seed_steps"]).tolist() == curve.steps.tolist()
+        rows = [numbers(row, data["digits"]) for row in arm["seeds"]]
         np.testing.assert_allclose(rows, curve.filled(), atol=0.5001 * unit, rtol=0)
 
 
 def test_returns_are_rounded_to_what_can_be_seen(maze):
-    found = data_of(maze.comparison)
-    low, high = found["panels"]["strong"]["y"]
-    assert 10.0 ** -found["digits"] <= (high - low) / SEEN < 10.0 ** (1 - found["digits"])
+    data = data_of(maze.comparison)
+    low, high = data["panels"]["strong"]["y"]
+    assert 10.0 ** -data["digits"] <= (high - low) / SEEN < 10.0 ** (1 - data["digits"])
     for arm in data_of(cr.compare({"mean": maze_plan(2)}, seeds=1))["arms"]:
         assert set(arm["weak"]["low"]) == set(arm["strong"]["high"]) == {None}  # of one seed
 
@@ -214,9 +211,9 @@ def test_a_source_that_is_not_evaluated_has_no_curve(recwarn):
 
 def test_a_scaled_transfer_makes_another_graph(pursuit):
     scaled = hunt_plan(cr.minimum, scale=2.0).train(2)
-    found = graphs_of({**pursuit.results, "scaled": scaled})
-    assert [graph["arms"] for graph in found] == [("min", "mean"), ("scaled",)]
-    assert all("scaled by 2" in words for words in found[1]["edges"][0]["words"])
+    drawn = graphs_of({**pursuit.results, "scaled": scaled})
+    assert [graph["arms"] for graph in drawn] == [("min", "mean"), ("scaled",)]
+    assert all("scaled by 2" in words for words in drawn[1]["edges"][0]["words"])
 
 
 def test_cards_do_not_overlap_and_arrows_lead_down():
@@ -247,28 +244,28 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
 
 def test_the_forecast_stands_next_to_the_measured_start(pursuit):
     record, learnt, analysis = shown(pursuit.results)
-    (found,) = forecast_sections(analysis, record, learnt)
-    rows = {row.name: row for row in found.record.forecast.rows}
-    assert found.used == {"minimum": ("min",), "mean": ("mean",)}
+    (section,) = forecast_sections(analysis, record, learnt)
+    rows = {row.name: row for row in section["record"].forecast.rows}
+    assert section["used"] == {"minimum": ["min"], "mean": ["mean"]}
     for arm, name in (("min", "minimum"), ("mean", "mean")):
         measured = pursuit.results[arm]["hunt"].greedy_return[:, 0]
-        assert found.measured[arm] == measured.mean()
+        assert section["starts"][name] == [rounded(measured.mean())]
         assert rows[name].start == pytest.approx(measured[:3].mean(), abs=0.5)
-    assert found.other_sources == ()
-    (certificate,) = found.record.certificates
+    assert section["other_sources"] == []
+    (certificate,) = section["record"].certificates
     assert certificate.arms == ("min", "mean")
     assert certificate.holds
-    assert found.record.left_out == ()
+    assert section["record"].left_out == ()
 
 
 def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
     short = hunt_plan(cr.minimum)
     long = replace(short, budget={"chase": 6000, "hunt": 8000})
     record, learnt, analysis = shown({"short": short.train(2), "long": long.train(2)})
-    (found,) = forecast_sections(analysis, record, learnt)
-    assert found.record.arms == ("short", "long")
-    assert (found.same_sources, found.other_sources) == (("short",), ("long",))
-    assert found.used == {"minimum": ("short",)}
+    (section,) = forecast_sections(analysis, record, learnt)
+    assert section["record"].arms == ("short", "long")
+    assert (section["same_sources"], section["other_sources"]) == (["short"], ["long"])
+    assert section["used"] == {"minimum": ["short"]}
 
 
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
@@ -285,13 +282,13 @@ def test_values_that_were_not_kept_leave_both_out():
     result = plan.train(2)
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
     record = curricula_record({"min": plan}, {})
-    (found,) = analysed({"min": replace(result, nodes=bare)}, record).sections
-    assert found.forecast is None
-    assert found.certificates == ()
-    assert all("values were not kept" in sentence for sentence in found.left_out)
+    (section,) = analysed({"min": replace(result, nodes=bare)}, record).sections
+    assert section.forecast is None
+    assert section.certificates == ()
+    assert all("values were not kept" in sentence for sentence in section.left_out)
 
 
 def test_a_potential_that_was_not_kept_is_made_again(pursuit):
-    stored = {arm: replace(one, potentials={}) for arm, one in pursuit.results.items()}
+    stored = {arm: replace(result, potentials={}) for arm, result in pursuit.results.items()}
     kept, again = (shown(results)[2].sections[0] for results in (pursuit.results, stored))
     assert kept.certificates == again.certificates

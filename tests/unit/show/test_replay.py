@@ -12,18 +12,19 @@ from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
 from curricle.planning.solution import greedy_policy
 from curricle.show import replay as replay_module
-from curricle.show.replay import LEVELS, greedy_choices, grid_drawing, mark_of, replays
+from curricle.show.replay import greedy_choices, grid_drawing, mark_of, replays
 from curricle.show.views import GridView
 from curricle.study.analysis import before_and_after
+from curricle.tasks.block_dude import LEVELS
 
-from .studies import chain, shown, with_snapshots
+from .studies import chain, shown
 
 
-def replay_of(shot, task):
-    """The replay of a task's snapshots."""
+def replays_of(shot, task):
+    """The replays of a task's snapshots, and the tasks that are left out."""
     result = cr.Curriculum({"task": task}, budget=10).train()
-    ((found,), _) = replays(*shown({"scratch": with_snapshots(result, task=shot)}))
-    return found
+    node = replace(result["task"], snapshots=shot)
+    return replays(*shown({"scratch": replace(result, nodes={"task": node})}))
 
 
 def test_ties_are_shown_as_ties_of_the_agent_that_is_drawn():
@@ -53,17 +54,16 @@ def test_a_task_without_geometry_is_a_strip_with_words():
 def test_a_map_of_too_many_cells_is_not_shown():
     wide = cr.GridWorld(["S" + "." * 59 + "T"] + ["." * 61] * 50)
     assert GridView.for_replay(wide) is None
-    result = cr.Curriculum({"wide": wide}, budget=10).train()
     shape = (2, wide.states.size, 4)
     short = Snapshots(seed=0, steps=np.array([0, 9]), values=np.zeros(shape, np.float32))
-    assert replays(*shown({"scratch": with_snapshots(result, wide=short)})) == ((), ("wide",))
+    assert replays_of(short, wide) == ((), ("task",))
 
 
 def test_walls_and_ends_cover_what_is_no_state(maze):
-    found = grid_drawing(GridView.for_replay(maze.results["2x2"].curriculum.tasks["maze"]))
-    assert found["walls"] == "M2 3h1v1h-1z"
-    assert found["ended"].count("M") == 3  # two pits and the treasure
-    objects = [(letter, ends) for letter, *_, ends in found["objects"]]
+    films = grid_drawing(GridView.for_replay(maze.results["2x2"].curriculum.tasks["maze"]))
+    assert films["walls"] == "M2 3h1v1h-1z"
+    assert films["ended"].count("M") == 3  # two pits and the treasure
+    objects = [(letter, ends) for letter, *_, ends in films["objects"]]
     assert objects == [("T", True), ("P", True), ("P", True), ("F", False)]
 
 
@@ -72,36 +72,42 @@ def test_a_replay_keeps_values_to_a_sixty_five_thousandth(seed, size):
     maze = cr.GridWorld(["S..", "..T"])
     values = np.random.default_rng(seed).normal(0, size, (4, 6, 4)).astype(np.float32)
     shot = Snapshots(seed=0, steps=np.arange(4) * 10, values=values)
-    found = replay_of(shot, maze)
-    read = found.low + (found.high - found.low) * found.levels / (LEVELS - 1)
+    ((film,), _) = replays_of(shot, maze)
+    read = film.low + (film.high - film.low) * film.levels / (LEVELS - 1)
     best = values[:, :5].max(axis=-1)
-    assert np.abs(read - best).max() <= 0.6 * (found.high - found.low) / (LEVELS - 1)
+    assert np.abs(read - best).max() <= 0.6 * (film.high - film.low) / (LEVELS - 1)
     policy = greedy_policy(values[2, :5]) > 0
-    for number, row in zip(found.choices[2], policy, strict=True):
-        assert found.marks[number] == mark_of(found.view, row)
+    for number, row in zip(film.choices[2], policy, strict=True):
+        assert film.marks[number] == mark_of(film.view, row)
 
 
 def test_moments_are_thinned_and_a_page_holds_a_number_of_cells(maze, monkeypatch):
     hall = cr.GridWorld("S.T")
     shot = Snapshots(seed=0, steps=np.arange(200), values=np.zeros((200, 3, 4), np.float32))
     monkeypatch.setattr(replay_module, "MOST_MOMENTS", 7)
-    found = replay_of(shot, hall)
-    assert len(found.steps) == 7
-    assert found.steps[[0, -1]].tolist() == [0, 199]  # the ends are kept, and targets come first
+    ((film,), _) = replays_of(shot, hall)
+    assert len(film.steps) == 7
+    assert film.steps[[0, -1]].tolist() == [
+        0,
+        199,
+    ]  # the ends are kept, and targets come first
     monkeypatch.setattr(replay_module, "MOST_CELLS", 3 * 15)  # three arms in the target
-    found, left_out = replays(*shown(maze.results))
-    assert {replay.task for replay in found} == {"maze"}
+    films, left_out = replays(*shown(maze.results))
+    assert {replay.task for replay in films} == {"maze"}
     assert left_out == ("corner",)
 
 
 def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
-    found, left_out = replays(*shown(pursuit.results))
-    assert [replay.task for replay in found] == ["hunt"] * 3 + ["chase"]
-    arms = [replay.arms for replay in found]
+    films, left_out = replays(*shown(pursuit.results))
+    assert [replay.task for replay in films] == ["hunt"] * 3 + ["chase"]
+    arms = [replay.arms for replay in films]
     assert arms == [("scratch",), ("min",), ("mean",), ("min", "mean")]
     assert left_out == ()
-    found, _ = replays(*shown(maze.results))
-    assert [replay.arms for replay in found if replay.task == "corner"] == [("3x3",), ("2x2",)]
+    films, _ = replays(*shown(maze.results))
+    assert [replay.arms for replay in films if replay.task == "corner"] == [
+        ("3x3",),
+        ("2x2",),
+    ]
 
 
 def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):

@@ -33,9 +33,9 @@ def test_pictures_and_texts_of_all_states_have_one_size_and_differ(task):
     scene = scene_of(task)
     states = range(0, task.states.size, 1 + task.states.size // 40)
     pictures = [scene.image(state) for state in states]  # of terminal states too
-    (kind,) = {(picture.shape, picture.dtype) for picture in pictures}
-    assert kind[1] == np.uint8
-    assert all(side % 2 == 0 for side in pictures[0].shape[:2])  # as video formats want it
+    ((shape, dtype),) = {(picture.shape, picture.dtype) for picture in pictures}
+    assert dtype == np.uint8
+    assert all(side % 2 == 0 for side in shape[:2])  # as video formats want it
     texts = [scene.text(state) for state in states]
     assert len({picture.tobytes() for picture in pictures}) == len(set(texts)) == len(states)
     if (layout := layout_of(task)) is not None:
@@ -90,8 +90,7 @@ class Tank(gym.Env):
 
     def step(self, action):
         down, right = ((-1, 0), (0, 1), (1, 0), (0, -1))[action]
-        self.row = min(max(self.row + down, 1), 2)
-        self.column = min(max(self.column + right, 0), 2)
+        self.row, self.column = np.clip([self.row + down, self.column + right], [1, 0], 2)
         self.fuel -= 1
         home = (self.row, self.column) == (2, 2)
         return self._seen(), float(home), home or self.fuel == 0, False, {}

@@ -25,10 +25,10 @@ document.addEventListener("DOMContentLoaded", () => {
   const listed = rows.map((row) => arms.find((arm) => arm.name === row.dataset.arm));
   const shownArms = () => arms.filter((arm) => arm.shown);
 
-  // What is shown: steps, and heights on the axis of returns. No view means all.
-  let panel = "strong", view = null, cursor = null, drag = null, scales = null;
+  // What is shown: steps, and heights on the axis of returns. No view, of steps and returns, means all.
+  let panel = "strong", cursor = null, drag = null, scales = null;
   const whole = () => ({ x: data.panels[panel].x, y: data.panels[panel].y.map(heightOf) });
-  const current = () => view || whole();
+  const current = () => (views[panel] ? { x: views[panel].x, y: views[panel].y.map(heightOf) } : whole());
   const last = () => arms[0][panel].first + arms[0][panel].mean.length - 1;
 
   // Matplotlib's symlog scale: linear around 0, logarithmic beyond; or linear everywhere.
@@ -162,7 +162,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const width = at("chart-place").clientWidth;
     if (!width) return;
     scales = picture(chart, width, Math.round(Math.max(300, Math.min(470, width * 0.56))));
-    at("chart-reset").disabled = !view;
+    at("chart-reset").disabled = !views[panel];
     drawCursor();
   };
 
@@ -176,8 +176,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const [bottom, top] = [Math.min, Math.max].map((end) => heightOf(end(...seen)));
     const margin = 0.06 * (top - bottom);
     const fitting = margin > 0 ? [bottom - margin, top + margin] : whole().y;
-    view = length >= end - start && !heights ? null : { x: [from, to], y: heights || fitting };
-    views[panel] = view && { x: view.x, y: view.y.map(valueAt) };
+    views[panel] = length >= end - start && !heights ? null : { x: [from, to], y: (heights || fitting).map(valueAt) };
     draw();
   };
   const scaled = (factor) => {
@@ -274,8 +273,7 @@ document.addEventListener("DOMContentLoaded", () => {
   const change = () => {
     panel = at("axis-weak").checked ? "weak" : "strong";
     cursor = null;
-    if (views[panel]) zoom(...views[panel].x, views[panel].y.map(heightOf));
-    else reset();
+    draw();
   };
   for (const name of ["weak", "strong"]) at(`axis-${name}`).addEventListener("change", change);
 

@@ -18,14 +18,8 @@ document.addEventListener("DOMContentLoaded", () => {
     return (Number(text) === 0 ? (0).toFixed(digits) : text).replace("-", "\u2212");
   };
 
-  // Sixteen-bit numbers, the lower byte first.
-  const unpacked = (text) => {
-    const bytes = atob(text), numbers = new Uint16Array(bytes.length / 2);
-    for (let i = 0; i < numbers.length; i++) {
-      numbers[i] = bytes.charCodeAt(2 * i) + 256 * bytes.charCodeAt(2 * i + 1);
-    }
-    return numbers;
-  };
+  // Sixteen-bit numbers, the lower byte first, as every machine with a browser stores them.
+  const unpacked = (text) => new Uint16Array(Uint8Array.from(atob(text), (char) => char.charCodeAt(0)).buffer);
 
   // A button that moves a slider to its end, or stops it.
   const player = (button, slider, pause, draw) => {
