@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from curricle.study.store import seeds_in
+from curricle.study.store import StoredUnit
 from tests.cluster.ports import free_port
 
 LONG = 3_000_000
@@ -209,4 +209,4 @@ def wait_until(true, seconds=120.0):
 def units_in(folder):
     """The seeds of all tasks that are stored, each a unit."""
     files = folder.glob("units/*/*.npz")
-    return [seed for file in files for seed in seeds_in(file.stem.removeprefix("seeds-"))]
+    return [seed for file in files for seed in StoredUnit.at(file).seeds]

@@ -50,7 +50,7 @@ def test_source_steps_are_one_number_or_one_a_seed():
         ([-1, 0], [[1, 2]], 0, "steps must be at least 0: checkpoint 0 is -1"),
         ([0, 1], [[1, 2, 3]], 0, r"shape \(K, 2\) with K at least 1: got \(1, 3\)"),
         ([0, 1], [[1, np.inf]], 0, "not be infinite: seed 0, checkpoint 1 is inf"),
-        ([0, 1, 2], [[1, NAN, 2]], 0, "first measurement: seed 0, checkpoint 1 is NaN"),
+        ([0, 1, 2], [[1, NAN, 2]], 0, "first measurement: seed 0, checkpoint 1 is nan"),
         ([0, 1], [[1, 2]], [1, 2], r"source_steps must have shape \(1,\), one per seed"),
         ([0, 1], [[1, 2]], -3, "source_steps must be at least 0: got -3"),
     ],

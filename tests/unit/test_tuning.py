@@ -265,16 +265,19 @@ def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned, found):
         assert arm.best.score == max(one.score for one in arm.trials)
 
 
+def levels_of(effects, arm, key):
+    return [level for level in effects.levels if (level.arm, level.key) == (arm, key)]
+
+
 def test_effects_are_means_of_trials(found):
     effects = tuning_effects(found)
     trials = found.arms["transfer"].trials
-    for level in effects.levels["transfer", "unknown_value"]:
-        own = [t.score for t in trials if f"{t.values['unknown_value']}" == level.text]
-        assert (level.number, level.low, level.high) == (len(own), min(own), max(own))
-        assert level.mean == pytest.approx(np.mean(own))
-    parts = effects.levels["transfer", "learner.learning_rate"]
-    assert sum(one.number for one in parts) == len(trials)
-    rates = next(one for one in effects.settings if one.key == "learner.learning_rate")
+    for level in levels_of(effects, "transfer", "unknown_value"):
+        scores = [t.score for t in trials if f"{t.values['unknown_value']}" == level.text]
+        assert level[3:] == (len(scores), pytest.approx(np.mean(scores)), min(scores), max(scores))
+    parts = levels_of(effects, "transfer", "learner.learning_rate")
+    assert sum(level.number for level in parts) == len(trials)
+    rates = effects.settings["learner.learning_rate"]
     assert rates.levels == ("0.05 to 0.126", "0.126 to 0.317", "0.317 to 0.8")
 
 
@@ -315,14 +318,12 @@ def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
         comparison.returns[f"transfer, learning_rate=0.3, unknown_value={value}"]
         for value in (0.0, 1.0)
     ]
-    level = effects.levels["transfer", "learner.learning_rate"][1]
+    level = levels_of(effects, "transfer", "learner.learning_rate")[1]
     assert (level.text, level.number) == ("0.3", 2)
     assert level.mean == pytest.approx(np.mean(both))
-    assert [one.text for one in effects.levels["scratch", "learner.learning_rate"]] == [
-        "0.1",
-        "0.3",
-    ]
-    assert ("scratch", "unknown_value") not in effects.levels
+    alone = levels_of(effects, "scratch", "learner.learning_rate")
+    assert [level.text for level in alone] == ["0.1", "0.3"]
+    assert not levels_of(effects, "scratch", "unknown_value")
 
 
 # -- refusals ----------------------------------------------------------------------------------

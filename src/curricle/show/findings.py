@@ -356,10 +356,10 @@ def effects_sections(
             kind,
             [
                 (
-                    *(arm, key, minus(level.text), f"{level.number}", minus(short(level.mean))),
-                    f"[{minus(short(level.low))}, {minus(short(level.high))}]",
+                    *(arm, key, minus(text), f"{number}", minus(short(mean))),
+                    f"[{minus(short(low))}, {minus(short(high))}]",
                 )
-                for arm, key, level in kind.rows
+                for arm, key, text, number, mean, low, high in kind.levels
             ],
             best if kind.kind != "sweep" else [],
         )

@@ -1,12 +1,6 @@
 """Intervals over seeds: means, paired differences and the interquartile mean, by Student's t.
 
-A NaN among the seeds is never dropped, since seeds without a measurement are usually slow: it makes
-the estimate and the bounds of its checkpoint NaN. Where all seeds have the same value, the spread
-between seeds is unknown, not 0, and the bounds are NaN.
-
-Sources: Student, "The probable error of a mean", Biometrika 6, 1908; Tukey and McLaughlin, "Less
-vulnerable confidence and significance procedures for location based on a single sample", Sankhya A
-25, 1963; Yuen, "The two-sample trimmed t for unequal population variances", Biometrika 61, 1974.
+A NaN is never dropped, since seeds without a measurement are usually slow: it makes the result NaN.
 """
 
 from __future__ import annotations
@@ -88,18 +82,12 @@ def interquartile_mean(values: npt.ArrayLike) -> float | FloatArray:
 
 
 def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean over seeds with Student's interval, pointwise.
+    """Return the mean over seeds of `values`, (K,) or (K, T), with Student's interval, pointwise.
 
     mean +- t s / sqrt(K), where s is the standard deviation over the K seeds and t the quantile of
     Student's distribution with K - 1 degrees of freedom (Student 1908). Exact for normal values,
-    too short for skewed values of few seeds (docs/trust.md). SettingError on other arguments.
-
-    Parameters
-    ----------
-    values : (K,) or (K, T) float64
-        Not infinite; a NaN makes its checkpoint NaN. (K, T) gives arrays (T,).
-    confidence : float
-        Between 0 and 1.
+    too short for skewed values of few seeds (docs/trust.md). A NaN makes its checkpoint NaN.
+    SettingError on infinite values or a confidence that is not between 0 and 1.
 
     Examples
     --------
@@ -114,13 +102,12 @@ def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> I
 
 
 def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> Interval:
-    """Return the interquartile mean over seeds with the interval of Tukey and McLaughlin.
+    """Return the interquartile mean over seeds with the interval of Tukey and McLaughlin (1963).
 
-    m +- t s_w sqrt((K - 1) / (h (h - 1))), where m is ``interquartile_mean``, s_w the standard
-    deviation of the K values after the floor(K / 4) at both ends are replaced by the nearest value
-    that is left, h the number of values left, and t has h - 1 degrees of freedom (Yuen 1974).
-    Arguments and errors are those of :func:`mean_interval`; the bounds are NaN where all values
-    left are equal.
+    m +- t s_w sqrt((K - 1) / (h (h - 1))), where m is the mean of the h values left without the
+    floor(K / 4) at both ends, s_w the standard deviation of the K values after these are replaced
+    by the nearest value left, and t has h - 1 degrees of freedom (Yuen 1974). Arguments and errors
+    are those of :func:`mean_interval`; the bounds are NaN where all values left are equal.
 
     Examples
     --------
@@ -133,8 +120,7 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
     left = k - 2 * cut
     ordered = np.sort(array, axis=0)
     kept = np.clip(ordered, ordered[cut], ordered[k - 1 - cut])
-    degrees = max(left - 1, 1)
-    spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / degrees)
+    spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / max(left - 1, 1))
     mean = np.asarray(interquartile_mean(array))
     return _student(kept, mean, spread, left, confidence, k)
 
@@ -154,10 +140,9 @@ def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
 def paired_difference(
     a: npt.ArrayLike, b: npt.ArrayLike, *, confidence: float = CONFIDENCE
 ) -> Interval:
-    """Return the mean of a - b over matched seeds with Student's interval.
+    """Return :func:`mean_interval` of a_k - b_k, in which the common effect of a seed cancels.
 
-    :func:`mean_interval` of a_k - b_k, in which the common effect of a seed cancels. Entry k of `a`
-    and `b`, (K,), is of the same seed; SettingError if the shapes differ.
+    Entry k of `a` and `b`, (K,), is of the same seed; SettingError if the shapes differ.
 
     Examples
     --------

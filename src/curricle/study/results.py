@@ -44,54 +44,8 @@ from curricle.study.store import (
     StoredUnit,
     StudyStore,
     stored_values,
-    write_errors,
 )
 from curricle.text import counted, shortened
-
-# -- Whether studies that are compared have one target ---------------------------------------------
-
-
-def check_shared_target(records: Iterable[StudyRecord]) -> None:
-    """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
-    first, *others = records
-    for other in others:
-        pair = f"{first.name!r} and {other.name!r}"
-        if first.target != other.target:
-            raise CurriculumError(
-                f"studies must share their target: {pair} have {first.target!r} and "
-                f"{other.target!r}"
-            )
-        if apart := summary_differences(first.problem, other.problem):
-            raise CurriculumError(
-                f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
-            )
-        mine, yours = (
-            record.arms[SCRATCH].nodes[record.target].settings for record in (first, other)
-        )
-        for which in ("evaluation", "learner", "eval_freq"):
-            if mine.get(which) != yours.get(which):
-                raise CurriculumError(
-                    f"studies must share their target's {which}: {pair} have {mine.get(which)} "
-                    f"and {yours.get(which)}"
-                )
-
-
-SAME_TOTAL = "give their targets budgets with which the totals are equal"
-"""What to do about studies that cannot be compared at the smallest total."""
-
-
-def check_total(study: "StudyResults", total: int) -> None:
-    """Raise CurriculumError unless a study's arms learn by `total` what they learn with theirs."""
-    for name, arm in study.record.arms.items():
-        if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
-            continue
-        why = arm.depends_on_total or "another version of Curricle did not note whether it does"
-        raise CurriculumError(
-            f"arms are compared at one total of steps where what they learn depends on it: arm "
-            f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
-            f"total is {total:,} ({why}); {SAME_TOTAL}"
-        )
-
 
 # -- Units that failed: the arms that need them are left out, the others are compared --------------
 
@@ -100,15 +54,14 @@ FAILURES = "failures.json"  # the units that failed in the last run; not there i
 
 def failure_rows(failures: Failures) -> list[dict[str, Any]]:
     """Return what tells which arms failed; it is no arm's fault that an executor failed."""
-    if failures.executor_failed:
-        return []
+    rows = [] if failures.executor_failed else failures.each
     return [
         {
             "key": unit.key,
             "seeds": list(unit.seeds),
             "error": f"{unit.label}: {without_folders(in_words(error))}",
         }
-        for unit, error in failures.each
+        for unit, error in rows
     ]
 
 
@@ -119,10 +72,11 @@ def failure_error(failures: Failures) -> StudyError:
     for other, error in others:
         if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
             text += f"; {other.label} failed too: {in_words(error)}"
-    lost = any(isinstance(error, EngineError) for _, error in failures.each)
+    errors = [error for _, error in failures.each]
+    lost = any(isinstance(error, EngineError) for error in errors)
     whole = EngineError(text) if lost else StudyError(text)
-    foreign = [error for _, error in failures.each if not isinstance(error, CurricleError)]
-    whole.__cause__ = foreign[0] if foreign else None
+    foreign = (error for error in errors if not isinstance(error, CurricleError))
+    whole.__cause__ = next(foreign, None)
     return whole
 
 
@@ -152,8 +106,7 @@ def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
     if rows:
         store.write_json(FAILURES, rows)
     else:
-        with write_errors(store.path):
-            (store.path / FAILURES).unlink(missing_ok=True)
+        store.remove([store.path / FAILURES])
 
 
 # -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
@@ -206,15 +159,7 @@ class StudyResults:
 
     Only plain data are read: no module that the study names is imported, no task is made, and no
     pickle is loaded. So a folder can be read on any machine, and one from anywhere is safe to read.
-
-    Parameters
-    ----------
-    path : path
-
-    Raises
-    ------
-    StoreError
-        When the folder holds no study, or a file in it is damaged.
+    StoreError where it holds no study, or a file in it is damaged.
 
     Attributes
     ----------
@@ -281,23 +226,11 @@ class StudyResults:
     def result(
         self, arm: str, task: str, *, values: bool = False, seeds: Collection[int] | None = None
     ) -> LearningResult:
-        """Return the learning result of one task of an arm.
+        """Return the learning result of one task of an arm, without ``task`` and ``learner``.
 
-        Its ``task`` and ``learner`` are None: the folder holds neither.
-
-        Parameters
-        ----------
-        arm, task : str
-        values : bool
-            Whether to read the learnt values too, which may be large; those of a network are a dict
-            of arrays for each seed, of which :meth:`trained` makes networks.
-        seeds : collection of int, optional
-            Those that are needed; others of their files come too.
-
-        Raises
-        ------
-        StoreError
-            When there is no result yet, or a file is damaged.
+        With `values` those that were learnt are read too, which may be large; of a network they are
+        a dict of arrays for each seed, of which :meth:`trained` makes networks. Of other `seeds`
+        come those in the same files. StoreError where there is no result yet.
         """
         if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
@@ -328,18 +261,8 @@ class StudyResults:
     ) -> dict[str, SourceValues]:
         """Return what an arm's sources learnt, as :meth:`Curriculum.train` takes it.
 
-        Parameters
-        ----------
-        arm : str
-        curriculum : Curriculum
-            That of the arm, such as ``read_study(file).curriculum(arm)``: the folder holds none.
-        seeds : sequence of int, optional
-            Those that every arm has finished by default.
-
-        Raises
-        ------
-        StoreError
-            When a source has not finished all seeds, or a file is damaged.
+        The folder holds no curriculum: it is ``read_study(file).curriculum(arm)``. By default the
+        seeds are those that every arm has finished. StoreError where a source lacks any.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
         return self._values(arm, curriculum, seeds, curriculum.ancestors(curriculum.target))
@@ -354,20 +277,8 @@ class StudyResults:
     ) -> tuple[Any, ...]:
         """Return the policy of each seed of a task of an arm, by default of its target.
 
-        A :class:`TabularPolicy`, or a :class:`TrainedPolicy` where a network learnt it.
-
-        Parameters
-        ----------
-        arm, curriculum, seeds
-            As in :meth:`trained`.
-        task : str, optional
-
-        Raises
-        ------
-        SettingError
-            When the values were not saved.
-        StoreError
-            As :meth:`trained`.
+        A :class:`TabularPolicy`, or a :class:`TrainedPolicy` where a network learnt it. Arguments
+        and errors are as of :meth:`trained`; SettingError where the values were not saved.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
         name = curriculum.target if task is None else task
@@ -423,13 +334,7 @@ class StudyResults:
 
     @property
     def comparison(self) -> Comparison:
-        """The arms compared with learning from scratch, over the seeds that all have finished.
-
-        Raises
-        ------
-        StoreError
-            When the study has no scratch baseline, or no seed has finished in every arm.
-        """
+        """The arms compared with learning from scratch, as :func:`compare_studies` does."""
         return compare_studies([self])
 
     @property
@@ -453,10 +358,10 @@ class StudyResults:
                 read = partial(Level.of_arrays, arrays, not arm.endswith(f", {PLACEBO}"))
                 levels.append(self.store.checked(unit.path, read))
                 seeds += unit.seeds
-        if not levels:
-            return None
-        values = np.concatenate([level.values for level in levels])
-        return replace(levels[0], values=values[np.argsort(seeds)])
+        values = [level.values for level in levels]
+        return (
+            replace(levels[0], values=np.concatenate(values)[np.argsort(seeds)]) if levels else None
+        )
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task or its target, (K,)."""
@@ -494,23 +399,24 @@ class StudyResults:
         for file, name in ((RESULTS, CURVES), (DECISIONS, DECISIONS)) if self.stored else ():
             self.store.write(file, parquet_of(self._parts(name)))
 
-    def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
+    def decisions(self, arm: str, task: str, column: str = "reason") -> dict[int, list[str]]:
         """Return the reason for each decision in a task, as sentences by seed."""
-        return self._by_seed(arm, task, "reason")
-
-    def ended_by(self, arm: str, task: str) -> dict[int, str]:
-        """Return what ended the training of each seed in a task, in a few fixed words."""
-        return {
-            seed: criteria[-1] for seed, criteria in self._by_seed(arm, task, "criterion").items()
-        }
-
-    def _by_seed(self, arm: str, task: str, column: str) -> dict[int, list[str]]:
-        """Return a column of the decisions in a task by seed."""
         values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
             for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
                 values.setdefault(row["seed"], []).append(row[column])
         return dict(sorted(values.items()))
+
+    def ended_by(self, arm: str, task: str) -> dict[int, str]:
+        """Return what ended the training of each seed in a task, in a few fixed words."""
+        criteria = self.decisions(arm, task, "criterion")
+        return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
+
+
+# -- The arms of one or several studies, compared --------------------------------------------------
+
+SAME_TOTAL = "give their targets budgets with which the totals are equal"
+"""What to do about studies that cannot be compared at the smallest total."""
 
 
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
@@ -520,10 +426,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     plan are missing there is no verdict and no p-value. Different totals are compared at the
     smallest, if what was learnt by then does not depend on what came after.
 
-    Parameters
-    ----------
-    studies : sequence of StudyResults
-        Arms of several are named ``study: arm``, by folder where names of studies are equal.
+    Arms of several studies are named ``study: arm``, by folder where names of studies are equal.
 
     Raises
     ------
@@ -551,20 +454,37 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
                 f"states {checkpoints:,}"
             )
-    check_shared_target([study.record for study in studies])
+    first = studies[0].record
+    for study in studies[1:]:
+        check_shared_target(first, study.record)
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
             "a comparison needs a seed that every arm has finished: "
             f"{' and '.join(str(study.store.path) for study in studies)} have none yet"
         )
-    first = studies[0].record
     total = min(study.record.total or 0 for study in studies)
     for study in studies:
-        check_total(study, total)
+        for name, arm in study.record.arms.items():
+            if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
+                continue
+            why = arm.depends_on_total or "another version of Curricle did not note whether it does"
+            raise CurriculumError(
+                f"arms are compared at one total of steps where what they learn depends on it: arm "
+                f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
+                f"total is {total:,} ({why}); {SAME_TOTAL}"
+            )
+    paths = [study.store.path for study in studies]
+    names = [study.record.name for study in studies], [path.name for path in paths], paths
+    differing = [texts for texts in names if len({*texts}) == len(texts)]
+    if not differing:
+        raise CurriculumError(
+            f"studies that are compared need different folders: got {', '.join(map(str, paths))}"
+        )
+    prefixes = [f"{text}: " for text in differing[0]] if len(studies) > 1 else [""]
     arms = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
-    for study, prefix in zip(studies, _prefixes(studies), strict=True):
+    for study, prefix in zip(studies, prefixes, strict=True):
         for name, arm in study.record.arms.items():
             label = f"{prefix}{name}"
             if arm.control_of in study.failed:
@@ -587,21 +507,30 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     return Comparison(first.target, arms, *spans, failed, interim=interim, threshold_from=level)
 
 
-def _prefixes(studies: Sequence[StudyResults]) -> list[str]:
-    """Return what names of arms begin with: nothing, or names or folders that differ."""
-    if len(studies) == 1:
-        return [""]
-    stores = [study.store.path for study in studies]
-    by_name = [study.record.name for study in studies]
-    for names in (by_name, [path.name for path in stores], [*map(str, stores)]):
-        if len(set(names)) == len(names):
-            return [f"{name}: " for name in names]
-    raise CurriculumError(
-        f"studies that are compared need different folders: got {', '.join(map(str, stores))}"
-    )
+def check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
+    """Raise CurriculumError unless two targets are one task, learnt and evaluated alike."""
+    pair = f"{first.name!r} and {other.name!r}"
+    if first.target != other.target:
+        raise CurriculumError(
+            f"studies must share their target: {pair} have {first.target!r} and {other.target!r}"
+        )
+    if different := summary_differences(first.problem, other.problem):
+        raise CurriculumError(
+            f"studies must share their target: those of {pair} differ in {'; '.join(different)}"
+        )
+    for which in ("evaluation", "learner", "eval_freq"):
+        mine, yours = (
+            record.arms[SCRATCH].nodes[record.target].settings.get(which)
+            for record in (first, other)
+        )
+        if mine != yours:
+            raise CurriculumError(
+                f"studies must share their target's {which}: {pair} have {mine} and {yours}"
+            )
 
 
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
+    """Return an arm of a study as it is compared, at a total of steps."""
     record = study.record
     result = study.results[name][record.target]
     spent = study.source_steps(name)

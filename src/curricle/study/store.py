@@ -66,10 +66,10 @@ CHECKPOINTS = ".checkpoints"  # where networks in training are saved, to go on f
 
 def check_ours(path: Place, resume: bool) -> None:
     """Raise StoreError if a path is a file, or a folder that holds other things than results."""
-    # A folder in it that is a link is refused: what is damaged there would be deleted.
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
     for entry in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
+        # What is damaged in a folder that is a link would be deleted.
         if entry.is_symlink() and entry.is_dir() and entry.suffix != PART:
             raise StoreError(f"folders in one of results must be no links: delete {entry}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
@@ -166,7 +166,7 @@ def lost_errors() -> Iterator[None]:
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"  # groups of arrays
 
-DECISION_SCHEMA = {
+DECISION_SCHEMA = {  # columns of a unit's decisions, and their types
     "task": "string",
     "seed": "int64",
     "steps": "int64",
@@ -175,7 +175,6 @@ DECISION_SCHEMA = {
     **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
     "reason": "string",
 }
-"""Columns of a unit's decisions, and their types."""
 OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # an array of one seed, by its row
 OF_UNITS = ("source_steps", "scale", "refusal", "level", "level_base")
 """Arrays by seed that a unit has beside those of its result: two if it was calibrated, two if it is
@@ -187,8 +186,7 @@ class UnitResult(NamedTuple):
     """What training a unit returns."""
 
     arrays: Arrays  # those of the `LearningResult` (`arrays_of`), and `OF_UNITS`
-    decisions: pa.Table
-    """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
+    decisions: pa.Table  # why each seed went on or stopped, a row a checkpoint
 
 
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
@@ -239,8 +237,7 @@ def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Tab
     # measured before they are made.
     texts = [name for name, kind in schema.items() if kind == "string"]
     try:
-        with pq.ParquetFile(io.BytesIO(content)) as file:
-            columns = {field.name: str(field.type) for field in file.schema_arrow}
+        columns = {field.name: str(field.type) for field in pq.read_schema(io.BytesIO(content))}
         if columns != schema:
             raise ValueError(f"it must have the columns {', '.join(schema)}")
         with pq.ParquetFile(io.BytesIO(content), read_dictionary=texts) as file:
@@ -259,21 +256,15 @@ def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Tab
             table = file.read()
         if any(column.null_count for column in table.columns):
             raise ValueError("it must have a value in each row of each column")
-        if (size := sum(_text_size(table[name]) for name in texts)) > LARGEST_TABLE:
+        size = 0
+        for chunk in (chunk for name in texts for chunk in table[name].chunks):
+            lengths = np.asarray(pc.binary_length(chunk.dictionary), dtype=int)
+            size += int(lengths[np.asarray(chunk.indices)].sum())
+        if size > LARGEST_TABLE:
             raise ValueError(f"its texts must have at most {LARGEST_TABLE:,} bytes, not {size:,}")
         return table.cast(pa.schema(schema.items()))
     except (pa.ArrowException, OSError, MemoryError) as error:
         raise ValueError(f"it is no table: {error}") from None
-
-
-def _text_size(column: pa.ChunkedArray) -> int:
-    """Return the bytes of all texts of a dictionary-encoded column."""
-    return sum(
-        int(
-            np.asarray(pc.binary_length(chunk.dictionary))[np.asarray(chunk.indices)].sum(dtype=int)
-        )
-        for chunk in column.chunks
-    )
 
 
 def as_parquet(table: pa.Table) -> bytes:
@@ -294,12 +285,9 @@ LONGEST_NAME, KEPT = 200, 40  # characters of a unit's name, and those that are 
 
 def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
     """Return the content of a unit's file; equal results have equal bytes."""
-    arrays = result.arrays.items()
-    ordered = {name: array for group in GROUPS for name, array in arrays if group_of(name) == group}
-    others = {
-        DECISIONS: as_parquet(result.decisions.combine_chunks()),
-        ABOUT: as_json(plain(about)),
-    }
+    ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
+    decisions = as_parquet(result.decisions.combine_chunks())
+    others = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
     return archive_content(ordered, others, _snapshots_of(ordered))
 
 
@@ -326,11 +314,6 @@ def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
     return read_parquet(archive.content(DECISIONS, size), DECISION_SCHEMA, most)
 
 
-def seeds_in(ranges: str) -> tuple[int, ...] | None:
-    """Return the seeds of :func:`seed_ranges`; None if a text is none, or of too many."""
-    return tuple(seeds_in_ranges(ranges.replace("+", ","))) or None
-
-
 def place_of(key: str, task: str, seeds: str) -> str:
     """Return a unit's place among the units, from the words for its seeds."""
     name, words = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
@@ -339,7 +322,7 @@ def place_of(key: str, task: str, seeds: str) -> str:
     return f"{words}-{key}/{name}{ENDING}"
 
 
-# -- The results store: a folder with a description of what its results depend on, and whole files
+# -- Units in the store, and the store -------------------------------------------------------------
 
 MOST_KEPT = 2**28
 """Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
@@ -363,10 +346,9 @@ class StoredUnit:
     @classmethod
     def at(cls, path: Place) -> "StoredUnit":
         """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
-        seeds = seeds_in(path.stem.removeprefix("seeds-"))
-        if seeds is None:
-            seeds = read_unit(path, about_in).seeds
-        return cls(path, path.parent.name.rpartition("-")[2], seeds)
+        seeds = tuple(seeds_in_ranges(path.stem.removeprefix("seeds-").replace("+", ",")))
+        key = path.parent.name.rpartition("-")[2]
+        return cls(path, key, seeds or read_unit(path, about_in).seeds)
 
     @cached_property
     def about(self) -> UnitRecord:
@@ -382,10 +364,12 @@ class StoredUnit:
         return place == f"{self.path.parent.name}/{self.path.name}"
 
 
-def read_unit(path: Place, read: Callable[[ArrayArchive], Result]) -> Result:
+def read_unit(
+    path: Place, read: Callable[[ArrayArchive], Result], *, whole: bool = False
+) -> Result:
     """Return what a function reads of a unit's file; StoreError where that cannot be."""
     try:
-        with read_errors(path), opened_archive(path) as archive:
+        with read_errors(path), opened_archive(path, whole=whole) as archive:
             return read(archive)
     except Damaged:
         raise damage(path) from None
@@ -404,17 +388,17 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> 
     about = UnitRecord(
         key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=seeds
     )
-    place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(seeds))}"
-    _write(folder, place, unit_content(about, result))
-    return StoredUnit(folder / place, unit.key, seeds)
+    path = folder / UNITS / place_of(unit.key, unit.task, seed_ranges(seeds))
+    _write(folder, path, unit_content(about, result))
+    return StoredUnit(path, unit.key, seeds)
 
 
-def _write(folder: Place, name: str, content: bytes) -> None:
-    path = folder / name
+def _write(folder: Place, path: Any, content: bytes) -> None:
+    """Write a file in a folder in one move; if that fails (StoreError), what was there stays."""
     with write_errors(folder):
         if isinstance(folder, Path):
             (folder / STUDY).stat()  # or a folder that was moved would be made again
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
 
 
@@ -469,7 +453,7 @@ class StudyStore:
             self.description = description
             return
         self.require_there()
-        self.description = self.read_sealed(STUDY)
+        self.description = self._unsealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
             there = "no schema version" if version is None else f"schema version {version}"
@@ -511,8 +495,7 @@ class StudyStore:
         resume : bool
             Whether the folder may hold units already.
         check : bool
-            Whether to refuse results of another description. A study needs no such check, since
-            each unit says what it depends on.
+            Whether to refuse results of another description, unless each unit has its own.
 
         Raises
         ------
@@ -578,7 +561,13 @@ class StudyStore:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file in one move; if that fails (StoreError), what was there stays."""
-        _write(self.path, name, content)
+        _write(self.path, self.path / name, content)
+
+    def remove(self, files: Iterable[Place]) -> None:
+        """Delete some files."""
+        with write_errors(self.path):
+            for file in files:
+                file.unlink(missing_ok=True)
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a value as indented JSON."""
@@ -586,14 +575,7 @@ class StudyStore:
 
     def read_json(self, name: str) -> Any:
         """Return the value of a JSON file; StoreError if it is damaged."""
-        return self.checked(name, lambda: parsed_json(self._bytes(name, LARGEST_JSON)))
-
-    def read_sealed(self, name: str) -> dict[str, Any]:
-        """Return what ``sealed`` was called on; StoreError if the file has changed since."""
-        content = unsealed(self._bytes(name, LARGEST_JSON))
-        if content is None:
-            raise damage(self.path / name)
-        return content
+        return self.checked(name, lambda: parsed_json(self._bytes(name)))
 
     def write_record(self, name: str, record: Plain) -> None:
         """Write a record with its own checksum."""
@@ -601,16 +583,18 @@ class StudyStore:
 
     def record(self, name: str, model: type[Record]) -> Record:
         """Return what :meth:`write_record` wrote; StoreError if it is damaged."""
-        content = self.read_sealed(name)
+        content = self._unsealed(name)
         return self.checked(name, lambda: read_record(model, content))
 
-    def _bytes(self, name: str, most: int) -> bytes:
-        with read_errors(self.path / name):
-            return read_bounded(self.path / name, most)
+    def _unsealed(self, name: str) -> dict[str, Any]:
+        content = unsealed(self._bytes(name))
+        if content is None:
+            raise damage(self.path / name)
+        return content
 
-    def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike]) -> None:
-        """Write a tidy table, a dict of column name to values of one length, as Parquet."""
-        self.write(name, as_parquet(pa.table(dict(columns))))
+    def _bytes(self, name: str) -> bytes:
+        with read_errors(self.path / name):
+            return read_bounded(self.path / name, LARGEST_JSON)
 
     def write_runs(self, runs: Iterable[RunRecord]) -> None:
         """Write the list of runs."""
@@ -704,15 +688,16 @@ class StudyStore:
         self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
     ) -> UnitResult:
         """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
-        if not self.is_whole(stored):
-            raise damage(stored.path)
 
-        def read(archive: ArrayArchive) -> tuple[NamedArrays, pa.Table]:
-            return groups_in(archive, GROUPS, most), decisions_in(archive, len(stored.seeds))
+        def read(archive: ArrayArchive) -> UnitResult:
+            if not stored.is_place_of(about_in(archive)):
+                raise Damaged
+            arrays, decisions = groups_in(archive, GROUPS, most), decisions_in(archive, n_seeds)
+            wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
+            return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
 
-        arrays, decisions = read_unit(stored.path, read)
-        wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
-        return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
+        n_seeds = len(stored.seeds)
+        return read_unit(stored.path, read, whole=True)
 
 
 # -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------
@@ -749,8 +734,8 @@ def stored_values(
 # -- Small units of a task in one file -------------------------------------------------------------
 #
 # A unit of some kilobytes costs more to store and to read than to train. So those that end within a
-# second are written together, and a file holds a block of seeds in the end. What the folder holds
-# after a run does not depend on when its units ended: each block is one file then.
+# second are written together, and after a run each block of seeds is one file, whenever its units
+# ended.
 
 FULL = 2**22  # bytes of a file of several units, about: it is read in some milliseconds
 NUMBER, TABLES, CURVES = 8, 2, 5  # bytes of a number; numbers a pair (S x A) and a checkpoint
@@ -869,10 +854,7 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
             parts.append(store.result(file, new))
             taken |= new
     merged = store.write_unit(files[0].about, joined_units(parts))
-    with write_errors(store.path):
-        for file in files:
-            if file.path != merged.path:
-                file.path.unlink()
+    store.remove(file.path for file in files if file.path != merged.path)
     return merged
 
 
