@@ -13,12 +13,10 @@ from curricle.statistics import (
     steps_saved,
     time_to_threshold,
 )
-from curricle.statistics.curves import Times, charge_source, fraction_of_optimum, midpoint, smooth
+from curricle.statistics.curves import Times, charge_source, midpoint, smooth
 from curricle.statistics.hypothesis_tests import (
     add_seeds,
     holm,
-    performance_profile,
-    probability_of_improvement,
     sign_flip_test,
 )
 
@@ -102,12 +100,6 @@ def test_without_source_steps_strong_is_weak(pair):
     np.testing.assert_array_equal(weak, strong)
 
 
-@given(curves(), RETURNS)
-def test_a_curve_gains_nothing_over_itself(curve, threshold):
-    assert not steps_saved(curve, curve, threshold).any()
-    assert not jumpstart(curve, curve).any()
-
-
 @given(curves(arms=2))
 def test_a_charged_curve_stays_within_what_was_measured(pair):
     baseline, transfer = Curve(pair[0].steps, np.sort(pair[0].filled(), axis=1)), pair[1]
@@ -156,21 +148,6 @@ def test_averages_follow_a_change_of_unit(curve, scale, shift):
     np.testing.assert_allclose(midpoint(moved), expected, rtol=1e-9, atol=1e-6)
 
 
-@given(curves())
-def test_averages_lie_between_the_lowest_and_the_highest_value(curve):
-    low, high = np.nanmin(curve.values, axis=1), np.nanmax(curve.values, axis=1)
-    for average in (mean_return(curve), asymptotic_performance(curve)):
-        assert np.all((average >= low - 1e-6) & (average <= high + 1e-6))
-
-
-@given(RETURNS, RETURNS, st.floats(0, 1))
-def test_a_fraction_of_the_optimum_lies_between(one, other, fraction):
-    worst, optimum = sorted([one, other])
-    threshold = fraction_of_optimum(optimum, worst, fraction)
-    assert worst - 1e-9 <= threshold <= optimum
-    assert fraction_of_optimum(optimum, worst, 1) == optimum
-
-
 SCORES = st.integers(-8, 8).map(float)  # few different ones, hence ties
 ARMS = hnp.arrays(np.float64, st.integers(1, 9), elements=SCORES)
 P_VALUES = st.lists(st.floats(0, 1), min_size=1, max_size=8)
@@ -183,35 +160,7 @@ def some_times(draw):
     return Times(steps, draw(hnp.arrays(np.bool_, seeds)))
 
 
-# One arm
-
-
-@given(ARMS, hnp.arrays(np.float64, 5, elements=SCORES))
-def test_a_profile_falls_and_knows_no_order_of_seeds(scores, thresholds):
-    tau = np.sort(thresholds)
-    profile = performance_profile(scores, tau)
-    for numbers in (profile.estimate, profile.low, profile.high):
-        assert np.isnan(numbers).all() or np.all(np.diff(numbers) <= 1e-12)
-    turned = performance_profile(scores[::-1], tau)
-    np.testing.assert_array_equal(turned.estimate, profile.estimate)
-
-
 # Two arms
-
-
-@given(ARMS, ARMS)
-def test_what_one_arm_wins_the_other_loses(a, b):
-    there, back = (probability_of_improvement(*pair) for pair in ((a, b), (b, a)))
-    assert there.estimate + back.estimate == pytest.approx(1.0)
-    assert 0 <= there.estimate <= 1
-
-
-@given(ARMS, ARMS)
-def test_improvement_knows_only_the_order_of_scores(a, b):
-    plain, bent = (probability_of_improvement(*pair) for pair in ((a, b), (a**3, b**3)))
-    assert bent.estimate == plain.estimate
-    turned = probability_of_improvement(a[::-1], b[::-1])
-    assert turned.estimate == pytest.approx(plain.estimate)
 
 
 @given(ARMS, st.floats(0.01, 100))
@@ -221,9 +170,6 @@ def test_sign_flips_know_neither_order_nor_direction_nor_unit(differences, unit)
     assert 0 < p <= 1
     for same in (differences[::-1], -differences, unit * differences):
         assert sign_flip_test(same) == p
-
-
-# Several tests
 
 
 def step_down(p_values, alpha):
@@ -242,26 +188,6 @@ def step_down(p_values, alpha):
 def test_holm_rejects_what_its_rule_says(p_values, alpha):
     adjusted = holm(p_values)
     assert set(np.flatnonzero(adjusted <= alpha)) == step_down(p_values, alpha)
-
-
-# Times
-
-
-@given(some_times())
-def test_a_survival_curve_falls_from_one_to_no_less_than_zero(times):
-    share = times.survival().probabilities
-    assert np.all(np.diff(np.concatenate([[1.0], share])) <= 1e-12)
-    assert share[-1] >= 0
-    if times.reached.all():
-        assert share[-1] == 0
-
-
-@given(some_times(), st.randoms(use_true_random=False))
-def test_the_order_of_seeds_changes_no_time(times, random):
-    order = random.sample(range(times.steps.size), times.steps.size)
-    turned = Times(times.steps[order], times.reached[order])
-    np.testing.assert_array_equal(turned.survival().probabilities, times.survival().probabilities)
-    assert turned.median().estimate == times.median().estimate
 
 
 @given(some_times())

@@ -1,7 +1,9 @@
 """What ``progress`` shows on a terminal, in a notebook and elsewhere; the pace of a run."""
 
 import io
+import re
 from itertools import count
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -34,58 +36,50 @@ def zero():
     return cr.StateShaping(np.zeros(MAZE.states.size))
 
 
-# Each function, the parts that a user's function is called with, and the bars that are shown.
-LONG = {
-    "learn": (
-        lambda **how: cr.learn(MAZE, budget=500, seeds=2, **how),
-        [0, 1],
-        ["learning: 2 done"],
-    ),
-    "train": (
-        lambda **how: plan().train(2, **how),
-        ["corner", "maze"],
-        ["corner: 2 done", "maze: 2 done"],
-    ),
+def longer():
+    """Other tasks each time: the mapping of the same ones is remembered."""
+    return cr.GridWorld(f"S{'.' * next(LENGTHS)}T")
+
+
+ALL = cr.transfer.search.SEARCHES
+COMPARED = ["scratch: maze", "transfer: corner", "transfer: maze", "transfer, negated: maze"]
+LONG = {  # each function, and the parts that a user's function is called with
+    "learn": (lambda **how: cr.learn(MAZE, budget=500, seeds=2, **how), [0, 1]),
+    "train": (lambda **how: plan().train(2, **how), ["corner", "maze"]),
     "compare": (
         lambda **how: cr.compare(plan(), seeds=2, controls=["negated"], **how),
         ["scratch", "transfer", "transfer, negated"],
-        [
-            *["scratch: maze: 2 done", "transfer: corner: 2 done", "transfer: maze: 2 done"],
-            "transfer, negated: maze: 2 done",
-        ],
     ),
-    "forecast": (
-        lambda **how: cr.forecast(plan(), seeds=2, trial=False, **how),
-        ["mean"],
-        ["corner: 2 done", "potentials: 1 done"],
-    ),
+    "forecast": (lambda **how: cr.forecast(plan(), seeds=2, trial=False, **how), ["mean"]),
     "teach": (
         lambda **how: cr.teaching.teach({"maze": MAZE}, target="maze", budget=500, **how),
         [0],
-        ["learning: 1 done"],
     ),
     "find_mappings": (
         lambda **how: cr.transfer.find_mappings(MAZE, CORNER, searches=SEARCHES, **how),
         ["by_name", "by_homomorphism"],
-        ["searches: 2 done"],
     ),
     "auto_mapping": (
-        # other tasks each time: what was found for the same ones is remembered
-        lambda **how: cr.transfer.auto_mapping(
-            cr.GridWorld(f"S{'.' * next(LENGTHS)}T"), LINE, **how
-        ),
-        [one.__name__ for one in cr.transfer.search.SEARCHES],
-        [f"searches: {len(cr.transfer.search.SEARCHES)} done"],
+        lambda **how: cr.transfer.auto_mapping(longer(), LINE, **how),
+        [search.__name__ for search in ALL],
     ),
     "lax_bisimulation": (
         lambda **how: cr.transfer.lax_bisimulation(cr.GridWorld("S..T"), LINE, **how),
         ["float"] * 3,
-        [],
     ),
-    "tabulate": (lambda **how: cr.tabulate("FrozenLake-v1", discount=0.9, **how), [], []),
-    "solve": (lambda **how: cr.solve(MAZE, **how), ["float"], []),
-    "evaluate": (lambda **how: cr.evaluate(MAZE, [0] * 15, **how), ["float"], []),
-    "certify": (lambda **how: cr.certify(MAZE, zero(), **how), ["Certificate"], []),
+    "tabulate": (lambda **how: cr.tabulate("FrozenLake-v1", discount=0.9, **how), []),
+    "solve": (lambda **how: cr.solve(MAZE, **how), ["float"]),
+    "evaluate": (lambda **how: cr.evaluate(MAZE, [0] * 15, **how), ["float"]),
+    "certify": (lambda **how: cr.certify(MAZE, zero(), **how), ["Certificate"]),
+}
+BARS = {  # that are shown
+    "learn": ["learning: 2 done"],
+    "train": ["corner: 2 done", "maze: 2 done"],
+    "compare": [f"{bar}: 2 done" for bar in COMPARED],
+    "forecast": ["corner: 2 done", "potentials: 1 done"],
+    "teach": ["learning: 1 done"],
+    "find_mappings": ["searches: 2 done"],
+    "auto_mapping": [f"searches: {len(ALL)} done"],
 }
 each = pytest.mark.parametrize("name", LONG)
 
@@ -96,35 +90,29 @@ def in_words(part):
 
 @each
 def test_a_function_is_called_with_each_part(name):
-    long, told, _ = LONG[name]
+    long, expected = LONG[name]
     parts = []
     long(progress=parts.append)
-    assert [in_words(part) for part in parts] == told
+    assert [in_words(part) for part in parts] == expected
 
 
 @each
 def test_a_line_is_printed_for_each_full_bar_where_there_is_no_terminal(name, capsys):
-    long, _, lines = LONG[name]
-    long(progress=True)
+    LONG[name][0](progress=True)
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert printed.err.splitlines() == lines
+    assert printed.err.splitlines() == BARS.get(name, [])
 
 
 @each
-@pytest.mark.parametrize("silent", [False, None])
-def test_nothing_is_shown_unasked(name, silent, capsys):
-    LONG[name][0](progress=silent)
-    assert capsys.readouterr() == ("", "")
-
-
-@each
-@pytest.mark.parametrize("wrong", [3, "yes", [print]])
-def test_anything_else_is_refused_in_a_sentence(name, wrong):
-    with pytest.raises(SettingError) as error:
-        LONG[name][0](progress=wrong)
-    rule = "progress must be True, False, None or a function: got "
-    assert str(error.value) in (f"{rule}{wrong!r}", f"{rule}[<built-in function print>]")
+def test_nothing_is_shown_unasked_and_anything_else_is_refused(name, capsys):
+    for silent in (False, None):
+        LONG[name][0](progress=silent)
+        assert capsys.readouterr() == ("", "")
+    for wrong in (3, "yes", [print]):
+        rule = rf"progress must be True, False, None or a function: got {re.escape(repr(wrong))}$"
+        with pytest.raises(SettingError, match=rule):
+            LONG[name][0](progress=wrong)
 
 
 def test_bars_grow_on_a_terminal():
@@ -211,19 +199,12 @@ def units(number):
     return tuple(Unit("0f", "scratch", "maze", (seed,), {}, {}, 0) for seed in range(number))
 
 
-class Clock:
-    """Seconds that pass when it is told."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def __call__(self):
-        return self.now
-
-
 @pytest.fixture
 def clock():
-    return Clock()
+    """A clock of which a test moves the hand, `now`."""
+    made = Mock(now=0.0)
+    made.side_effect = lambda: made.now
+    return made
 
 
 def test_the_rate_is_that_of_what_was_seen(clock):
@@ -247,7 +228,8 @@ def test_the_rate_is_that_of_what_was_seen(clock):
     assert pace.line_of(50, 200) == "50 of 200 units, 30 units a minute, 0:05:00 left"
 
 
-def printed(capsys, clock, number):
+def test_very_many_units_have_a_line_a_second(capsys, clock):
+    number = progress_bars.MANY + 500
     pace, every = Pace(clock), units(number)
     lines = Lines(pace)
     for unit in (None, *every):
@@ -255,14 +237,9 @@ def printed(capsys, clock, number):
         pace.note(progress)
         lines.show(progress)
         clock.now += 0.01
-    return capsys.readouterr().err.splitlines()
-
-
-def test_very_many_units_have_a_line_a_second(capsys, clock):
-    number = progress_bars.MANY + 500
-    found = printed(capsys, clock, number)
-    assert len(found) == number // 100 + 1
-    assert found[-1].startswith(f"{number:,} of {number:,} units, 1 worker, ")
+    printed = capsys.readouterr().err.splitlines()
+    assert len(printed) == number // 100 + 1
+    assert printed[-1].startswith(f"{number:,} of {number:,} units, 1 worker, ")
 
 
 @pytest.mark.parametrize("width", [40, 80])

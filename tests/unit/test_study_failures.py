@@ -170,10 +170,9 @@ class FailsScratch(Executor):
 
 def test_without_scratch_nothing_more_is_trained(study_file, tmp_path):
     out, begun = tmp_path / "out", []
+    how = {"workers": 1, "executor": FailsScratch(), "progress": begun.append}
     with pytest.raises(StudyError, match=r"scratch: maze, seeds 0-1 failed, .* MemoryError: 64 TB"):
-        run_study(
-            read_study(study_file), out, workers=1, executor=FailsScratch(), progress=begun.append
-        )
+        run_study(read_study(study_file), out, **how)
     found = StudyResults(out)
     assert set(found.failed) == {"scratch"}
     assert len(begun) <= 3  # what had been submitted ahead
@@ -182,22 +181,16 @@ def test_without_scratch_nothing_more_is_trained(study_file, tmp_path):
 
 
 def test_merged_parts_keep_their_failures(study, tmp_path):
-    for i in (1, 2):
+    parts = [tmp_path / f"part-{i}" for i in (1, 2)]
+    for i, part in enumerate(parts):
         with pytest.raises(StudyError):
-            run_study(study, tmp_path / f"part-{i}", workers=1, shard=(i, 2))
-    found = merge(tmp_path / "whole", [tmp_path / "part-1", tmp_path / "part-2"])
-    assert found.failed == {"state": WORDS}
-    assert found.seeds == (0, 1, 2, 3)
-
-
-def test_a_part_that_is_merged_later_forgets_no_failure(study, tmp_path):
-    with pytest.raises(StudyError):
-        run_study(study, tmp_path / "part-1", workers=1, shard=(1, 2))
+            run_study(study, part, workers=1, shard=(i + 1, 2))
+    whole = merge(tmp_path / "whole", parts)
+    assert (whole.failed, whole.seeds) == ({"state": WORDS}, (0, 1, 2, 3))
     (tmp_path / "broken").unlink()
-    run_study(study, tmp_path / "part-2", workers=1, shard=(2, 2))
-    for part in ("part-1", "part-2", "part-1"):
-        found = merge(tmp_path / "whole", [tmp_path / part])
-        assert found.failed == {"state": WORDS}
+    run_study(study, parts[1], workers=1, shard=(2, 2), resume=True)
+    for part in (*parts, parts[0]):  # a part that is merged later forgets no failure
+        assert merge(tmp_path / "later", [part]).failed == {"state": WORDS}
 
 
 @pytest.mark.parametrize(

@@ -94,12 +94,11 @@ def test_a_place_at_a_url_is_sent_with_its_options(url):
 @pytest.mark.parametrize("place", ["folder", "url"])
 def test_checkpoints_end_when_their_unit_is_stored(finished, tmp_path, place):
     out = url_of(tmp_path / "out") if place == "url" else tmp_path / "out"
-    given = StudyStore(finished)
-    units = given.units()[:2]
+    units = StudyStore(finished).units()[:2]
     with StudyStore.opened(out, {}, resume=False) as store:
         for unit in units:
             write_whole(made(store.checkpoints(unit.about) / "seed-0.checkpoint"), b"saved")
-        store.write_unit(units[0].about, given.result(units[0], units[0].seeds))
+        store.write_unit(units[0].about, units[0].result(units[0].seeds))
         left = [*store.path.glob(".checkpoints/*/*/*")]
         assert [one.parent for one in left] == [store.checkpoints(units[1].about)]
         store.remove_checkpoints()

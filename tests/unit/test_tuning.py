@@ -105,11 +105,14 @@ def test_another_seed_tries_other_settings(tuned_file, tuned, tmp_path):
     assert one.arms["transfer"].trials != other.arms["transfer"].trials
 
 
-def test_settings_that_changed_are_tuned_again(tuned_file, tmp_path):
-    run_study(read_study(tuned_file, set=["tune.trials=2"]), tmp_path / "out", workers=1)
-    changed = read_study(tuned_file, set=["tune.trials=2", "learner.epsilon=0.5"])
-    run_study(changed, tmp_path / "out", resume=True, workers=1)
-    run_study(changed, tmp_path / "new", workers=1)
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [("learner.epsilon=0.1", "learner.epsilon=0.5"), ("tune.seeds=3", "tune.seeds=2")],
+)
+def test_settings_that_changed_are_tuned_anew(tuned_file, tmp_path, before, after):
+    for setting, folder in ((before, "out"), (after, "out"), (after, "new")):
+        study = read_study(tuned_file, set=["tune.trials=2", setting])
+        run_study(study, tmp_path / folder, resume=True, workers=1)
     assert_same(tmp_path / "out", tmp_path / "new")
 
 
@@ -136,14 +139,8 @@ def test_a_stale_tuning_is_kept_if_asked_for(tuned_file, tuned, of_another_versi
 def test_stale_trials_are_kept_by_a_longer_tuning(tuned_file, of_another_version, pool):
     longer, told = read_study(tuned_file, set=["tune.trials=14"]), []
     trained = Inline()
-    run_study(
-        longer,
-        of_another_version,
-        resume=True,
-        keep_stale=True,
-        executor=trained,
-        report=told.append,
-    )
+    kept = {"resume": True, "keep_stale": True, "report": told.append}
+    run_study(longer, of_another_version, executor=trained, **kept)
     assert told[0] == "the tuning is stale and made again: what it depends on has changed"
     found = read_tuning(StudyStore(of_another_version))
     assert {len(one.trials) for one in found.arms.values()} == {14}
@@ -163,13 +160,6 @@ def test_a_stale_tuning_is_made_again_otherwise(tuned_file, tuned, of_another_ve
     found = read_tuning(StudyStore(of_another_version))
     assert found.of != wanted.of
     assert plain(found) | {"of": wanted.of} == plain(wanted)
-
-
-def test_fewer_seeds_are_tuned_as_if_there_had_never_been_more(tuned_file, tmp_path):
-    for seeds, folder in ((3, "out"), (2, "out"), (2, "new")):
-        study = read_study(tuned_file, set=["tune.trials=2", f"tune.seeds={seeds}"])
-        run_study(study, tmp_path / folder, resume=True, workers=1)
-    assert_same(tmp_path / "out", tmp_path / "new")
 
 
 def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
@@ -226,18 +216,14 @@ def test_show_says_how_far_a_tuning_is(tuned_file, tuned, tmp_path, curricle, fi
 
 
 def test_every_arm_has_as_many_trials_and_steps(found):
-    assert {name: len(one.trials) for name, one in found.arms.items()} == {
-        "scratch": 12,
-        "transfer": 12,
-    }
+    numbers = {name: len(arm.trials) for name, arm in found.arms.items()}
+    assert numbers == {"scratch": 12, "transfer": 12}
     assert found.steps("scratch") == found.steps("transfer") == 12 * 2 * found.total
 
 
 def test_an_arm_is_tuned_in_what_it_has(found):
-    assert {*found.arms["scratch"].best.values} == {
-        "learner.learning_rate",
-        "learner.initial_value",
-    }
+    of_scratch = {"learner.learning_rate", "learner.initial_value"}
+    assert {*found.arms["scratch"].best.values} == of_scratch
     assert {*found.arms["transfer"].best.values} == {*found.space}
     for trial in found.arms["transfer"].trials:
         assert 0.05 <= trial.values["learner.learning_rate"] <= 0.8
@@ -284,11 +270,8 @@ def test_effects_are_means_of_trials(found):
 def test_an_arm_with_nothing_to_tune_has_one_trial(tmp_path):
     file = tmp_path / "mazes.toml"
     file.write_text(f"{MAZES}[tune]\ntrials = 3\nseeds = 1\nspace.unknown_value = [0.0, 1.0]\n")
-    found = read_tuning(run_study(read_study(file), tmp_path / "out", workers=1).store)
-    assert {name: len(one.trials) for name, one in found.arms.items()} == {
-        "scratch": 1,
-        "transfer": 3,
-    }
+    arms = read_tuning(run_study(read_study(file), tmp_path / "out", workers=1).store).arms
+    assert {name: len(arm.trials) for name, arm in arms.items()} == {"scratch": 1, "transfer": 3}
 
 
 def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
@@ -298,10 +281,8 @@ def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
     results = run_study(read_study(file), tmp_path / "out", workers=1)
     found = read_tuning(results.store)
     assert found.total == 1_000 + 400
-    assert (
-        results.record.total
-        == 1_000 + -(-found.arms["transfer"].best.values["tasks.corner.budget"] // 10) * 10
-    )
+    spent = found.arms["transfer"].best.values["tasks.corner.budget"]
+    assert results.record.total == 1_000 + -(-spent // 10) * 10
 
 
 # -- sweeps ------------------------------------------------------------------------------------
@@ -312,12 +293,10 @@ def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
         f"{MAZES}\n[sweep]\nlearner.learning_rate = [0.1, 0.3]\nunknown_value = [0.0, 1.0]\n"
     )
     results = run_study(read_study(tmp_path / "mazes.toml"), tmp_path / "out", workers=1)
-    comparison = results.comparison
-    effects = sweep_effects(comparison, results.record, None)
-    both = [
-        comparison.returns[f"transfer, learning_rate=0.3, unknown_value={value}"]
-        for value in (0.0, 1.0)
-    ]
+    returns = results.comparison.returns
+    effects = sweep_effects(results.comparison, results.record, None)
+    name = "transfer, learning_rate=0.3, unknown_value={}"
+    both = [returns[name.format(value)] for value in (0.0, 1.0)]
     level = levels_of(effects, "transfer", "learner.learning_rate")[1]
     assert (level.text, level.number) == ("0.3", 2)
     assert level.mean == pytest.approx(np.mean(both))

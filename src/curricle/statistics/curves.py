@@ -46,9 +46,8 @@ class Curve(Frozen):
 
     Examples
     --------
-    >>> curve = Curve(np.array([0, 100, 200]), np.array([[-9.0, -4.0, -1.0]]))
-    >>> curve.source_steps
-    array([0])
+    >>> Curve(np.array([0, 100, 200]), np.array([[np.nan, -4.0, -1.0]])).filled()
+    array([[-4., -4., -1.]])
     """
 
     steps: IntArray
@@ -100,20 +99,11 @@ class Curve(Frozen):
 
     @classmethod
     def of(cls, result: Any, source_steps: npt.ArrayLike = 0) -> Curve:
-        """Return the greedy returns of a :class:`LearningResult` as a curve.
-
-        `source_steps` is an int or (K,), as :meth:`CurriculumResult.source_steps` gives them.
-        """
+        """Return the greedy returns of a :class:`LearningResult` as a curve."""
         return cls(result.steps, result.greedy_return, np.asarray(source_steps))
 
     def filled(self) -> FloatArray:
-        """Return the values with a seed's first measured value in place of its NaN, (K, T).
-
-        Examples
-        --------
-        >>> Curve(np.array([0, 100]), np.array([[np.nan, -4.0]])).filled()
-        array([[-4., -4.]])
-        """
+        """Return the values with a seed's first measured value in place of its NaN, (K, T)."""
         missing = np.isnan(self.values)
         first = np.take_along_axis(self.values, missing.sum(axis=1, keepdims=True), axis=1)
         return np.where(missing, first, self.values)

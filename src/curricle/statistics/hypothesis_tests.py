@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Literal, Self
 
@@ -80,8 +80,6 @@ def probability_of_improvement(
     --------
     >>> print(probability_of_improvement([3.0, 5.0, 7.0, 9.0], [4.0, 5.0, 6.0]))
     0.62 [0.24, 0.90], 3 seeds
-    >>> print(probability_of_improvement([3.0, 5.0, 7.0], [0.0, 1.0, 2.0]))
-    1.00 [0.50, 1.00], 3 seeds
     """
     first, second = vector("a", a), vector("b", b)
     check_confidence(confidence)
@@ -357,5 +355,5 @@ def add_seeds(
         if enough:
             break
     goal: Literal["precision", "difference"] = "difference" if precision is None else "precision"
-    interval = Interval(mean.estimate, mean.low, mean.high, confidence, values.size)
+    interval = replace(mean, confidence=confidence)
     return AddedSeeds(frozen_array(values), interval, p, goal if enough else "most", planned)

@@ -6,7 +6,7 @@ A NaN is never dropped, since seeds without a measurement are usually slow: it m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ class Interval(Frozen):
     ----------
     estimate, low, high : float or (T,) or (L,) float64
         At checkpoints T or thresholds L. The bounds are NaN where the spread of the seeds is
-        unknown: for a single seed, and where all seeds have the same value.
+        unknown, not 0: for a single seed, and where all have the same value.
     confidence : float
         Nominal coverage of [low, high], between 0 and 1.
     n : int
@@ -43,10 +43,6 @@ class Interval(Frozen):
     --------
     >>> print(Interval(11.04, 9.82, 12.13, confidence=0.95, n=30))
     11.0 [9.8, 12.1], 30 seeds
-    >>> print(Interval(11.04, float("nan"), float("nan"), confidence=0.95, n=1))
-    11.0, 1 seed (no interval)
-    >>> print(Interval(11.04, float("nan"), float("nan"), confidence=0.95, n=5))
-    11.0, 5 seeds (no spread: no interval)
     """
 
     estimate: float | FloatArray
@@ -93,8 +89,6 @@ def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> I
     --------
     >>> print(mean_interval([9.0, 10.0, 11.0, 14.0]))
     11.0 [7.6, 14.4], 4 seeds
-    >>> print(mean_interval([9.0, 9.0, 9.0]))
-    9.00, 3 seeds (no spread: no interval)
     """
     array = _seeds(values)
     spread = array.std(axis=0, ddof=min(1, len(array) - 1))
@@ -121,8 +115,7 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
     ordered = np.sort(array, axis=0)
     kept = np.clip(ordered, ordered[cut], ordered[k - 1 - cut])
     spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / max(left - 1, 1))
-    mean = np.asarray(interquartile_mean(array))
-    return _student(kept, mean, spread, left, confidence, k)
+    return _student(kept, interquartile_mean(array), spread, left, confidence)
 
 
 def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
@@ -158,7 +151,7 @@ def paired_difference(
     noise = ROUNDING * max(abs(first).max(), abs(second).max())
     if interval.high - interval.low > noise:
         return interval
-    return Interval(interval.estimate, math.nan, math.nan, confidence, interval.n)
+    return replace(interval, low=math.nan, high=math.nan)
 
 
 def check_confidence(confidence: float) -> None:
@@ -186,9 +179,7 @@ def check_each(rule: str, valid: BoolArray, values: FloatArray, unit: str) -> No
 
 def frozen(array: FloatArray) -> float | FloatArray:
     """Return a read-only copy of `array`, or a float if it holds a single number."""
-    if array.ndim == 0:
-        return float(array)
-    return frozen_array(array.copy())
+    return float(array) if array.ndim == 0 else frozen_array(array.copy())
 
 
 def _seeds(values: npt.ArrayLike) -> FloatArray:
@@ -202,20 +193,15 @@ def _seeds(values: npt.ArrayLike) -> FloatArray:
 
 
 def _student(
-    array: FloatArray,
-    estimate: FloatArray,
-    spread: FloatArray,
-    n: int,
-    confidence: float,
-    seeds: int | None = None,
+    array: FloatArray, estimate: Any, spread: FloatArray, n: int, confidence: float
 ) -> Interval:
-    """Return estimate +- t spread / sqrt(n), without bounds where all values are equal."""
+    """Return estimate +- t spread / sqrt(n), without bounds where all K values are equal."""
     check_confidence(confidence)
     half = stdtrit(max(n - 1, 1), (1 + confidence) / 2) * spread / math.sqrt(n)
     equal = np.ptp(array, axis=0) <= ROUNDING * abs(array).max(axis=0)
-    half = np.where(equal, np.nan, half)
-    low, high = frozen(estimate - half), frozen(estimate + half)
-    return Interval(frozen(np.asarray(estimate)), low, high, confidence, seeds or n)
+    half, middle = np.where(equal, np.nan, half), np.asarray(estimate)
+    bounds = frozen(middle - half), frozen(middle + half)
+    return Interval(frozen(middle), *bounds, confidence, len(array))
 
 
 def _triple(numbers: FloatArray) -> str:

@@ -133,10 +133,14 @@ def _task(task: Any) -> TaskRecord:
         kind = f"observations, {task.shapes.replace('->', '→')}"
         return TaskRecord(kind=kind, text=plain_text(task), states=0, actions=0, view=None)
     model, view = generative_model(task), GridView.for_replay(task)
-    sizes = {"states": model.states.size, "actions": model.actions.size}
-    size = " × ".join(counted(number, kind.removesuffix("s")) for kind, number in sizes.items())
-    kind, record = f"{type(task).__name__}, {size}", None if view is None else ViewRecord.of(view)
-    return TaskRecord(kind=kind, text=plain_text(task), view=record, **sizes)
+    states, actions = model.states.size, model.actions.size
+    return TaskRecord(
+        kind=f"{type(task).__name__}, {counted(states, 'state')} × {counted(actions, 'action')}",
+        text=plain_text(task),
+        states=states,
+        actions=actions,
+        view=None if view is None else ViewRecord.of(view),
+    )
 
 
 def _setting_text(value: Any) -> str:
@@ -265,26 +269,29 @@ def _section(
             certificates[text] = CertificateRecord(arms=(*alike, arm), holds=holds, text=text)
     except CurricleError as error:  # what was learnt stands all the same
         left_out.append(f"What is missing here is left out: {error}")
-    parts = tuple(certificates.values()), tuple(left_out)
-    return SectionRecord(arms=arms, forecast=record, certificates=parts[0], left_out=parts[1])
+    return SectionRecord(
+        arms=arms,
+        forecast=record,
+        certificates=tuple(certificates.values()),
+        left_out=tuple(left_out),
+    )
 
 
 def _extent(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, n_groups: int
 ) -> tuple[int, bool, list[str]]:
     """Return the seeds of the forecast, whether to certify, and what is left out and why."""
-    first = results[arms[0]]
-    values = [
-        results[arm].sources[edge.source].values
-        for arm in arms
-        for edge in results[arm].curriculum.in_edges(target)
-    ]
+    first, values = results[arms[0]], dict[str, list[Any]]()
+    for arm in arms:
+        edges = results[arm].curriculum.in_edges(target)
+        values[arm] = [results[arm].sources[edge.source].values for edge in edges]
     if is_observation_task(first.curriculum.tasks[target]):
         left_out = [
             f"Certificates are left out, because {target} is seen through observations: they need "
             "numbered states."
         ]
-        if not (readable := all(of_source is not None for of_source in values)):
+        readable = all(of_source is not None for of_source in values[arms[0]])
+        if not readable:
             left_out.append(
                 "The forecast is left out, because the sources' values were not kept, or their "
                 'networks cannot be read here: pip install "curricle[deep]".'
@@ -292,7 +299,7 @@ def _extent(
         return int(readable), False, left_out
     space = generative_model(first.curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
-    kept = all(isinstance(of_source, np.ndarray) for of_source in values)
+    kept = all(isinstance(table, np.ndarray) for of_arm in values.values() for table in of_arm)
     seeds = kept * min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(first[target].seeds))
     certified = kept and pairs <= LARGEST_CERTIFIED
     why = f"{target} has {pairs:,} state-action pairs"
@@ -323,11 +330,9 @@ def _forecast(
     )
     rows = list[RowRecord]()
     for row in foreseen.rows:
-        fields: Any = {name: row.mean(name) for name in ("start", "optimistic")}
-        fields |= {
-            name: getattr(row, name) for name in RowRecord.model_fields.keys() - fields.keys()
-        }
-        rows.append(RowRecord(**fields))
+        means: dict[str, Any] = {name: row.mean(name) for name in ("start", "optimistic")}
+        same = RowRecord.model_fields.keys() - means.keys()
+        rows.append(RowRecord(**means, **{name: getattr(row, name) for name in same}))
     same = ForecastRecord.model_fields.keys() - {"rows"}
     return ForecastRecord(rows=tuple(rows), **{name: getattr(foreseen, name) for name in same})
 

@@ -336,6 +336,14 @@ class UnitRecord(Plain):
     seeds: tuple[Count, ...] = Field(min_length=1)
 
 
+class FailureRecord(Plain):
+    """A unit that failed in the last run."""
+
+    key: str
+    seeds: tuple[Count, ...]
+    error: str
+
+
 class RunRecord(Plain):
     """One run of a study."""
 

@@ -35,9 +35,10 @@ from curricle.learning.result import LearningResult, curve_columns, joined_resul
 from curricle.learning.saved_result import check_result_arrays
 from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH, midpoint
-from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
+from curricle.study.record import Analysis, FailureRecord, RunRecord, StudyRecord, read_record
 from curricle.study.store import (
     RUN,
+    RUNS,
     SNAPSHOTS,
     STUDY,
     VALUES,
@@ -52,17 +53,13 @@ from curricle.text import counted, shortened
 FAILURES = "failures.json"  # the units that failed in the last run; not there if none did
 
 
-def failure_rows(failures: Failures) -> list[dict[str, Any]]:
+def failure_records(failures: Failures) -> list[FailureRecord]:
     """Return what tells which arms failed; it is no arm's fault that an executor failed."""
-    rows = [] if failures.executor_failed else failures.each
-    return [
-        {
-            "key": unit.key,
-            "seeds": list(unit.seeds),
-            "error": f"{unit.label}: {without_folders(in_words(error))}",
-        }
-        for unit, error in rows
-    ]
+    records = list[FailureRecord]()
+    for unit, error in failures.each if not failures.executor_failed else ():
+        text = f"{unit.label}: {without_folders(in_words(error))}"
+        records.append(FailureRecord(key=unit.key, seeds=unit.seeds, error=text))
+    return records
 
 
 def failure_error(failures: Failures) -> StudyError:
@@ -86,25 +83,10 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
-def read_failures(store: StudyStore) -> list[dict[str, Any]]:
-    """Return the rows of :func:`failure_rows` that a folder holds; StoreError if damaged."""
-    content = store.read_json(FAILURES) if store.has(FAILURES) else []
-    try:
-        return [
-            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
-            for row in content
-        ]
-    except (TypeError, KeyError, ValueError, OverflowError):
-        raise StoreError(
-            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
-            "delete it, and show leaves out no arm"
-        ) from None
-
-
-def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
+def write_failures(store: StudyStore, records: Sequence[FailureRecord]) -> None:
     """Write the failures of a run in the place of those of an earlier one."""
-    if rows:
-        store.write_json(FAILURES, rows)
+    if records:
+        store.write_records(FAILURES, records)
     else:
         store.remove([store.path / FAILURES])
 
@@ -210,10 +192,10 @@ class StudyResults:
             if arm.control_of
         }
         errors = dict[str, str]()
-        for row in read_failures(self.store):
-            if not set(row["seeds"]) <= set(self.stored.get(row["key"], ())):
-                for arm in sorted(arms_of(needs, [row["key"]])):
-                    errors.setdefault(arm, row["error"])
+        for failure in self.store.records(FAILURES, FailureRecord):
+            if not set(failure.seeds) <= set(self.stored.get(failure.key, ())):
+                for arm in sorted(arms_of(needs, [failure.key])):
+                    errors.setdefault(arm, failure.error)
         return errors
 
     @cached_property
@@ -345,7 +327,7 @@ class StudyResults:
     @property
     def runs(self) -> list[RunRecord]:
         """Each run so far."""
-        return self.store.runs()
+        return self.store.records(RUNS, RunRecord)
 
     def level(self, arm: str) -> Level | None:
         """Return what a control that knows nothing adds to every value; None of other arms."""
@@ -358,10 +340,10 @@ class StudyResults:
                 read = partial(Level.of_arrays, arrays, not arm.endswith(f", {PLACEBO}"))
                 levels.append(self.store.checked(unit.path, read))
                 seeds += unit.seeds
-        values = [level.values for level in levels]
-        return (
-            replace(levels[0], values=np.concatenate(values)[np.argsort(seeds)]) if levels else None
-        )
+        if not levels:
+            return None
+        values = np.concatenate([level.values for level in levels])
+        return replace(levels[0], values=values[np.argsort(seeds)])
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps each seed of an arm spent before a task or its target, (K,)."""
@@ -436,45 +418,14 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         When the targets differ as tasks or in how they are learnt, or an arm had a larger total on
         which what it learnt depends, or took more than the smallest total in its sources.
     """
-    for study in studies:
-        if not study.has_baseline:
-            raise StoreError(
-                "a comparison needs the target learnt from scratch, for a number of steps: "
-                f"{study.store.path} holds a study without it"
-            )
-        if SCRATCH in study.failed:
-            raise StoreError(
-                f"a comparison needs the target learnt from scratch, which failed in "
-                f"{study.store.path}: {study.failed[SCRATCH]}"
-            )
-        assert study.record.total is not None, "a baseline has so many steps"
-        checkpoints = study.record.total // study.record.eval_freq
-        if checkpoints > MOST_CHECKPOINTS:
-            raise StoreError(
-                f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
-                f"states {checkpoints:,}"
-            )
-    first = studies[0].record
-    for study in studies[1:]:
-        check_shared_target(first, study.record)
+    total = _shared_total(studies)
+    first, paths = studies[0].record, [study.store.path for study in studies]
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
             "a comparison needs a seed that every arm has finished: "
-            f"{' and '.join(str(study.store.path) for study in studies)} have none yet"
+            f"{' and '.join(map(str, paths))} have none yet"
         )
-    total = min(study.record.total or 0 for study in studies)
-    for study in studies:
-        for name, arm in study.record.arms.items():
-            if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
-                continue
-            why = arm.depends_on_total or "another version of Curricle did not note whether it does"
-            raise CurriculumError(
-                f"arms are compared at one total of steps where what they learn depends on it: arm "
-                f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
-                f"total is {total:,} ({why}); {SAME_TOTAL}"
-            )
-    paths = [study.store.path for study in studies]
     names = [study.record.name for study in studies], [path.name for path in paths], paths
     differing = [texts for texts in names if len({*texts}) == len(texts)]
     if not differing:
@@ -507,7 +458,41 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     return Comparison(first.target, arms, *spans, failed, interim=interim, threshold_from=level)
 
 
-def check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
+def _shared_total(studies: Sequence[StudyResults]) -> int:
+    """Return the total of steps at which studies can be compared, or raise what hinders that."""
+    for study in studies:
+        if not study.has_baseline:
+            raise StoreError(
+                "a comparison needs the target learnt from scratch, for a number of steps: "
+                f"{study.store.path} holds a study without it"
+            )
+        if SCRATCH in study.failed:
+            raise StoreError(
+                f"a comparison needs the target learnt from scratch, which failed in "
+                f"{study.store.path}: {study.failed[SCRATCH]}"
+            )
+        checkpoints = (study.record.total or 0) // study.record.eval_freq
+        if checkpoints > MOST_CHECKPOINTS:
+            raise StoreError(
+                f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
+                f"states {checkpoints:,}"
+            )
+        _check_shared_target(studies[0].record, study.record)
+    total = min(study.record.total or 0 for study in studies)
+    for study in studies:
+        for name, arm in study.record.arms.items():
+            if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
+                continue
+            why = arm.depends_on_total or "another version of Curricle did not note whether it does"
+            raise CurriculumError(
+                f"arms are compared at one total of steps where what they learn depends on it: arm "
+                f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
+                f"total is {total:,} ({why}); {SAME_TOTAL}"
+            )
+    return total
+
+
+def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
     """Raise CurriculumError unless two targets are one task, learnt and evaluated alike."""
     pair = f"{first.name!r} and {other.name!r}"
     if first.target != other.target:

@@ -36,16 +36,17 @@ from curricle.study.dependencies import (
 )
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.progress import Progress, shown_units
-from curricle.study.record import RunRecord, plain
+from curricle.study.record import FailureRecord, RunRecord, plain
 from curricle.study.results import (
     ANALYSIS,
+    FAILURES,
     StudyResults,
     failure_error,
-    failure_rows,
-    read_failures,
+    failure_records,
     write_failures,
 )
 from curricle.study.store import (
+    RUNS,
     SNAPSHOTS,
     Packing,
     StoredSource,
@@ -259,11 +260,11 @@ def run_study(
         for unit, result in training.results(study, arms, done, per_file, failures, shard):
             if trackers:
                 if isinstance(result, StoredUnit):
-                    result = store.result(result, unit.seeds)
+                    result = result.result(unit.seeds)
                 node = arms.curricula[unit.arm].node(unit.task)
                 learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
                 tracking.record(unit.arm, unit.task, learnt)
-        write_failures(store, failure_rows(failures))
+        write_failures(store, failure_records(failures))
         if not failures:
             store.remove_checkpoints()
         pack(store, per_file)
@@ -401,7 +402,8 @@ def _workers(
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:
     """Note a run in its folder, and return the units there that it uses."""
     done, remarks = usable_units(store, arms, remove_damaged=True)
-    runs, versions = store.runs(), {name: metadata.version(name) for name in LIBRARIES}
+    runs = store.records(RUNS, RunRecord)
+    versions = {name: metadata.version(name) for name in LIBRARIES}
     for name in OPTIONAL:
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
@@ -425,7 +427,7 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
         machine=f"{platform.system()} {platform.machine()}",
         versions=versions,
     )
-    store.write_runs([*runs, run])
+    store.write_records(RUNS, [*runs, run])
     return done
 
 
@@ -465,12 +467,13 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
                 "are merged must be of the same"
             )
         for unit in units:  # damage is found before anything is written
-            study.store.result(unit, unit.seeds, study.most_bytes)
+            unit.result(unit.seeds, study.most_bytes)
     # That of the first seeds, which a part has finished, is that of all.
     by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
     analysis = next((study.analysis for study in by_seed if study.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
-        failures, before = read_failures(target), target.runs()
+        failures = target.records(FAILURES, FailureRecord)
+        before = target.records(RUNS, RunRecord)
         runs = [*before]
         done = target.finished()
         stored = [*done.values(), *(unit.seeds for units in units_of_parts for unit in units)]
@@ -478,18 +481,19 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         for store, units in zip(stores, units_of_parts, strict=True):
             target = target.redescribed(store.description)
             # Those that are there belong to a part that was merged before.
-            runs += [run for run in store.runs() if run not in before]
-            target.write_runs(runs)
+            runs += [run for run in store.records(RUNS, RunRecord) if run not in before]
+            target.write_records(RUNS, runs)
             for unit in units:
                 there = done.setdefault(unit.key, {})
                 if new := tuple(seed for seed in unit.seeds if seed not in there):
-                    result = store.result(unit, new)
+                    result = unit.result(new)
                     if first not in new:  # a study keeps the snapshots of its first seed alone
                         arrays = result.arrays.items()
                         kept = {k: v for k, v in arrays if group_of(k) != SNAPSHOTS}
                         result = result._replace(arrays=kept)
                     there |= dict.fromkeys(new, target.write_unit(unit.about, result))
-            failures += [row for row in read_failures(store) if row not in failures]
+            of_part = store.records(FAILURES, FailureRecord)
+            failures += [failure for failure in of_part if failure not in failures]
         target = target.redescribed(stores[0].description)  # with the seeds of all parts
         pack(target, files_of(studies[0].record))
         merged = StudyResults(target)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import chain
 from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple, TypeVar
@@ -47,7 +48,6 @@ from curricle.study.dependencies import differences, shown
 from curricle.study.record import (
     CurriculaRecord,
     Plain,
-    RunRecord,
     UnitRecord,
     plain,
     read_record,
@@ -300,7 +300,9 @@ def about_in(archive: ArrayArchive) -> UnitRecord:
     return read_record(UnitRecord, parsed_json(archive.content(ABOUT, LARGEST_ABOUT)))
 
 
-def groups_in(archive: ArrayArchive, groups: Collection[str], most: int | None) -> NamedArrays:
+def groups_in(
+    archive: ArrayArchive, groups: Collection[str], most: int | None = None
+) -> NamedArrays:
     """Return the arrays of some groups in a unit's file, without pickles."""
     names = [name for name in archive.names if group_of(name) in groups]
     return archive.read(*names, compressed=_snapshots_of(names), most=most)
@@ -347,39 +349,51 @@ class StoredUnit:
     def at(cls, path: Place) -> "StoredUnit":
         """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
         seeds = tuple(seeds_in_ranges(path.stem.removeprefix("seeds-").replace("+", ",")))
-        key = path.parent.name.rpartition("-")[2]
-        return cls(path, key, seeds or read_unit(path, about_in).seeds)
+        unit = cls(path, path.parent.name.rpartition("-")[2], seeds)
+        if not seeds:
+            with unit.opened() as archive:
+                unit = replace(unit, seeds=about_in(archive).seeds)
+        return unit
+
+    @contextmanager
+    def opened(self, *, whole: bool = False) -> Iterator[ArrayArchive]:
+        """Yield its file, open to read some of it or the `whole`; StoreError where it is wrong."""
+        try:
+            with read_errors(self.path), opened_archive(self.path, whole=whole) as archive:
+                if whole:
+                    self._check_place(about_in(archive))
+                yield archive
+        except Damaged:
+            raise damage(self.path) from None
+        except ValueError as error:
+            raise StoreError(f"{self.path} is not as Curricle writes it: {error}") from None
 
     @cached_property
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
-        about: UnitRecord = read_unit(self.path, about_in)
-        if not self.is_place_of(about):
-            raise damage(self.path)
+        with self.opened() as archive:
+            about = about_in(archive)
+            self._check_place(about)
         return about
 
-    def is_place_of(self, about: UnitRecord) -> bool:
-        """Return whether its place is that of a unit."""
+    def _check_place(self, about: UnitRecord) -> None:
         place = place_of(about.key, about.task, seed_ranges(about.seeds))
-        return place == f"{self.path.parent.name}/{self.path.name}"
+        if place != f"{self.path.parent.name}/{self.path.name}":
+            raise Damaged
 
+    def arrays(self, *groups: str, most: int | None = None) -> NamedArrays:
+        """Return the arrays of some groups, such as ``run``, that it has, without pickles."""
+        with self.opened() as archive:
+            arrays = groups_in(archive, groups, most)
+        return arrays
 
-def read_unit(
-    path: Place, read: Callable[[ArrayArchive], Result], *, whole: bool = False
-) -> Result:
-    """Return what a function reads of a unit's file; StoreError where that cannot be."""
-    try:
-        with read_errors(path), opened_archive(path, whole=whole) as archive:
-            return read(archive)
-    except Damaged:
-        raise damage(path) from None
-    except ValueError as error:
-        raise StoreError(f"{path} is not as Curricle writes it: {error}") from None
-
-
-def arrays_in(stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
-    """Return the arrays of some groups, such as ``run``, that a unit has."""
-    return read_unit(stored.path, lambda archive: groups_in(archive, groups, most))
+    def result(self, seeds: Collection[int], most: int | None = None) -> UnitResult:
+        """Return the result of some of its seeds; StoreError if any of it is damaged."""
+        with self.opened(whole=True) as archive:
+            arrays = groups_in(archive, GROUPS, most)
+            decisions = decisions_in(archive, len(self.seeds))
+        wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
+        return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
 
 
 def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
@@ -420,17 +434,8 @@ class StudyStore:
     """A folder of results and their description.
 
     Every file is moved to its place when it is complete and on disk, so that a killed run leaves
-    whole files only. At a URL nothing is moved: checksums tell what is whole.
-
-    Parameters
-    ----------
-    path : path or str
-        Or a URL.
-
-    Raises
-    ------
-    StoreError
-        When the folder holds no results, or results of another version.
+    whole files only. At a URL nothing is moved: checksums tell what is whole. StoreError where the
+    path or URL holds no results, or those of another version.
 
     Examples
     --------
@@ -487,20 +492,9 @@ class StudyStore:
     ) -> Iterator["StudyStore"]:
         """Open a folder for results, made if need be, and lock it against other processes.
 
-        Parameters
-        ----------
-        path : path
-        description : dict
-            What the results depend on.
-        resume : bool
-            Whether the folder may hold units already.
-        check : bool
-            Whether to refuse results of another description, unless each unit has its own.
-
-        Raises
-        ------
-        StoreError
-            When the folder is in use, or holds results of another description or other files.
+        The `description` is what the results depend on; with `resume` the folder may hold units
+        already. StoreError where it is in use, holds other files, or, with `check` or where units
+        do not say themselves what they depend on, results of another description.
         """
         path = place_at(path)
         with write_errors(path):
@@ -587,8 +581,7 @@ class StudyStore:
         return self.checked(name, lambda: read_record(model, content))
 
     def _unsealed(self, name: str) -> dict[str, Any]:
-        content = unsealed(self._bytes(name))
-        if content is None:
+        if (content := unsealed(self._bytes(name))) is None:
             raise damage(self.path / name)
         return content
 
@@ -596,15 +589,15 @@ class StudyStore:
         with read_errors(self.path / name):
             return read_bounded(self.path / name, LARGEST_JSON)
 
-    def write_runs(self, runs: Iterable[RunRecord]) -> None:
-        """Write the list of runs."""
-        self.write_json(RUNS, [plain(run) for run in runs])
+    def write_records(self, name: str, records: Iterable[Plain]) -> None:
+        """Write a list of records as JSON."""
+        self.write_json(name, [plain(record) for record in records])
 
-    def runs(self) -> list[RunRecord]:
-        """Return the runs so far."""
-        content = self.read_json(RUNS) if self.has(RUNS) else []
+    def records(self, name: str, model: type[Record]) -> list[Record]:
+        """Return what :meth:`write_records` wrote; none if that was never called."""
+        content = self.read_json(name) if self.has(name) else []
         rows = content if isinstance(content, list) else [content]
-        return self.checked(RUNS, lambda: [read_record(RunRecord, row) for row in rows])
+        return self.checked(name, lambda: [read_record(model, row) for row in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
@@ -639,21 +632,19 @@ class StudyStore:
 
     def is_whole(self, stored: StoredUnit) -> bool:
         """Return whether a unit is as it was stored; StoreError where it cannot be read."""
-        # A file system that does not answer damages nothing: what is damaged is deleted.
         try:
-            with read_errors(stored.path), opened_archive(stored.path, whole=True) as archive:
-                if not stored.is_place_of(about_in(archive)):
-                    return False
-                with suppress(ValueError):  # whoever needs what is wrong there says so
-                    run = groups_in(archive, (RUN,), None)
-                    kept = run, decisions_in(archive, len(stored.seeds))
-                    size = sum(array.nbytes for array in run.values()) + kept[1].nbytes
-                    if size <= self._room:
-                        self._room -= size
-                        self._kept[stored.path] = kept
-                return True
-        except (Damaged, ValueError):
-            return False
+            with stored.opened(whole=True) as archive, suppress(ValueError):
+                # Whoever needs what is wrong there says so.
+                run, table = groups_in(archive, (RUN,)), decisions_in(archive, len(stored.seeds))
+                size = sum(array.nbytes for array in run.values()) + table.nbytes
+                if size <= self._room:
+                    self._room -= size
+                    self._kept[stored.path] = run, table
+        except StoreError as error:
+            if error.__cause__ is None:
+                return False
+            raise  # a file system that does not answer damages nothing: what is damaged is deleted
+        return True
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
@@ -676,28 +667,15 @@ class StudyStore:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
         if groups == (RUN,) and stored.path in self._kept:
             return self._kept[stored.path][0]
-        return arrays_in(stored, *groups, most=most)
+        return stored.arrays(*groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""
         if stored.path in self._kept:
             return self._kept[stored.path][1]
-        return read_unit(stored.path, lambda archive: decisions_in(archive, len(stored.seeds)))
-
-    def result(
-        self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
-    ) -> UnitResult:
-        """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
-
-        def read(archive: ArrayArchive) -> UnitResult:
-            if not stored.is_place_of(about_in(archive)):
-                raise Damaged
-            arrays, decisions = groups_in(archive, GROUPS, most), decisions_in(archive, n_seeds)
-            wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
-            return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
-
-        n_seeds = len(stored.seeds)
-        return read_unit(stored.path, read, whole=True)
+        with stored.opened() as archive:
+            table = decisions_in(archive, len(stored.seeds))
+        return table
 
 
 # -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------
@@ -718,14 +696,15 @@ def stored_values(
     read: bool,
 ) -> StoredValues:
     """Return what seeds learnt in a task, its values only if they are to be `read`."""
-    units = {done[seed].path: done[seed] for seed in seeds}
-    names = (RUN, VALUES) if read else (RUN,)
-    arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
+    groups = (RUN, VALUES) if read else (RUN,)
+    files = dict.fromkeys(done[seed] for seed in seeds)
+    arrays = {file.path: arrays_of(file, *groups) for file in files}
     rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
-    of_seeds = [values_of(held, k) for held, k in rows]
-    values: Any = None  # not needed, or not saved: training raises an error then
-    if all(value is not None for value in of_seeds):
-        values = np.stack(of_seeds) if isinstance(of_seeds[0], np.ndarray) else of_seeds
+    values: Any = [values_of(held, k) for held, k in rows]
+    if any(of_seed is None for of_seed in values):
+        values = None  # not needed, or not saved: training raises an error then
+    elif isinstance(values[0], np.ndarray):
+        values = np.stack(values)
     steps = np.array([held["steps_used"][k] for held, k in rows])
     scales = [float(held["scale"][k]) for held, k in rows if "scale" in held]
     return StoredValues(values, steps, scales)
@@ -828,7 +807,7 @@ class Packing:
                 files[:] = [merged_files(self.store, files)]
             self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
         self._written = monotonic()
-        return [*receipts, *(result for taken in waiting.values() for result in taken)]
+        return [*receipts, *chain.from_iterable(waiting.values())]
 
     def __bool__(self) -> bool:
         return bool(self._waiting or self._receipts)
@@ -851,7 +830,7 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
     parts, taken = list[UnitResult](), set[int]()
     for file in files:
         if new := set(file.seeds) - taken:
-            parts.append(store.result(file, new))
+            parts.append(file.result(new))
             taken |= new
     merged = store.write_unit(files[0].about, joined_units(parts))
     store.remove(file.path for file in files if file.path != merged.path)

@@ -26,7 +26,6 @@ from curricle.study.own_code import PACKAGES, own_files
 from curricle.study.store import (
     StoredUnit,
     UnitResult,
-    arrays_in,
     lost_errors,
     stored_values,
     written_unit,
@@ -79,8 +78,8 @@ def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
         raise EngineError(f"worker {platform.node()} has {differ}")
     unit, sources = sent.unit, dict(sent.sources)
     with lost_errors():
-        for name, source in sent.stored.items():
-            sources[name] = stored_values(arrays_in, source.units, unit.seeds, read=source.read)
+        for name, (files, read) in sent.stored.items():
+            sources[name] = stored_values(StoredUnit.arrays, files, unit.seeds, read=read)
     with LIVE if sent.live else nullcontext():
         result = train_unit(sent._replace(folder=str(written(sent.files)), sources=sources))
     if sent.place is None:
