@@ -31,17 +31,9 @@ name = "own"
 seeds = 2
 seeds_per_unit = 2
 budget = 400
-[tasks.corner]
-type = "factory"
-factory = "rules:corner"
-arguments = { rows = 2 }
-[tasks.maze]
-type = "factory"
-factory = "rules:maze"
-[[transfers]]
-source = "corner"
-target = "maze"
-factory = "rules:same"
+tasks.corner = { type = "factory", factory = "rules:corner", arguments = { rows = 2 } }
+tasks.maze = { type = "factory", factory = "rules:maze" }
+transfers = [{ source = "corner", target = "maze", factory = "rules:same" }]
 """
 
 

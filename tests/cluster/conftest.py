@@ -17,18 +17,9 @@ OWN_STUDY = """
 name = "own"
 seeds = 6
 seeds_per_unit = 1
-[tasks.corner]
-type = "factory"
-factory = "rules:corner"
-budget = 2_000
-[tasks.maze]
-type = "factory"
-factory = "rules:maze"
-budget = BUDGET
-[[transfers]]
-source = "corner"
-target = "maze"
-factory = "rules:same"
+tasks.corner = { type = "factory", factory = "rules:corner", budget = 2_000 }
+tasks.maze = { type = "factory", factory = "rules:maze", budget = BUDGET }
+transfers = [{ source = "corner", target = "maze", factory = "rules:same" }]
 """
 RULES = """
 from .maps import ROWS

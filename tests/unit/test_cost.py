@@ -45,16 +45,11 @@ def test_exact_evaluations_are_counted(study_file, monkeypatch):
 
 DISTILLED = """
 name = "carts"
-[learner]
-type = "deep"
-algorithm = "PPO"
+learner = { type = "deep", algorithm = "PPO" }
+transfers = [{ source = "small", target = "large", mapping = "identity" }]
 [tasks]
 small = { type = "distilled", members = ["FrozenLake-v1"] }
 large = { type = "observation_task", id = "FrozenLake-v1", shaping = "PolicyReuse" }
-[[transfers]]
-source = "small"
-target = "large"
-mapping = "identity"
 """
 
 

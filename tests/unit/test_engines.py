@@ -115,12 +115,9 @@ def test_other_versions_name_the_worker_and_what_differs():
         check_versions("dask", {"tcp://a:1": here, "tcp://b:1": {**here, "numba": "0.1"}})
     with pytest.raises(SettingError, match="tcp://c:1 answered ModuleNotFoundError: No module"):
         check_versions("dask", {"tcp://c:1": ModuleNotFoundError("No module named 'curricle'")})
-
-
-def test_a_worker_that_came_later_is_compared_too():
-    sent = UnitInput("", "", "", None, {}, versions={**versions_here(), "numba": "0.1"})
+    later = UnitInput("", "", "", None, {}, versions={**here, "numba": "0.1"})
     with pytest.raises(EngineError, match=r"has numba .* and the run has 0\.1"):
-        train_sent(sent)
+        train_sent(later)
 
 
 def test_the_window_follows_the_number_of_workers(own, tmp_path, monkeypatch):
@@ -154,8 +151,9 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
     monkeypatch.setattr(running, "_workers", lambda *_: whole)
     submit = whole.submit
     whole.submit = lambda function, one: first.append(one) or submit(function, one)
-    (tmp_path / "rules.py").rename(tmp_path / "gone.py")
-    assert run_study_from(own, arms, tmp_path / "out", monkeypatch).seeds == (0, 1)
+    (tmp_path / "rules.py").rename(tmp_path / "gone.py")  # what the driver has read before
+    monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
+    assert run_study(own, tmp_path / "out").seeds == (0, 1)
     assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
@@ -165,13 +163,9 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
 TUNED_LAKES = """
 name = "lakes"
 seeds = 1
-[tasks]
-lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
-other = { type = "factory", factory = "lakes:tabled", budget = 200 }
-[[transfers]]
-source = "other"
-target = "lake"
-mapping = "identity"
+tasks.lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
+tasks.other = { type = "factory", factory = "lakes:tabled", budget = 200 }
+transfers = [{ source = "other", target = "lake", mapping = "identity" }]
 [tune]
 trials = 2
 seeds = 1
@@ -231,12 +225,6 @@ def stop(*_, **__):
     raise StudyError("stopped")
 
 
-def run_study_from(study, arms, out, monkeypatch):
-    """Run a study whose modules the driver has read before and which are gone."""
-    monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
-    return run_study(study, out)
-
-
 class Recorder(Tracker):
     """Notes how many seeds each unit has."""
 
@@ -276,50 +264,41 @@ def test_workers_read_and_write_large_units_at_a_url(
         return found
 
     monkeypatch.setattr(engine, "train_sent", noted)
-    study, recorder = read_study(study_file), Recorder()
-    sent_units(
-        FakeCluster([2]), monkeypatch, study, (tmp_path / "out").as_uri(), trackers=[recorder]
-    )
-    assert all(isinstance(one, StoredUnit) for one in returned)
-    assert all(len(pickle.dumps(one)) < 500 for one in returned)
+    study, recorder, url = read_study(study_file), Recorder(), (tmp_path / "out").as_uri()
+    sent_units(FakeCluster([2]), monkeypatch, study, url, trackers=[recorder])
+    assert all(isinstance(file, StoredUnit) for file in returned)
+    assert all(len(pickle.dumps(file)) < 500 for file in returned)
     assert all(not sent.sources for sent in received)
     assert any(sent.stored for sent in received)
     assert recorder.seeds == 16 * [2]
-    local = tmp_path / "local"
-    run_study(study, local)
-    assert contents(tmp_path / "out" / "units") == contents(local / "units")
+    run_study(study, tmp_path / "local")
+    assert contents(tmp_path / "out" / "units") == contents(tmp_path / "local" / "units")
 
 
 def test_small_units_come_back_and_share_files(study_file, finished, tmp_path, monkeypatch):
     study, out = read_study(study_file), tmp_path / "out"
     sent_units(FakeCluster([2]), monkeypatch, study, out.as_uri())
-    assert names_in(out) == names_in(finished)
+    here, there = (
+        sorted(file.relative_to(folder) for file in folder.rglob("*.npz"))
+        for folder in (out, finished)
+    )
+    assert here == there
 
 
-def names_in(folder):
-    return sorted(one.relative_to(folder) for one in folder.rglob("*.npz"))
-
-
-def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatch):
+def test_what_a_worker_cannot_write_ends_the_run(study_file, tmp_path, monkeypatch):
     monkeypatch.setattr(store, "FULL", 1)
+    study, url = read_study(study_file), (tmp_path / "out").as_uri()
+    write = RemotePath.write
 
     def elsewhere(sent):
-        found = train_sent(sent)
-        found.path.unlink()
-        return found
+        file = train_sent(sent)
+        file.path.unlink()
+        return file
 
-    monkeypatch.setattr(engine, "train_sent", elsewhere)
-    with pytest.raises(StoreError, match="workers must write to the place of the run: file://"):
-        sent_units(
-            FakeCluster([2]), monkeypatch, read_study(study_file), (tmp_path / "out").as_uri()
-        )
-
-
-def test_a_place_that_a_worker_cannot_write_to_any_more_ends_the_run(
-    study_file, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(store, "FULL", 1)
-    write = RemotePath.write
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "train_sent", elsewhere)
+        with pytest.raises(StoreError, match="workers must write to the place of the run: file://"):
+            sent_units(FakeCluster([2]), patch, study, url)
 
     def failing(path, content):
         if path.suffix == ".npz":
@@ -327,9 +306,8 @@ def test_a_place_that_a_worker_cannot_write_to_any_more_ends_the_run(
         write(path, content)
 
     monkeypatch.setattr(RemotePath, "write", failing)
-    study, url = read_study(study_file), (tmp_path / "out").as_uri()
     with pytest.raises(LostStoreError, match="nothing answers"):
-        sent_units(FakeCluster([2]), monkeypatch, study, url)
+        sent_units(FakeCluster([2]), monkeypatch, study, url, resume=True)
 
 
 def test_what_a_cluster_begins_again_is_told(study_file, tmp_path, monkeypatch):

@@ -92,24 +92,16 @@ def by_hand(study_file, arm):
 
 @pytest.mark.parametrize(("seeds_per_unit", "workers"), [(1, 3), (3, 1), (100, 2)])
 def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_per_unit, workers):
-    run_study(
-        read_study(study_file, set=[f"seeds_per_unit={seeds_per_unit}"]),
-        tmp_path / "out",
-        workers=workers,
-    )
+    study = read_study(study_file, set=[f"seeds_per_unit={seeds_per_unit}"])
+    run_study(study, tmp_path / "out", workers=workers)
     assert_same_results(tmp_path / "out", finished)
 
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
     monkeypatch.setattr(running, "wait", pool.wait)
-    run_study(
-        read_study(study_file),
-        tmp_path / "out",
-        workers=4,
-        executor=pool,
-        progress=lambda one: ended.append(one.stored),
-    )
+    how = {"workers": 4, "executor": pool, "progress": lambda now: ended.append(now.stored)}
+    run_study(read_study(study_file), tmp_path / "out", **how)
     assert ended[1:] != pool.submitted
     assert_same_results(tmp_path / "out", finished)
 
@@ -156,10 +148,8 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
 
 
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
-    begun = []
-    run_study(
-        read_study(study_file), tmp_path / "out", progress=lambda one: begun.append(one.units)
-    )
+    begun, study = [], read_study(study_file)
+    run_study(study, tmp_path / "out", progress=lambda now: begun.append(now.units))
     trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
         ("calibrated", "easy"),  # without a source, unlike in the other arms
@@ -179,10 +169,8 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
     for node, result in trained.nodes.items():
         assert_equal(study.result(arm, node, values=True), result)
         if trained.decisions(node)[0]:
-            words = {
-                k: [str(one) for one in each] for k, each in enumerate(trained.decisions(node))
-            }
-            assert study.decisions(arm, node) == words
+            sentences = [[*map(str, of_seed)] for of_seed in trained.decisions(node)]
+            assert study.decisions(arm, node) == dict(enumerate(sentences))
     fitted = [one.scale for one in trained.calibrations.get("maze", ())]
     units = [unit for unit in study.store.units() if unit.key == study.record.keys[arm, "maze"]]
     runs = [study.store.arrays(unit, RUN) for unit in units]
@@ -207,14 +195,11 @@ def test_the_comparison_is_that_of_compare(study_file, finished):
 def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_path):
     path = tmp_path / "alone.toml"
     path.write_text(study_file.read_text().partition("[arms.chain]")[0])
-    changes = [
-        "scratch=false",
-        "tasks.maze.budget={ max_steps = 400, threshold = 180.0, patience = 1 }",
-    ]
-    study = run_study(read_study(path, set=changes), tmp_path / "out", workers=2)
-    plan = read_study(path, set=changes).curriculum("transfer")
+    gate = "tasks.maze.budget={ max_steps = 400, threshold = 180.0, patience = 1 }"
+    alone = read_study(path, set=["scratch=false", gate])
+    study = run_study(alone, tmp_path / "out", workers=2)
     assert study.record.total is None
-    trained = plan.train(4)
+    trained = alone.curriculum("transfer").train(4)
     assert_equal(study.result("transfer", "maze", values=True), trained["maze"])
     assert (trained["maze"].steps_used < 400).all()
     with pytest.raises(StoreError, match="a study without it"):

@@ -303,7 +303,7 @@ def add_seeds(
     Parameters
     ----------
     measure : callable
-        ``measure(seeds)`` for a range of new seeds returns a finite number for each, such as the
+        ``measure(seeds)`` returns a finite number for each of a range of new seeds, such as the
         paired difference of two arms. It is called once for a seed.
     first, most : int
         Seeds K at the first look, at least 2, and at the last.
@@ -311,8 +311,6 @@ def add_seeds(
         Stop when the half-width is at most this, above 0, in the unit of the measure.
     difference : bool
         Or when the adjusted p-value is below 1 - confidence. Give either this or `precision`.
-    confidence : float
-        Of the whole procedure, between 0 and 1.
 
     Examples
     --------

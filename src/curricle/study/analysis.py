@@ -10,7 +10,6 @@ import numpy as np
 
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
-from curricle.checks import one_of
 from curricle.comparison.comparing import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import forecast
@@ -357,8 +356,7 @@ def stored_episode(
     results: StudyResults, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
     """Return the last greedy episode of a task in a folder, and the seed that learnt it."""
-    _check_names(results, arm, task)
-    analysis, about = results.analysis, results.record.task(arm, task)
+    about, analysis = results.task(arm, task), results.analysis
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)
     if pair is None or about.view is None:
         raise StoreError(
@@ -391,7 +389,6 @@ def played_episode(
     results: StudyResults, study: StudyConfig, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
     """Return an episode of a learnt policy in the task itself, and the seed that learnt it."""
-    _check_names(results, arm, task)
     learnt, arms = results.result(arm, task), Arms.of(study)
     if arms.keys.get((arm, task)) != results.record.keys[arm, task]:
         raise StoreError(
@@ -403,9 +400,3 @@ def played_episode(
         seed = learnt.seeds[0 if np.isnan(last).all() else int(np.nanargmax(last))]
     (policy,) = results.policies(arm, arms.curricula[arm], [seed], task=task)
     return seed, policy.episode()
-
-
-def _check_names(results: StudyResults, arm: str, task: str) -> None:
-    """Raise StoreError unless the study has the arm, and it the task."""
-    one_of("an arm", arm, results.record.arms, StoreError)
-    one_of(f"a task of arm {arm!r}", task, results.record.arms[arm].nodes, StoreError)

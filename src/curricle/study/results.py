@@ -35,7 +35,14 @@ from curricle.learning.result import LearningResult, curve_columns, joined_resul
 from curricle.learning.saved_result import check_result_arrays
 from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH, midpoint
-from curricle.study.record import Analysis, FailureRecord, RunRecord, StudyRecord, read_record
+from curricle.study.record import (
+    Analysis,
+    FailureRecord,
+    RunRecord,
+    StudyRecord,
+    TaskRecord,
+    read_record,
+)
 from curricle.study.store import (
     RUN,
     RUNS,
@@ -205,6 +212,12 @@ class StudyResults:
         stored = [self.stored.get(key, {}) for key in keys]
         return tuple(sorted(set(self.record.seeds).intersection(*stored)))
 
+    def task(self, arm: str, task: str) -> TaskRecord:
+        """Return what is recorded of a task; StoreError if there is no such arm, or task in it."""
+        one_of("an arm", arm, self.record.arms, StoreError)
+        one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
+        return self.record.task(arm, task)
+
     def result(
         self, arm: str, task: str, *, values: bool = False, seeds: Collection[int] | None = None
     ) -> LearningResult:
@@ -286,17 +299,17 @@ class StudyResults:
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
         """Return the unit of each seed; StoreError where one is missing."""
         units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
-        if missing := [seed for seed in seeds if seed not in units]:
-            raise StoreError(
-                f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
-                f"{missing[0]} yet"
-            )
+        for seed in seeds:
+            if seed not in units:
+                raise StoreError(
+                    f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
+                    f"{seed} yet"
+                )
         return units
 
     def _units(self, arm: str, task: str, seeds: Collection[int] | None = None) -> list[StoredUnit]:
-        """Return the units of a task; StoreError if there is no such arm, or task in it."""
-        one_of("an arm", arm, self.record.arms, StoreError)
-        one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
+        """Return the units of a task."""
+        self.task(arm, task)
         by_seed = self.stored.get(self.record.keys[arm, task], {}).items()
         return [*dict.fromkeys(unit for seed, unit in by_seed if seeds is None or seed in seeds)]
 
@@ -351,8 +364,6 @@ class StudyResults:
         runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
         seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
         return steps[np.argsort(seeds)]
-
-    # -- tables --------------------------------------------------------------------------------
 
     def table(self, name: str) -> pa.Table:
         """Return ``curves.parquet`` or ``decisions.parquet`` of all units, with their arms."""

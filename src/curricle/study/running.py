@@ -164,8 +164,7 @@ def run_study(
 
     Parameters
     ----------
-    study : StudyConfig or path
-        Or the path of its file.
+    study : StudyConfig or path of its file
     path : path or str, optional
         The folder, made if need be, or a URL. By default the file's name with "-results", here.
     resume : bool
@@ -177,17 +176,15 @@ def run_study(
     executor : concurrent.futures.Executor, optional
         Trains the units instead, also on other machines; it is not shut down.
     on : str, optional
-        A cluster that does: "dask", "ray", or one at an address, as in "dask://host:8786". The
-        study's own modules are sent along.
+        A cluster that does: "dask", "ray", or one at an address, as in "dask://host:8786".
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
     keep_stale : bool
         Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
-        They get each unit's curves too: "tensorboard", or one's own. One that fails is reported.
+        They get each unit's curves too: "tensorboard", or one's own.
     report : callable, optional
-        Called with a sentence for each failed tracker and stale or damaged task; by default it is
-        printed to stderr.
+        Called with a sentence for each failed tracker and stale or damaged task; else on stderr.
     progress : bool or callable, optional
         By default bars; a function gets a :class:`Progress` at the beginning and for each unit.
 
@@ -201,8 +198,7 @@ def run_study(
     SettingError
         When the arms cannot be compared, a setting makes no sense, or a package is missing.
     StudyError
-        When units failed, after those of all other arms are stored. Without scratch or an executor
-        nothing more is trained.
+        When units failed, after those of all other arms are stored.
 
     Examples
     --------
@@ -296,12 +292,25 @@ class Training:
         tuning: str = "",
     ) -> Iterator[Taken]:
         """Yield each unit of a study that is not done with its result, when it is stored."""
-        units = tuple(units_of(study, arms, done, shard))
-        packing, workers = Packing(self.store, done, per_file), self.workers
+        store, workers = self.store, self.workers
+        units, packing = tuple(units_of(study, arms, done, shard)), Packing(store, done, per_file)
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
+        seen = workers.see(store.path)  # then they read and write large files themselves
 
         def send(unit: Unit) -> "Future[Any]":
-            return self._sent(unit, arms, packing, data)
+            curriculum = arms.curricula[unit.arm]
+            values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
+            read = sources_read(curriculum, unit.task)
+            for name, key in unit.sources.items():
+                files, needed = {seed: done[key][seed] for seed in unit.seeds}, name in read
+                if seen and packing.is_large(key, unit.seeds):
+                    stored[name] = StoredSource(files, needed)
+                else:
+                    values[name] = stored_values(packing.arrays, files, unit.seeds, read=needed)
+            kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
+            checkpoints = store.checkpoints(unit) if kept else None
+            place = store.path if seen and packing.is_large(unit.key, unit.seeds) else None
+            return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
 
         scheduler = Scheduler(send, packing, workers, failures)
 
@@ -313,25 +322,6 @@ class Training:
         for unit, result in scheduler.results(units):
             yield unit, result
             report(unit)
-
-    def _sent(
-        self, unit: Unit, arms: Arms, packing: Packing, data: tuple[str, str, str]
-    ) -> "Future[Any]":
-        """Send a unit; workers that see the study's files read and write large ones themselves."""
-        workers, store, curriculum = self.workers, self.store, arms.curricula[unit.arm]
-        values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
-        read, seen = sources_read(curriculum, unit.task), workers.see(store.path)
-        for name, key in unit.sources.items():
-            units = {seed: packing.done[key][seed] for seed in unit.seeds}
-            if seen and packing.is_large(key, unit.seeds):
-                stored[name] = StoredSource(units, name in read)
-            else:
-                values[name] = stored_values(packing.arrays, units, unit.seeds, read=name in read)
-        kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
-        checkpoints = store.checkpoints(unit) if kept else None
-        written = seen and packing.is_large(unit.key, unit.seeds)
-        place = store.path if written else None
-        return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
 
 
 def _tuned(

@@ -546,8 +546,6 @@ class StudyStore:
                 f"{shown(here)} here; choose another folder"
             )
 
-    # -- files ---------------------------------------------------------------------------------
-
     def has(self, name: str) -> bool:
         """Return whether a file is there (and so complete)."""
         with read_errors(self.path / name):
@@ -609,8 +607,6 @@ class StudyStore:
                 f"{file} is not as Curricle writes it: {error}; delete it and run the study again "
                 "with --resume"
             ) from None
-
-    # -- units ---------------------------------------------------------------------------------
 
     def units(self) -> list[StoredUnit]:
         """Return the units in the store, by path."""
