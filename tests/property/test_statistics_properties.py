@@ -14,11 +14,7 @@ from curricle.statistics import (
     time_to_threshold,
 )
 from curricle.statistics.curves import Times, charge_source, midpoint, smooth
-from curricle.statistics.hypothesis_tests import (
-    add_seeds,
-    holm,
-    sign_flip_test,
-)
+from curricle.statistics.hypothesis_tests import add_seeds, holm, sign_flip_test
 
 RETURNS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 SHAPES = st.tuples(st.integers(1, 5), st.integers(2, 12))
@@ -67,9 +63,9 @@ def test_smoothing_keeps_a_constant_exactly(value, window):
 
 
 @given(curves(), RETURNS, RETURNS)
-def test_a_higher_threshold_takes_no_less_time(curve, one, other):
-    low, high = sorted([one, other])
-    easy, hard = (time_to_threshold(curve, each, window=window_of(curve)) for each in (low, high))
+def test_a_higher_threshold_takes_no_less_time(curve, threshold, other):
+    low, high = sorted([threshold, other])
+    easy, hard = (time_to_threshold(curve, level, window=window_of(curve)) for level in (low, high))
     assert np.all(easy.steps <= hard.steps)
     assert np.all(easy.reached >= hard.reached)
 
@@ -86,9 +82,9 @@ def test_every_seed_is_kept_and_the_unreached_are_censored_at_the_end(curve, thr
 
 @given(curves(arms=2), RETURNS)
 def test_strong_times_add_exactly_the_source_steps(pair, threshold):
-    weak, strong = (time_to_threshold(pair[1], threshold, strong=each) for each in (False, True))
+    weak, strong = (time_to_threshold(pair[1], threshold, strong=way) for way in (False, True))
     assert np.array_equal(strong.steps - weak.steps, pair[1].source_steps)
-    saved = [steps_saved(*pair, threshold, strong=each) for each in (False, True)]
+    saved = [steps_saved(*pair, threshold, strong=strong) for strong in (False, True)]
     assert np.array_equal(saved[0] - saved[1], pair[1].source_steps)
 
 
@@ -96,7 +92,7 @@ def test_strong_times_add_exactly_the_source_steps(pair, threshold):
 def test_without_source_steps_strong_is_weak(pair):
     baseline, transfer = pair[0], without_source(pair[1])
     assert np.array_equal(charge_source(baseline, transfer).values, transfer.filled())
-    weak, strong = (jumpstart(baseline, transfer, strong=each) for each in (False, True))
+    weak, strong = (jumpstart(baseline, transfer, strong=strong) for strong in (False, True))
     np.testing.assert_array_equal(weak, strong)
 
 
@@ -131,9 +127,9 @@ def test_a_source_that_teaches_nothing_never_gains(pair):
     alone = mean_return(baseline).mean()
     slack = 1e-9 * (1 + np.abs(baseline.filled()).max()) * len(baseline.steps)
     assert mean_return(charge_source(baseline, nothing)).mean() <= alone + slack
-    late, own = (charge_source(baseline, one).values for one in (nothing, transfer))
+    late, learnt = (charge_source(baseline, curve).values for curve in (nothing, transfer))
     training = baseline.steps < transfer.source_steps[:, np.newaxis] + baseline.steps[0]
-    weak = mean_return(Curve(baseline.steps, np.where(training, 0.0, own - late)))
+    weak = mean_return(Curve(baseline.steps, np.where(training, 0.0, learnt - late)))
     strong = mean_return(charge_source(baseline, transfer)).mean() - alone
     assert strong <= weak.mean() + 1e-6
 
@@ -197,7 +193,7 @@ def test_waiting_longer_never_shortens_a_time(times):
     left = times.steps[~times.reached]
     ends = [0.5, float(left.min(initial=12.0))]
     if ends[1] > 0:
-        means = [times.restricted_mean(min(ends[1], each)).estimate for each in ends]
+        means = [times.restricted_mean(min(ends[1], end)).estimate for end in ends]
         assert means[0] <= means[1] <= ends[1]
 
 

@@ -153,11 +153,7 @@ def test_measures_refuse_wrong_values():
 
 @pytest.mark.parametrize(
     "measure",
-    [
-        jumpstart,
-        charge_source,
-        lambda baseline, transfer: steps_saved(baseline, transfer, 1.0),
-    ],
+    [jumpstart, charge_source, lambda baseline, transfer: steps_saved(baseline, transfer, 1.0)],
 )
 def test_curves_must_pair(measure):
     with pytest.raises(SettingError, match="same seeds, row by row: got 2 and 1 seeds"):

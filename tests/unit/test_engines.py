@@ -70,7 +70,7 @@ class FakeEngine(Engine):
 
 
 @pytest.fixture
-def own(tmp_path):
+def own_study(tmp_path):
     (tmp_path / "rules.py").write_text(RULES)
     (tmp_path / "own.toml").write_text(STUDY)
     return read_study(tmp_path / "own.toml")
@@ -120,7 +120,7 @@ def test_other_versions_name_the_worker_and_what_differs():
         train_sent(later)
 
 
-def test_the_window_follows_the_number_of_workers(own, tmp_path, monkeypatch):
+def test_the_window_follows_the_number_of_workers(own_study, tmp_path, monkeypatch):
     study = read_study(tmp_path / "own.toml", set=["seeds=9", "seeds_per_unit=1"])
     monkeypatch.setattr(scheduling, "ASKED_AGAIN", 0.0)
     engine = FakeEngine([0, 0, 1, 3, 1])  # the first number is for the progress
@@ -143,17 +143,17 @@ def test_units_that_an_engine_cancels_say_that_it_was_lost(study_file, tmp_path,
         sent_units(engine, monkeypatch, read_study(study_file), tmp_path / "out")
 
 
-def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
-    arms, whole, first = Arms.of(own), FakeEngine([2]), []
+def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch):
+    arms, whole, first = Arms.of(own_study), FakeEngine([2]), []
     whole.carry([arms], tmp_path)
     assert whole.files == {"rules.py": RULES.encode()}
     monkeypatch.setattr(scheduling, "wait", whole.wait)
     monkeypatch.setattr(running, "_workers", lambda *_: whole)
     submit = whole.submit
-    whole.submit = lambda function, one: first.append(one) or submit(function, one)
+    whole.submit = lambda function, sent: first.append(sent) or submit(function, sent)
     (tmp_path / "rules.py").rename(tmp_path / "gone.py")  # what the driver has read before
     monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
-    assert run_study(own, tmp_path / "out").seeds == (0, 1)
+    assert run_study(own_study, tmp_path / "out").seeds == (0, 1)
     assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
@@ -192,10 +192,10 @@ def tuned_lakes(tmp_path):
 
 
 def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
-    each, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
-    lakes.carry(each, tmp_path)
+    both, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
+    lakes.carry(both, tmp_path)
     assert {*lakes.files} == {"lakes.py", "living.py", "pooling.py"}
-    assert [arms.live for arms in each] == [False, True]
+    assert [arms.live for arms in both] == [False, True]
     assert lakes.live
 
 
@@ -258,10 +258,10 @@ def test_workers_read_and_write_large_units_at_a_url(
     returned, received = [], []
 
     def noted(sent):
-        found = train_sent(sent)
+        file = train_sent(sent)
         received.append(sent)
-        returned.append(found)
-        return found
+        returned.append(file)
+        return file
 
     monkeypatch.setattr(engine, "train_sent", noted)
     study, recorder, url = read_study(study_file), Recorder(), (tmp_path / "out").as_uri()
@@ -311,7 +311,9 @@ def test_what_a_worker_cannot_write_ends_the_run(study_file, tmp_path, monkeypat
 
 
 def test_what_a_cluster_begins_again_is_told(study_file, tmp_path, monkeypatch):
-    told, cluster = [], FakeCluster([2])
+    shown, cluster = [], FakeCluster([2])
     cluster.repeated = 3
-    sent_units(cluster, monkeypatch, read_study(study_file), tmp_path / "out", progress=told.append)
-    assert {one.repeated for one in told} == {3}
+    sent_units(
+        cluster, monkeypatch, read_study(study_file), tmp_path / "out", progress=shown.append
+    )
+    assert {now.repeated for now in shown} == {3}

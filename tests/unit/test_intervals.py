@@ -83,8 +83,8 @@ def test_the_interquartile_interval_is_yuens(seeds):
 def test_each_checkpoint_has_the_interval_of_its_column(interval_of):
     values = normal(9, 4)
     single = [interval_of(column) for column in values.T]
-    np.testing.assert_allclose(interval_of(values).low, [each.low for each in single])
-    np.testing.assert_allclose(interval_of(values).high, [each.high for each in single])
+    np.testing.assert_allclose(interval_of(values).low, [column.low for column in single])
+    np.testing.assert_allclose(interval_of(values).high, [column.high for column in single])
 
 
 @BOTH
@@ -243,8 +243,8 @@ def test_sign_flips_by_hand():
 def exact_p(differences):
     """The p-value of all 2^K sign vectors, with sums that are equal but for rounding."""
     sums = np.zeros(1)
-    for each in differences:
-        sums = np.concatenate([sums - each, sums + each])
+    for difference in differences:
+        sums = np.concatenate([sums - difference, sums + difference])
     slack = 1e-12 * np.abs(differences).sum()
     return np.mean(np.abs(sums) >= abs(differences.sum()) - slack)
 
@@ -268,8 +268,8 @@ def test_random_signs_come_close_to_all_signs():
 
 def test_random_signs_follow_the_seed():
     differences = normal(20)
-    one, same, other = (sign_flip_test(differences, resamples=500, seed=s) for s in (1, 1, 2))
-    assert one == same != other
+    first, same, other = (sign_flip_test(differences, resamples=500, seed=s) for s in (1, 1, 2))
+    assert first == same != other
 
 
 @pytest.mark.parametrize(

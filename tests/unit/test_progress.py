@@ -81,14 +81,14 @@ BARS = {  # that are shown
     "find_mappings": ["searches: 2 done"],
     "auto_mapping": [f"searches: {len(ALL)} done"],
 }
-each = pytest.mark.parametrize("name", LONG)
+every = pytest.mark.parametrize("name", LONG)
 
 
 def in_words(part):
     return part if isinstance(part, str | int) else type(part).__name__
 
 
-@each
+@every
 def test_a_function_is_called_with_each_part(name):
     long, expected = LONG[name]
     parts = []
@@ -96,7 +96,7 @@ def test_a_function_is_called_with_each_part(name):
     assert [in_words(part) for part in parts] == expected
 
 
-@each
+@every
 def test_a_line_is_printed_for_each_full_bar_where_there_is_no_terminal(name, capsys):
     LONG[name][0](progress=True)
     printed = capsys.readouterr()
@@ -104,7 +104,7 @@ def test_a_line_is_printed_for_each_full_bar_where_there_is_no_terminal(name, ca
     assert printed.err.splitlines() == BARS.get(name, [])
 
 
-@each
+@every
 def test_nothing_is_shown_unasked_and_anything_else_is_refused(name, capsys):
     for silent in (False, None):
         LONG[name][0](progress=silent)
@@ -208,15 +208,15 @@ def clock():
 
 
 def test_the_rate_is_that_of_what_was_seen(clock):
-    pace, every = Pace(clock), units(1_000)
-    pace.note(Progress(every))
-    for unit in every[:100]:  # 1 a second, then 10 a second
+    pace, all_units = Pace(clock), units(1_000)
+    pace.note(Progress(all_units))
+    for unit in all_units[:100]:  # 1 a second, then 10 a second
         clock.now += 1.0
-        pace.note(Progress(every, unit))
+        pace.note(Progress(all_units, unit))
     assert pace.rate() == pytest.approx(1.0)
-    for unit in every[100:800]:
+    for unit in all_units[100:800]:
         clock.now += 0.1
-        pace.note(Progress(every, unit))
+        pace.note(Progress(all_units, unit))
     assert pace.rate() == pytest.approx(10.0, rel=0.05)
     assert pace.line() == "800 of 1,000 units, 1 worker, 10 units a second, 0:00:20 left"
     pace = Pace(clock)
@@ -230,10 +230,10 @@ def test_the_rate_is_that_of_what_was_seen(clock):
 
 def test_very_many_units_have_a_line_a_second(capsys, clock):
     number = progress_bars.MANY + 500
-    pace, every = Pace(clock), units(number)
+    pace, all_units = Pace(clock), units(number)
     lines = Lines(pace)
-    for unit in (None, *every):
-        progress = Progress(every, unit)
+    for unit in (None, *all_units):
+        progress = Progress(all_units, unit)
         pace.note(progress)
         lines.show(progress)
         clock.now += 0.01
@@ -245,11 +245,11 @@ def test_very_many_units_have_a_line_a_second(capsys, clock):
 @pytest.mark.parametrize("width", [40, 80])
 def test_the_line_stands_below_the_bars(clock, width):
     console = Console(record=True, force_terminal=True, width=width, file=io.StringIO())
-    pace, every = Pace(clock), units(4)
-    pace.note(Progress(every))
+    pace, all_units = Pace(clock), units(4)
+    pace.note(Progress(all_units))
     with Screen(console, pace.line) as screen:
         Bars(screen).bar("scratch: maze", 4)
         clock.now += 1.0
-        pace.note(Progress(every, every[0]))
+        pace.note(Progress(all_units, all_units[0]))
     *_, last = console.export_text().strip().splitlines()
     assert "0:00:03 left" in last

@@ -33,9 +33,9 @@ def read_everything(folder):
 def refused(contents):
     """A function: folder, words, study, settings -> a run is refused, and leaves all as it was."""
 
-    def run(folder, words, study, **settings):
+    def run(folder, fault, study, **settings):
         before = contents(folder) if folder.is_dir() else folder.read_bytes()
-        with pytest.raises(StoreError, match=words) as caught:
+        with pytest.raises(StoreError, match=fault) as caught:
             run_study(study, folder, **settings)
         assert str(folder) in str(caught.value)
         assert "\n" not in str(caught.value)
@@ -48,8 +48,7 @@ def refused(contents):
 
 
 @pytest.mark.parametrize(
-    "change",
-    ["name=other", "threshold=3", "window=1", "seeds_per_unit=4", "seeds=1"],
+    "change", ["name=other", "threshold=3", "window=1", "seeds_per_unit=4", "seeds=1"]
 )
 def test_what_only_concerns_its_reading_may_change(study_file, finished, copied, contents, change):
     run_study(read_study(study_file, set=[change]), copied, resume=True)
@@ -147,10 +146,10 @@ def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, content
             read_everything(copied)
         assert "run the study again with --resume" in str(caught.value)
     assert contents(copied) == before
-    told, stored = [], []
-    noted = {"report": told.append, "progress": lambda now: stored.append(now.stored)}
+    sentences, stored = [], []
+    noted = {"report": sentences.append, "progress": lambda now: stored.append(now.stored)}
     run_study(read_study(study_file), copied, resume=True, **noted)
-    assert told == ([] if gone else [f"{file} is damaged: its units are trained again"])
+    assert sentences == ([] if gone else [f"{file} is damaged: its units are trained again"])
     assert len(stored) == 1 + 2  # both units that it held
     assert contents(copied) == contents(finished)
 
@@ -247,11 +246,11 @@ run_study(read_study(sys.argv[1]), sys.argv[2], workers=1, progress=hold)
 def test_only_one_process_works_on_a_study(study_file, finished, tmp_path, contents, refused):
     out, study = tmp_path / "out", read_study(study_file)
     command = [sys.executable, "-c", HOLDING, str(study_file), str(out)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as one:
-        assert one.stdout.readline().startswith("stored ")
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout.readline().startswith("stored ")
         for resume in (False, True):
             refused(out, "another is at work on", study, resume=resume)
-        one.kill()
+        run.kill()
     assert len(StudyResults(out).store.units()) == 1
     run_study(study, out, resume=True, workers=2)  # the lock has gone with the process
     assert contents(out) == contents(finished)

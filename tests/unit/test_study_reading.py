@@ -168,18 +168,18 @@ def test_the_smallest_total_must_leave_steps_for_every_target(corner):
 def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
     together = compare_studies([small, large])
-    one, other = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
-    np.testing.assert_array_equal(one.values, other.values)
-    np.testing.assert_array_equal(one.source_steps, other.source_steps)
+    short, long = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
+    np.testing.assert_array_equal(short.values, long.values)
+    np.testing.assert_array_equal(short.source_steps, long.source_steps)
 
 
 def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
-    for why, words in (("a schedule", "a schedule"), (None, "did not note whether")):
+    for why, fault in (("a schedule", "a schedule"), (None, "did not note whether")):
         arms = large.record.arms
         other = arms["transfer"].model_copy(update={"depends_on_total": why})
         large.record = large.record.model_copy(update={"arms": {**arms, "transfer": other}})
-        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{words}"
+        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{fault}"
         with pytest.raises(CurriculumError, match=message):
             compare_studies([small, large])
         large.record = large.record.model_copy(update={"arms": arms})
@@ -187,7 +187,7 @@ def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
 
 
 def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
-    file, words = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
+    file, interim = tmp_path / "lines.toml", "interim, 8 of 16 seeds: no verdict"
     file.write_text(LINES)
     study, pages = read_study(file), []
     for shard in ((1, 2), (2, 2)):
@@ -195,9 +195,9 @@ def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
         print_results(part, None, None)
         saved = write_report(part.store.path)
         pages.append(capsys.readouterr().out + saved.read_text() + part._repr_html_())
-        assert part.comparison.interim == words
-        assert words in pages[-1]
-        assert words.capitalize() in pages[-1]
+        assert part.comparison.interim == interim
+        assert interim in pages[-1]
+        assert interim.capitalize() in pages[-1]
     whole = merge(tmp_path / "whole", [tmp_path / "1", tmp_path / "2"])
     assert whole.comparison.interim == ""
     print_results(whole, None, None)

@@ -25,10 +25,10 @@ def url_of(folder):
 
 def files(folder):
     """The bytes of all files but the lock and what says when a run began, by path."""
-    found = (path for path in folder.rglob("*") if path.is_file())
+    read = (path for path in folder.rglob("*") if path.is_file())
     return {
         str(path.relative_to(folder)): path.read_bytes()
-        for path in found
+        for path in read
         if path.name not in (".lock", "runs.json")
     }
 
@@ -48,10 +48,10 @@ def test_going_on_at_a_url_trains_what_is_missing_or_damaged(study_file, finishe
     first, last = (tmp_path / "out" / str(units[k].path).split("/out/")[1] for k in (0, -1))
     first.unlink()
     last.write_bytes(last.read_bytes()[:-1])
-    told, stored = [], []
-    noted = {"report": told.append, "progress": lambda now: stored.append(now.stored)}
+    sentences, stored = [], []
+    noted = {"report": sentences.append, "progress": lambda now: stored.append(now.stored)}
     run_study(read_study(study_file), url_of(out), resume=True, **noted)
-    assert told == [f"{units[-1].path} is damaged: its units are trained again"]
+    assert sentences == [f"{units[-1].path} is damaged: its units are trained again"]
     assert len(stored) == 1 + 2 * 2  # a file holds two units
     assert files(out) == files(finished)
     with pytest.raises(StoreError, match=r"file://.* already holds results, 8 files"):
@@ -99,7 +99,7 @@ def test_checkpoints_end_when_their_unit_is_stored(finished, tmp_path, place):
             write_whole(file, b"saved")
         store.write_unit(units[0].about, units[0].result(units[0].seeds))
         left = [*store.path.glob(".checkpoints/*/*/*")]
-        assert [one.parent for one in left] == [store.checkpoints(units[1].about)]
+        assert [file.parent for file in left] == [store.checkpoints(units[1].about)]
         store.remove_checkpoints()
         assert not [*store.path.glob(".checkpoints/*/*/*")]
         store.remove_checkpoints()
@@ -123,10 +123,10 @@ def test_a_place_that_is_lost_during_a_run_has_an_error_of_its_own(
 ):
     works = getattr(RemotePath, method)
 
-    def failing(path, *given, **settings):
+    def failing(path, *arguments, **settings):
         if str(path).endswith(name):
             raise OSError("nothing answers")
-        return works(path, *given, **settings)
+        return works(path, *arguments, **settings)
 
     monkeypatch.setattr(RemotePath, method, failing)
     study, url = read_study(study_file), url_of(tmp_path / "out")
@@ -159,13 +159,13 @@ def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, monkeypat
     store = StudyStore(finished)
     wanted = store.arrays(StoredUnit.at(finished / str(unit.path).split(f"{finished}/")[1]), "run")
     monkeypatch.setattr("curricle.files.READ_AT_ONCE", 0)
-    found = StudyStore(url_of(finished)).arrays(unit, "run")
-    assert found.keys() == wanted.keys()
-    assert all(np.array_equal(found[name], wanted[name], equal_nan=True) for name in found)
+    read = StudyStore(url_of(finished)).arrays(unit, "run")
+    assert read.keys() == wanted.keys()
+    assert all(np.array_equal(read[name], wanted[name], equal_nan=True) for name in read)
 
 
 @pytest.mark.parametrize(
-    ("url", "words"),
+    ("url", "fault"),
     [
         ("s3://me:secret@bucket/study", "must have no password.* by the environment.* before @$"),
         ("s3://bucket/study?secret_key=x&region=y", "must have no password.*got secret_key$"),
@@ -175,7 +175,7 @@ def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, monkeypat
     ],
 )
 @pytest.mark.parametrize("command", ["run", "show"])
-def test_other_urls_are_one_sentence(study_file, capsys, monkeypatch, command, url, words):
+def test_other_urls_are_one_sentence(study_file, capsys, monkeypatch, command, url, fault):
     arguments = ["run", str(study_file), "--out", url] if command == "run" else ["show", url]
     monkeypatch.setattr("sys.argv", ["curricle", *arguments])
     with pytest.raises(SystemExit) as ended:
@@ -183,7 +183,7 @@ def test_other_urls_are_one_sentence(study_file, capsys, monkeypatch, command, u
     assert ended.value.code == 1
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert last.startswith("curricle: a URL ")
-    with pytest.raises(StoreError, match=words):
+    with pytest.raises(StoreError, match=fault):
         RemotePath.of(url)
     assert "secret@" not in last
 

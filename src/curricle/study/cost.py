@@ -123,9 +123,9 @@ def sweeping_seconds(task: Any, sweeps: float) -> float:
 
 def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
     """Return what every arm spends, and why that exceeds the target's own budget, in words."""
-    words = f"every arm spends {counted(total, 'step')}"
+    spent = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
-    return f"{words}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
+    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
 
 def duration(seconds: float) -> str:

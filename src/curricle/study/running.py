@@ -5,7 +5,7 @@ import os
 import platform
 import subprocess
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ from curricle.study.dependencies import (
 )
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.progress import Progress, shown_units
-from curricle.study.record import FailureRecord, RunRecord, plain
+from curricle.study.record import CurriculaRecord, FailureRecord, RunRecord, plain
 from curricle.study.results import (
     ANALYSIS,
     FAILURES,
@@ -132,11 +132,12 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     depends = {key: arms.dependencies[place] for key, place in places.items()}
     kept = {key: key for key in places if key in done and key != key_of(depends[key])}
     stale = replaced_keys(depends, done) | kept
-    for key in filter(stale.__contains__, places):
+    for key in (key for key in places if key in stale):
         units = done[stale[key]]
         label = f"{': '.join(places[key])}, {numbered_seeds(sorted(units))}"
-        fate, why = "kept" if key in kept else "trained again", changes_of(units, depends[key])
-        remarks.append(f"{label}, is stale and {fate}: {'; '.join(why)}")
+        fate = "kept" if key in kept else "trained again"
+        why = "; ".join(changes_of(units, depends[key]))
+        remarks.append(f"{label}, is stale and {fate}: {why}")
     return done, remarks
 
 
@@ -252,8 +253,8 @@ def run_study(
         beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
         tracking.start(study.name, _settings(study, arms), beside)
         ending.callback(tracking.close)
-        failures, per_file = Failures(arms.needs), files_of(record)
-        for unit, result in training.results(study, arms, done, per_file, failures, shard):
+        failures = Failures(arms.needs)
+        for unit, result in training.results(study, arms, record, done, failures, shard):
             if trackers:
                 if isinstance(result, StoredUnit):
                     result = result.result(unit.seeds)
@@ -263,7 +264,6 @@ def run_study(
         write_failures(store, failure_records(failures))
         if not failures:
             store.remove_checkpoints()
-        pack(store, per_file)
         store.require_there()  # in a folder that was moved nothing is listed, and nothing is wrong
         results = StudyResults(store)
         results.write_tables()
@@ -285,14 +285,14 @@ class Training:
         self,
         study: StudyConfig,
         arms: Arms,
+        record: CurriculaRecord,
         done: Done,
-        per_file: Mapping[str, int],
         failures: Failures,
         shard: tuple[int, int] = (1, 1),
         tuning: str = "",
     ) -> Iterator[Taken]:
         """Yield each unit of a study that is not done with its result, when it is stored."""
-        store, workers = self.store, self.workers
+        store, workers, per_file = self.store, self.workers, files_of(record)
         units, packing = tuple(units_of(study, arms, done, shard)), Packing(store, done, per_file)
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
         seen = workers.see(store.path)  # then they read and write large files themselves
@@ -322,6 +322,7 @@ class Training:
         for unit, result in scheduler.results(units):
             yield unit, result
             report(unit)
+        pack(store, per_file)
 
 
 def _tuned(
@@ -338,13 +339,9 @@ def _tuned(
             begun.extend(arms.keys[arm, arms.target] for arm in arms.curricula)
             now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
             store.write_record(BEGUN, now)
-            failures = Failures(arms.needs)
-            per_file = files_of(curricula_record(arms.curricula, arms.keys))
-            run = trials.results(
-                config, arms, store.finished(), per_file, failures, tuning=trials_now
-            )
-            deque(run, maxlen=0)
-            pack(store, per_file)
+            failures, record = Failures(arms.needs), curricula_record(arms.curricula, arms.keys)
+            of_trials = config, arms, record, store.finished(), failures
+            deque(trials.results(*of_trials, tuning=trials_now), maxlen=0)
             if failures:
                 raise failure_error(failures)
             return store

@@ -45,13 +45,7 @@ from curricle.files import (
 from curricle.learning.result import LearningResult, joined_results
 from curricle.learning.saved_result import Arrays, arrays_of, checkpoints_of, values_of
 from curricle.study.dependencies import differences, shown
-from curricle.study.record import (
-    CurriculaRecord,
-    Plain,
-    UnitRecord,
-    plain,
-    read_record,
-)
+from curricle.study.record import CurriculaRecord, Plain, UnitRecord, plain, read_record
 from curricle.study.schema import seeds_in_ranges
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
@@ -311,17 +305,15 @@ def groups_in(
 def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
     """Return the decisions in a unit's file, one a seed and checkpoint; ValueError if wrong."""
     most = seeds * (1 + checkpoints_of(archive.read("steps")))
-    member = archive.members.get(DECISIONS)
-    size = 0 if member is None else member.file_size
-    return read_parquet(archive.content(DECISIONS, size), DECISION_SCHEMA, most)
+    return read_parquet(archive.content(DECISIONS, LARGEST_TABLE), DECISION_SCHEMA, most)
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
     """Return a unit's place among the units, from the words for its seeds."""
-    name, words = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
+    name, prefix = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
     if len(name) >= LONGEST_NAME:
         name = f"{name[:KEPT]}_{digest_of(name.encode())}"
-    return f"{words}-{key}/{name}{ENDING}"
+    return f"{prefix}-{key}/{name}{ENDING}"
 
 
 # -- Units in the store, and the store -------------------------------------------------------------
@@ -483,12 +475,7 @@ class StudyStore:
     @classmethod
     @contextmanager
     def opened(
-        cls,
-        path: str | Place,
-        description: Mapping[str, Any],
-        *,
-        resume: bool,
-        check: bool = True,
+        cls, path: str | Place, description: Mapping[str, Any], *, resume: bool, check: bool = True
     ) -> Iterator["StudyStore"]:
         """Open a folder for results, made if need be, and lock it against other processes.
 
@@ -745,10 +732,7 @@ class Packing:
     """The units of a run on their way into files."""
 
     def __init__(
-        self,
-        store: StudyStore,
-        done: dict[str, dict[int, StoredUnit]],
-        per_file: Mapping[str, int],
+        self, store: StudyStore, done: dict[str, dict[int, StoredUnit]], per_file: Mapping[str, int]
     ):
         self.store, self.done, self.per_file = store, done, per_file
         self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()

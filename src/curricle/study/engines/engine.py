@@ -23,13 +23,7 @@ from curricle.errors import CurricleError, EngineError, ForeignError, SettingErr
 from curricle.files import Place, RemotePath, remove_folder
 from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.own_code import PACKAGES, own_files
-from curricle.study.store import (
-    StoredUnit,
-    UnitResult,
-    lost_errors,
-    stored_values,
-    written_unit,
-)
+from curricle.study.store import StoredUnit, UnitResult, lost_errors, stored_values, written_unit
 
 # -- What a worker on another machine does: take the study's own modules, and train a unit ---------
 
@@ -192,8 +186,8 @@ class Engine(ABC):
         self.versions, self.live = versions_here(), any(arms.live for arms in all_arms)
         # Of modules elsewhere on Python's path workers import their own (`arms_from_json`).
         root = folder.resolve()
-        own = {name: file for name, file in files.items() if root / name == file.resolve()}
-        self.files = {name: file.read_bytes() for name, file in own.items()}
+        beside = {name: file for name, file in files.items() if root / name == file.resolve()}
+        self.files = {name: file.read_bytes() for name, file in beside.items()}
 
     def see(self, place: Place) -> bool:
         """Return whether workers read and write the study's files themselves: those at a URL."""
@@ -289,9 +283,9 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         engine.close(whole)
 
 
-def check_versions(on: str, found: Mapping[str, Any]) -> None:
+def check_versions(on: str, there: Mapping[str, Any]) -> None:
     """Raise SettingError, which names the worker, unless all have the versions that are here."""
-    for worker, versions in sorted(found.items()):
+    for worker, versions in sorted(there.items()):
         if isinstance(versions, BaseException):
             raise SettingError(
                 f"each worker of {on} must have Curricle: {worker} answered "
