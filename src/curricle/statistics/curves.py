@@ -130,8 +130,7 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
     then its value at x - source_steps_k target steps, interpolated between checkpoints.
     """
-    require_pair(baseline, transfer)
-    require_no_source(baseline)
+    require_pair(baseline, transfer, strong=True)
     steps, alone = baseline.steps, baseline.filled()
     target = steps - transfer.source_steps[:, np.newaxis]
     training = target < transfer.steps[0]
@@ -148,8 +147,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     return Curve(steps, np.where(training, first, shifted))
 
 
-def require_pair(baseline: Curve, transfer: Curve) -> None:
-    """Raise SettingError unless two curves have the same seeds K and checkpoints (T,)."""
+def require_pair(baseline: Curve, transfer: Curve, *, strong: bool = False) -> None:
+    """Raise SettingError unless two curves pair: a `strong` baseline has no source steps."""
     ours, theirs = len(baseline.values), len(transfer.values)
     if ours != theirs:
         raise SettingError(
@@ -161,11 +160,7 @@ def require_pair(baseline: Curve, transfer: Curve) -> None:
         raise SettingError(
             f"baseline and transfer must share their checkpoints: got {' and '.join(got)}"
         )
-
-
-def require_no_source(baseline: Curve) -> None:
-    """Raise SettingError if any seed of the baseline spent steps on source tasks."""
-    if np.any(baseline.source_steps):
+    if strong and np.any(baseline.source_steps):
         raise SettingError(
             "the baseline of a strong comparison must have no source steps:"
             f" got {baseline.source_steps.max()}"
@@ -187,11 +182,10 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
     >>> jumpstart(scratch, helped), jumpstart(scratch, helped, strong=True)
     (array([4.]), array([1.]))
     """
-    require_pair(baseline, transfer)
+    require_pair(baseline, transfer, strong=strong)
     first, rows = transfer.filled()[:, 0], baseline.filled()
     by_then: FloatArray = rows[:, 0]
     if strong:
-        require_no_source(baseline)
         start = transfer.steps[0] + transfer.source_steps
         pairs = zip(start, rows, strict=True)
         by_then = np.array([np.interp(x, baseline.steps, row, right=np.nan) for x, row in pairs])

@@ -100,14 +100,12 @@ def dependencies_of(
 
 def key_in(stored: Stored) -> Callable[[Dependencies], str]:
     """Return a :func:`key_of` for which stored units of other code, of most seeds, are as good."""
+    settings = {key: settings_key_of(_of(units)) for key, units in stored.items()}
 
     def choose(dependencies: Dependencies) -> str:
-        key, wanted = key_of(dependencies), settings_key_of(dependencies)
-        alike = {
-            k: len(units) for k, units in stored.items() if settings_key_of(_of(units)) == wanted
-        }
-        as_good = {key: len(stored.get(key, ()))} | alike
-        return max(as_good, key=as_good.__getitem__)
+        wanted = settings_key_of(dependencies)
+        as_good = (key for key in stored if settings[key] == wanted)
+        return max([key_of(dependencies), *as_good], key=lambda key: len(stored.get(key, ())))
 
     return choose
 

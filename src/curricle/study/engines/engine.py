@@ -103,11 +103,12 @@ def written(files: Mapping[str, bytes]) -> Path:
     with WRITING:
         if content not in FOLDERS:
             # Others cannot guess its name: in a folder that they could, they could put code.
-            FOLDERS[content] = folder = Path(mkdtemp(prefix="curricle-"))
+            folder = Path(mkdtemp(prefix="curricle-"))
             atexit.register(shutil.rmtree, folder, ignore_errors=True)
             for name, code in files.items():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 (folder / name).write_bytes(code)
+            FOLDERS[content] = folder
         return FOLDERS[content]
 
 
