@@ -31,17 +31,9 @@ name = "own"
 seeds = 2
 seeds_per_unit = 2
 budget = 400
-[tasks.corner]
-type = "factory"
-factory = "rules:corner"
-arguments = { rows = 2 }
-[tasks.maze]
-type = "factory"
-factory = "rules:maze"
-[[transfers]]
-source = "corner"
-target = "maze"
-factory = "rules:same"
+tasks.corner = { type = "factory", factory = "rules:corner", arguments = { rows = 2 } }
+tasks.maze = { type = "factory", factory = "rules:maze" }
+transfers = [{ source = "corner", target = "maze", factory = "rules:same" }]
 """
 
 
@@ -67,9 +59,9 @@ def sent_folder(sent, tmp_path):
 
 def change(path, edit):
     """Change a file of JSON with a checksum, as somebody would who wants it to be read."""
-    found = unsealed(path.read_bytes())
-    edit(found)
-    path.write_bytes(sealed(found))
+    content = unsealed(path.read_bytes())
+    edit(content)
+    path.write_bytes(sealed(content))
 
 
 def a_unit(folder):
@@ -81,17 +73,17 @@ def a_unit(folder):
 def put(unit, change=None, **members):
     """Change members of a unit's sealed file: content, content and compression, or None."""
     with zipfile.ZipFile(unit) as archive:
-        found = {one.filename: (archive.read(one), one.compress_type) for one in archive.infolist()}
+        content = {m.filename: (archive.read(m), m.compress_type) for m in archive.infolist()}
     for name, member in members.items():
         stored = (member, zipfile.ZIP_STORED) if isinstance(member, bytes) else member
-        found[name.replace("__", ".")] = stored
+        content[name.replace("__", ".")] = stored
     if change is not None:
-        about = json.loads(found["unit.json"][0])
+        about = json.loads(content["unit.json"][0])
         change(about)
-        found["unit.json"] = as_json(about), zipfile.ZIP_STORED
+        content["unit.json"] = as_json(about), zipfile.ZIP_STORED
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        for name, member in found.items():
+        for name, member in content.items():
             if member is not None:
                 archive.writestr(name, *member)
         archive.comment = bytes(SEAL)
@@ -117,10 +109,10 @@ def read_all(folder):
     write_report(folder)
 
 
-def refuses(folder, words):
+def refuses(folder, fault):
     """Reading is refused at once, in one sentence."""
     began = time.perf_counter()
-    with pytest.raises(StoreError, match=words) as caught:
+    with pytest.raises(StoreError, match=fault) as caught:
         read_all(folder)
     assert time.perf_counter() - began < 5
     assert "\n" not in str(caught.value)

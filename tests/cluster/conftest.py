@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from curricle.study.store import seeds_in
+from curricle.study.store import StoredUnit
 from tests.cluster.ports import free_port
 
 LONG = 3_000_000
@@ -17,18 +17,9 @@ OWN_STUDY = """
 name = "own"
 seeds = 6
 seeds_per_unit = 1
-[tasks.corner]
-type = "factory"
-factory = "rules:corner"
-budget = 2_000
-[tasks.maze]
-type = "factory"
-factory = "rules:maze"
-budget = BUDGET
-[[transfers]]
-source = "corner"
-target = "maze"
-factory = "rules:same"
+tasks.corner = { type = "factory", factory = "rules:corner", budget = 2_000 }
+tasks.maze = { type = "factory", factory = "rules:maze", budget = BUDGET }
+transfers = [{ source = "corner", target = "maze", factory = "rules:same" }]
 """
 RULES = """
 from .maps import ROWS
@@ -209,4 +200,4 @@ def wait_until(true, seconds=120.0):
 def units_in(folder):
     """The seeds of all tasks that are stored, each a unit."""
     files = folder.glob("units/*/*.npz")
-    return [seed for file in files for seed in seeds_in(file.stem.removeprefix("seeds-"))]
+    return [seed for file in files for seed in StoredUnit.at(file).seeds]

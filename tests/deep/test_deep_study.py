@@ -139,7 +139,7 @@ def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
             assert {name.split("/")[0] for name in values} == {"values_0"}
             assert all(arrays[name].dtype == np.float32 for name in values)
     assert not (whole / ".checkpoints").exists()
-    versions = StudyResults(whole).store.runs()[0].versions
+    versions = StudyResults(whole).runs[0].versions
     assert {"torch", "stable-baselines3"} <= versions.keys()
 
 

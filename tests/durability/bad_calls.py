@@ -116,64 +116,70 @@ MDP = {name: getattr(MAZE.mdp, name) for name in MAZE.mdp.__dataclass_fields__}
 DENSE = {"transition": [[[0.0, 1.0]], [[0.0, 1.0]]], "reward": [1, 0], "start": 0}
 FUNCTIONS = {"states": RING[0], "actions": RING[1], "start": start, "step": step, "data": 1}
 LEARN = {"task": MAZE, "learner": None, "budget": 200, "seeds": 1, "eval_freq": 100}
-CALLS = {  # what to call, and arguments that it works with
-    "certify": (cr.certify, lambda: {"task": MAZE, "shaping": cr.QInitialisation(phi())}),
-    "compare": (cr.compare, lambda: {"arms": curriculum(), "seeds": 2}),
-    "forecast": (cr.forecast, lambda: {"curriculum": curriculum(), "seeds": 1}),
-    "Curriculum": (cr.Curriculum, lambda: {"tasks": {"maze": MAZE}, "transfers": [], "budget": 9}),
-    "to_gymnasium": (cr.to_gymnasium, lambda: {"task": MAZE, "observation": "index"}),
-    "from_gymnasium": (cr.from_gymnasium, lambda: {"environment": Ring, "discount": 0.9}),
-    "observation_task": (cr.observation_task, lambda: {"environment": Ring, "discount": 0.9}),
-    "PotentialShaping": (
-        cr.PotentialShaping,
-        lambda: {"env": cr.to_gymnasium(MAZE), "potential": phi(), "discount": 0.9},
-    ),
-    "Episodes": (cr.Episodes, lambda: {"number": 3}),
-    "Guard": (cr.Guard, lambda: {"share_behind": 0.1, "share_ahead": 0.8, "memory": 9}),
-    **{
-        name: (
-            getattr(cr, name),
-            lambda: {"learning_rate": 0.1, "epsilon": 0.1, "initial_value": 0.0},
-        )
-        for name in ("QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning")
+ARGUMENTS = {  # with which public names work
+    "certify": lambda: {"task": MAZE, "shaping": cr.QInitialisation(phi())},
+    "compare": lambda: {"arms": curriculum(), "seeds": 2},
+    "forecast": lambda: {"curriculum": curriculum(), "seeds": 1},
+    "Curriculum": lambda: {"tasks": {"maze": MAZE}, "transfers": [], "budget": 9},
+    "to_gymnasium": lambda: {"task": MAZE, "observation": "index"},
+    "from_gymnasium": lambda: {"environment": Ring, "discount": 0.9},
+    "observation_task": lambda: {"environment": Ring, "discount": 0.9},
+    "PotentialShaping": lambda: {"env": cr.to_gymnasium(MAZE), "potential": phi(), "discount": 0.9},
+    "Episodes": lambda: {"number": 3},
+    "Guard": lambda: {"share_behind": 0.1, "share_ahead": 0.8, "memory": 9},
+    "StateActionPotential": lambda: {"task": MAZE, "values": np.ones((6, 4))},
+    "StatePotential": lambda: {
+        "task": MAZE,
+        "values": np.ones(6),
+        "frame_steps": [0],
+        "weight": 1.0,
     },
-    "StateActionPotential": (
-        cr.StateActionPotential,
-        lambda: {"task": MAZE, "values": np.ones((6, 4))},
+    "DecayingAdvice": lambda: {"potential": phi(), "weight": 1.0},
+    "StateShaping": lambda: {"potential": phi().to_state()},
+    "StoppingRule": lambda: {"max_steps": 200, "threshold": 1.0, "patience": 2},
+    "Storage": lambda: {"kind": "dense", "dtype": "float64", "memory_limit": "1 GB"},
+    "learn": lambda: dict(LEARN),
+    "GreedyEvaluation": lambda: {"method": "auto", "episodes": 3},
+    "evaluate": lambda: {"task": MAZE, "policy": np.ones(6, int)},
+    "solve": lambda: {"task": MAZE, "tolerance": 1e-6},
+    "plot": lambda: {"subject": cr.forecast(curriculum(), seeds=1), "path": None},
+    "read_study": lambda: {"path": "nowhere.toml"},
+    "run_study": lambda: {"study": None, "path": "nowhere"},
+    "ComputedMDP": lambda: dict(FUNCTIONS),
+    "GridWorld": lambda: {"map": "S.T", "ends": ("pit",), "origin": (0, 0)},
+    "Rewards": lambda: {"step": -1.0, "pit": -2.0, "treasure": 3.0},
+    "FiniteMDP": lambda: dict(MDP),
+    "Pursuit": lambda: {"size": 3, "predators": 1, "moves": 5, "torus": False},
+    "Component": lambda: {"name": "a", "size": 2, "low": 0, "labels": ("a", "b")},
+    "Space": lambda: {"components": [cr.Component("a", 9)], "points": [[0], [2]]},
+    "calibrate": lambda: {"potential": phi(), "episodes": 5},
+    "project": lambda: {"target": HUNT, "source": CHASE, "predator": "predator_1"},
+    "Transfer": lambda: {"source": "a", "target": "b", "mapping": cr.same_position(MAZE, NEAR)},
+    "from_function": lambda: {"target": MAZE, "source": MAZE, "function": lambda s, a: (s, a)},
+    "same_position": lambda: {"target": MAZE, "source": NEAR},
+    **dict.fromkeys(
+        ("QLearning", "SARSA", "ExpectedSARSA", "DoubleQLearning"),
+        lambda: {"learning_rate": 0.1, "epsilon": 0.1, "initial_value": 0.0},
     ),
-    "StatePotential": (
-        cr.StatePotential,
-        lambda: {"task": MAZE, "values": np.ones(6), "frame_steps": [0], "weight": 1.0},
+    **dict.fromkeys(
+        ("LookAheadAdvice", "LookBackAdvice", "QInitialisation", "RewardBonus"),
+        lambda: {"potential": phi()},
     ),
-    **{
-        name: (getattr(cr, name), lambda: {"potential": phi()})
-        for name in ("LookAheadAdvice", "LookBackAdvice", "QInitialisation", "RewardBonus")
-    },
-    "DecayingAdvice": (cr.DecayingAdvice, lambda: {"potential": phi(), "weight": 1.0}),
-    "StateShaping": (cr.StateShaping, lambda: {"potential": phi().to_state()}),
-    "StoppingRule": (cr.StoppingRule, lambda: {"max_steps": 200, "threshold": 1.0, "patience": 2}),
-    "Storage": (cr.Storage, lambda: {"kind": "dense", "dtype": "float64", "memory_limit": "1 GB"}),
-    "learn": (cr.learn, lambda: dict(LEARN)),
+    **dict.fromkeys(
+        ("minimum", "maximum", "mean", "total"), lambda: {"potentials": np.ones((2, 6, 4))}
+    ),
+}
+CALLS = {name: (getattr(cr, name), good) for name, good in ARGUMENTS.items()} | {
     "learn shaped": (cr.learn, lambda: {**LEARN, "shaping": cr.QInitialisation(phi())}),
     "learn stored": (cr.learn, lambda: {**LEARN, "storage": cr.Storage(), "snapshots": 1}),
-    "GreedyEvaluation": (cr.GreedyEvaluation, lambda: {"method": "auto", "episodes": 3}),
-    "evaluate": (cr.evaluate, lambda: {"task": MAZE, "policy": np.ones(6, int)}),
-    "solve": (cr.solve, lambda: {"task": MAZE, "tolerance": 1e-6}),
-    "plot": (cr.plot, lambda: {"subject": cr.forecast(curriculum(), seeds=1), "path": None}),
-    "read_study": (cr.read_study, lambda: {"path": "nowhere.toml"}),
-    "run_study": (cr.run_study, lambda: {"study": None, "path": "nowhere"}),
-    "ComputedMDP": (cr.ComputedMDP, lambda: dict(FUNCTIONS)),
     "learn computed": (
         lambda **f: cr.learn(cr.ComputedMDP(**f), budget=50),
         lambda: dict(FUNCTIONS),
     ),
-    "GridWorld": (cr.GridWorld, lambda: {"map": "S.T", "ends": ("pit",), "origin": (0, 0)}),
     "learn maze": (
         lambda **f: cr.learn(cr.GridWorld(**f), budget=50),
         lambda: {"map": "S.T", "start": "map", "time_limit": 9, "discount": 0.9},
     ),
-    "Rewards": (cr.Rewards, lambda: {"step": -1.0, "pit": -2.0, "treasure": 3.0}),
-    "FiniteMDP": (cr.FiniteMDP, lambda: dict(MDP)),
     "learn tables": (lambda **f: cr.learn(cr.FiniteMDP(**f), budget=50), lambda: dict(MDP)),
     "from_dense": (
         cr.FiniteMDP.from_dense,
@@ -183,30 +189,11 @@ CALLS = {  # what to call, and arguments that it works with
         cr.FiniteMDP.from_outcomes,
         lambda: {"outcomes": [[[(1.0, 1, 2.0, True)]], [[]]], "start": 0, "discount": 1.0},
     ),
-    "Pursuit": (cr.Pursuit, lambda: {"size": 3, "predators": 1, "moves": 5, "torus": False}),
     "Pursuit rules": (cr.Pursuit, lambda: {"capture": "all", "prey": "uniform", "discount": 0.9}),
     "learn pursuit": (
         lambda **f: cr.learn(cr.Pursuit(**f), budget=50, evaluation=OFF),
         lambda: {"size": 3, "predators": 1, "step_reward": -1.0, "time_limit": 9},
     ),
-    "Component": (cr.Component, lambda: {"name": "a", "size": 2, "low": 0, "labels": ("a", "b")}),
-    "Space": (cr.Space, lambda: {"components": [cr.Component("a", 9)], "points": [[0], [2]]}),
-    **{
-        name: (getattr(cr, name), lambda: {"potentials": np.ones((2, 6, 4))})
-        for name in ("minimum", "maximum", "mean", "total")
-    },
-    "calibrate": (cr.calibrate, lambda: {"potential": phi(), "episodes": 5}),
-    "project": (cr.project, lambda: {"target": HUNT, "source": CHASE, "predator": "predator_1"}),
-    "Transfer": (
-        cr.Transfer,
-        lambda: {"source": "a", "target": "b", "mapping": cr.same_position(MAZE, NEAR)},
-    ),
-    "from_function": (
-        cr.from_function,
-        lambda: {"target": MAZE, "source": MAZE, "function": lambda s, a: (s, a)},
-    ),
-    "same_position": (cr.same_position, lambda: {"target": MAZE, "source": NEAR}),
-    # -- methods, and names of the packages
     "encode": (MAZE.states.encode, lambda: {"row": 0, "column": [1, 2]}),
     "encode points": (cr.Space([cr.Component("a", 9)], [[3]]).encode, lambda: {"a": [3, 4]}),
     "encode huge": (HUGE.encode, lambda: dict.fromkeys(HUGE.names, 0)),

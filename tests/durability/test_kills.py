@@ -6,103 +6,65 @@ from pathlib import Path
 
 import pytest
 
-MAZE = """
+STUDIES = {
+    "maze": """
 name = "corner"
 seeds = "0-3"
 seeds_per_unit = 2
 eval_freq = 200
-[tasks.maze]
-type = "maze"
-map = '''
-S...P
-.F...
-...PT
-'''
-budget = 4000
+tasks.maze = { type = "maze", map = "S...P\\n.F...\\n...PT", budget = 4000 }
+transfers = [{ source = "corner", target = "maze", mapping = "same_position" }]
+arms.initialise = {}
+arms.state = { shaping = "StateShaping" }
 [tasks.corner]
 type = "crop"
 of = "maze"
 rows = [1, 3]
 columns = [2, 5]
 budget = { max_steps = 2000, threshold = 100.0, patience = 2 }
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
-[arms.initialise]
-[arms.state]
-shaping = "StateShaping"
-"""
-OWN_CODE = """
+""",
+    "own_code": """
 name = "own"
 seeds = "0-3"
 seeds_per_unit = 1
 eval_freq = 200
 budget = 2000
 aggregate = "own:second"
-[tasks.short]
-type = "factory"
-factory = "own:line"
-arguments = { length = 6 }
-[tasks.long]
-type = "factory"
-factory = "own:line"
-arguments = { length = 12 }
-[[transfers]]
-source = "short"
-target = "long"
-function = "own:halves"
-[[transfers]]
-source = "short"
-target = "long"
-mapping = "same_position"
-unmapped_value = 0.0
-"""
-STAGES = """
+tasks.short = { type = "factory", factory = "own:line", arguments = { length = 6 } }
+tasks.long = { type = "factory", factory = "own:line", arguments = { length = 12 } }
+transfers = [
+    { source = "short", target = "long", function = "own:halves" },
+    { source = "short", target = "long", mapping = "same_position", unmapped_value = 0.0 },
+]
+""",
+    "stages": """
 name = "stages"
 seeds = "0-5"
 seeds_per_unit = 2
 eval_freq = 100
-[tasks.first]
-type = "maze"
-map = "S...T"
-budget = 600
+tasks.first = { type = "maze", map = "S...T", budget = 600 }
+tasks.third = { type = "maze", map = "S......T", budget = 2000 }
+transfers = [
+    { source = "first", target = "second", mapping = "same_position" },
+    { source = "second", target = "third", mapping = "same_position" },
+]
 [tasks.second]
 type = "maze"
 map = "S....T"
 budget = { max_steps = 1000, threshold = 90.0, patience = 2 }
-[tasks.third]
-type = "maze"
-map = "S......T"
-budget = 2000
-[[transfers]]
-source = "first"
-target = "second"
-mapping = "same_position"
-[[transfers]]
-source = "second"
-target = "third"
-mapping = "same_position"
-"""
-LIVE = """
+""",
+    "live": """
 name = "live"
 seeds = "0-1"
 seeds_per_unit = 1
 eval_freq = 250
 budget = 500
 evaluation = { episodes = 10 }
-[tasks.cards]
-type = "gymnasium"
-id = "Blackjack-v1"
-[tasks.same]
-type = "gymnasium"
-id = "Blackjack-v1"
-[[transfers]]
-source = "cards"
-target = "same"
-mapping = "identity"
-"""
-STUDIES = {"maze": MAZE, "own_code": OWN_CODE, "stages": STAGES, "live": LIVE}
+tasks.cards = { type = "gymnasium", id = "Blackjack-v1" }
+tasks.same = { type = "gymnasium", id = "Blackjack-v1" }
+transfers = [{ source = "cards", target = "same", mapping = "identity" }]
+""",
+}
 OWN = """
 import curricle as cr
 from .rules import TREASURE

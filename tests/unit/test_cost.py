@@ -18,7 +18,7 @@ def estimates(study_file, monkeypatch):
     """The estimates for two seeds; a random step of any task takes a microsecond."""
     monkeypatch.setattr(cost, "pace", lambda task: PACE)
     study = read_study(study_file, set=["seeds=2"])
-    return {(one.arm, one.task): one for one in cost.costs(study, Arms.of(study))}
+    return {(row.arm, row.task): row for row in cost.costs(study, Arms.of(study))}
 
 
 def test_a_learning_step_takes_a_few_random_ones(estimates):
@@ -45,16 +45,11 @@ def test_exact_evaluations_are_counted(study_file, monkeypatch):
 
 DISTILLED = """
 name = "carts"
-[learner]
-type = "deep"
-algorithm = "PPO"
+learner = { type = "deep", algorithm = "PPO" }
+transfers = [{ source = "small", target = "large", mapping = "identity" }]
 [tasks]
 small = { type = "distilled", members = ["FrozenLake-v1"] }
 large = { type = "observation_task", id = "FrozenLake-v1", shaping = "PolicyReuse" }
-[[transfers]]
-source = "small"
-target = "large"
-mapping = "identity"
 """
 
 
@@ -62,23 +57,23 @@ def test_a_distillation_takes_seconds_and_no_steps(tmp_path):
     file = tmp_path / "carts.toml"
     file.write_text(DISTILLED)
     study = read_study(file)
-    (one,) = (each for each in cost.costs(study, Arms.of(study)) if each.task == "small")
-    assert one.steps == 0
-    assert one.seconds == len(study.seeds) * cost.DISTILLING
+    (row,) = (row for row in cost.costs(study, Arms.of(study)) if row.task == "small")
+    assert row.steps == 0
+    assert row.seconds == len(study.seeds) * cost.DISTILLING
 
 
 def test_where_results_go_on_a_cluster(monkeypatch):
     plan = {"tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}
     study = StudyConfig.from_data({"name": "line", "seeds": 6, "arms": {"a": plan}}, Path())
     arms = Arms.of(study)
-    each = cost.costs(study, arms)
-    nodes = [(one.seeds, arms.curricula[one.arm].node(one.task)) for one in each]
+    rows = cost.costs(study, arms)
+    nodes = [(row.seeds, arms.curricula[row.arm].node(row.task)) for row in rows]
     small = sum(seeds * bytes_a_seed(node) for seeds, node in nodes) / 1e6
-    assert traffic(study, arms, each) == (
+    assert traffic(study, arms, rows) == (
         f"on a cluster, results come back here: {small:.1f} MB at most"
     )
     monkeypatch.setattr(store, "FULL", 1)
-    assert traffic(study, arms, each).endswith(
+    assert traffic(study, arms, rows).endswith(
         "; with --out at a URL, workers write those of line there, and 0.0 MB come back"
     )
 

@@ -70,7 +70,7 @@ class FakeEngine(Engine):
 
 
 @pytest.fixture
-def own(tmp_path):
+def own_study(tmp_path):
     (tmp_path / "rules.py").write_text(RULES)
     (tmp_path / "own.toml").write_text(STUDY)
     return read_study(tmp_path / "own.toml")
@@ -115,15 +115,12 @@ def test_other_versions_name_the_worker_and_what_differs():
         check_versions("dask", {"tcp://a:1": here, "tcp://b:1": {**here, "numba": "0.1"}})
     with pytest.raises(SettingError, match="tcp://c:1 answered ModuleNotFoundError: No module"):
         check_versions("dask", {"tcp://c:1": ModuleNotFoundError("No module named 'curricle'")})
-
-
-def test_a_worker_that_came_later_is_compared_too():
-    sent = UnitInput("", "", "", None, {}, versions={**versions_here(), "numba": "0.1"})
+    later = UnitInput("", "", "", None, {}, versions={**here, "numba": "0.1"})
     with pytest.raises(EngineError, match=r"has numba .* and the run has 0\.1"):
-        train_sent(sent)
+        train_sent(later)
 
 
-def test_the_window_follows_the_number_of_workers(own, tmp_path, monkeypatch):
+def test_the_window_follows_the_number_of_workers(own_study, tmp_path, monkeypatch):
     study = read_study(tmp_path / "own.toml", set=["seeds=9", "seeds_per_unit=1"])
     monkeypatch.setattr(scheduling, "ASKED_AGAIN", 0.0)
     engine = FakeEngine([0, 0, 1, 3, 1])  # the first number is for the progress
@@ -146,16 +143,17 @@ def test_units_that_an_engine_cancels_say_that_it_was_lost(study_file, tmp_path,
         sent_units(engine, monkeypatch, read_study(study_file), tmp_path / "out")
 
 
-def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
-    arms, whole, first = Arms.of(own), FakeEngine([2]), []
+def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch):
+    arms, whole, first = Arms.of(own_study), FakeEngine([2]), []
     whole.carry([arms], tmp_path)
     assert whole.files == {"rules.py": RULES.encode()}
     monkeypatch.setattr(scheduling, "wait", whole.wait)
     monkeypatch.setattr(running, "_workers", lambda *_: whole)
     submit = whole.submit
-    whole.submit = lambda function, one: first.append(one) or submit(function, one)
-    (tmp_path / "rules.py").rename(tmp_path / "gone.py")
-    assert run_study_from(own, arms, tmp_path / "out", monkeypatch).seeds == (0, 1)
+    whole.submit = lambda function, sent: first.append(sent) or submit(function, sent)
+    (tmp_path / "rules.py").rename(tmp_path / "gone.py")  # what the driver has read before
+    monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
+    assert run_study(own_study, tmp_path / "out").seeds == (0, 1)
     assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
@@ -165,13 +163,9 @@ def test_modules_travel_and_others_are_refused(own, tmp_path, monkeypatch):
 TUNED_LAKES = """
 name = "lakes"
 seeds = 1
-[tasks]
-lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
-other = { type = "factory", factory = "lakes:tabled", budget = 200 }
-[[transfers]]
-source = "other"
-target = "lake"
-mapping = "identity"
+tasks.lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
+tasks.other = { type = "factory", factory = "lakes:tabled", budget = 200 }
+transfers = [{ source = "other", target = "lake", mapping = "identity" }]
 [tune]
 trials = 2
 seeds = 1
@@ -198,10 +192,10 @@ def tuned_lakes(tmp_path):
 
 
 def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
-    each, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
-    lakes.carry(each, tmp_path)
+    both, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
+    lakes.carry(both, tmp_path)
     assert {*lakes.files} == {"lakes.py", "living.py", "pooling.py"}
-    assert [arms.live for arms in each] == [False, True]
+    assert [arms.live for arms in both] == [False, True]
     assert lakes.live
 
 
@@ -229,12 +223,6 @@ def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_p
 
 def stop(*_, **__):
     raise StudyError("stopped")
-
-
-def run_study_from(study, arms, out, monkeypatch):
-    """Run a study whose modules the driver has read before and which are gone."""
-    monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
-    return run_study(study, out)
 
 
 class Recorder(Tracker):
@@ -270,56 +258,47 @@ def test_workers_read_and_write_large_units_at_a_url(
     returned, received = [], []
 
     def noted(sent):
-        found = train_sent(sent)
+        file = train_sent(sent)
         received.append(sent)
-        returned.append(found)
-        return found
+        returned.append(file)
+        return file
 
     monkeypatch.setattr(engine, "train_sent", noted)
-    study, recorder = read_study(study_file), Recorder()
-    sent_units(
-        FakeCluster([2]), monkeypatch, study, (tmp_path / "out").as_uri(), trackers=[recorder]
-    )
-    assert all(isinstance(one, StoredUnit) for one in returned)
-    assert all(len(pickle.dumps(one)) < 500 for one in returned)
+    study, recorder, url = read_study(study_file), Recorder(), (tmp_path / "out").as_uri()
+    sent_units(FakeCluster([2]), monkeypatch, study, url, trackers=[recorder])
+    assert all(isinstance(file, StoredUnit) for file in returned)
+    assert all(len(pickle.dumps(file)) < 500 for file in returned)
     assert all(not sent.sources for sent in received)
     assert any(sent.stored for sent in received)
     assert recorder.seeds == 16 * [2]
-    local = tmp_path / "local"
-    run_study(study, local)
-    assert contents(tmp_path / "out" / "units") == contents(local / "units")
+    run_study(study, tmp_path / "local")
+    assert contents(tmp_path / "out" / "units") == contents(tmp_path / "local" / "units")
 
 
 def test_small_units_come_back_and_share_files(study_file, finished, tmp_path, monkeypatch):
     study, out = read_study(study_file), tmp_path / "out"
     sent_units(FakeCluster([2]), monkeypatch, study, out.as_uri())
-    assert names_in(out) == names_in(finished)
+    here, there = (
+        sorted(file.relative_to(folder) for file in folder.rglob("*.npz"))
+        for folder in (out, finished)
+    )
+    assert here == there
 
 
-def names_in(folder):
-    return sorted(one.relative_to(folder) for one in folder.rglob("*.npz"))
-
-
-def test_a_worker_that_writes_elsewhere_is_told(study_file, tmp_path, monkeypatch):
+def test_what_a_worker_cannot_write_ends_the_run(study_file, tmp_path, monkeypatch):
     monkeypatch.setattr(store, "FULL", 1)
+    study, url = read_study(study_file), (tmp_path / "out").as_uri()
+    write = RemotePath.write
 
     def elsewhere(sent):
-        found = train_sent(sent)
-        found.path.unlink()
-        return found
+        file = train_sent(sent)
+        file.path.unlink()
+        return file
 
-    monkeypatch.setattr(engine, "train_sent", elsewhere)
-    with pytest.raises(StoreError, match="workers must write to the place of the run: file://"):
-        sent_units(
-            FakeCluster([2]), monkeypatch, read_study(study_file), (tmp_path / "out").as_uri()
-        )
-
-
-def test_a_place_that_a_worker_cannot_write_to_any_more_ends_the_run(
-    study_file, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(store, "FULL", 1)
-    write = RemotePath.write
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "train_sent", elsewhere)
+        with pytest.raises(StoreError, match="workers must write to the place of the run: file://"):
+            sent_units(FakeCluster([2]), patch, study, url)
 
     def failing(path, content):
         if path.suffix == ".npz":
@@ -327,13 +306,14 @@ def test_a_place_that_a_worker_cannot_write_to_any_more_ends_the_run(
         write(path, content)
 
     monkeypatch.setattr(RemotePath, "write", failing)
-    study, url = read_study(study_file), (tmp_path / "out").as_uri()
     with pytest.raises(LostStoreError, match="nothing answers"):
-        sent_units(FakeCluster([2]), monkeypatch, study, url)
+        sent_units(FakeCluster([2]), monkeypatch, study, url, resume=True)
 
 
 def test_what_a_cluster_begins_again_is_told(study_file, tmp_path, monkeypatch):
-    told, cluster = [], FakeCluster([2])
+    shown, cluster = [], FakeCluster([2])
     cluster.repeated = 3
-    sent_units(cluster, monkeypatch, read_study(study_file), tmp_path / "out", progress=told.append)
-    assert {one.repeated for one in told} == {3}
+    sent_units(
+        cluster, monkeypatch, read_study(study_file), tmp_path / "out", progress=shown.append
+    )
+    assert {now.repeated for now in shown} == {3}

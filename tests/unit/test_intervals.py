@@ -34,18 +34,12 @@ def normal(*shape, seed=7):
     return np.random.default_rng(seed).normal(size=shape)
 
 
-# Interquartile mean
-
-
 @pytest.mark.parametrize("seeds", range(1, 14))
 def test_interquartile_mean_leaves_out_a_quarter_at_each_end(seeds):
     values = normal(seeds, 3)
     cut = seeds // 4
     expected = np.sort(values, axis=0)[cut : seeds - cut].mean(axis=0)
     np.testing.assert_allclose(interquartile_mean(values), expected)
-
-
-# Student
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
@@ -89,8 +83,8 @@ def test_the_interquartile_interval_is_yuens(seeds):
 def test_each_checkpoint_has_the_interval_of_its_column(interval_of):
     values = normal(9, 4)
     single = [interval_of(column) for column in values.T]
-    np.testing.assert_allclose(interval_of(values).low, [each.low for each in single])
-    np.testing.assert_allclose(interval_of(values).high, [each.high for each in single])
+    np.testing.assert_allclose(interval_of(values).low, [column.low for column in single])
+    np.testing.assert_allclose(interval_of(values).high, [column.high for column in single])
 
 
 @BOTH
@@ -134,9 +128,6 @@ def test_an_interval_refuses(interval_of):
     check_values(SettingError, partial(interval_of, [1.0, 2.0]), {"confidence": [1.0, 95]})
 
 
-# Paired difference
-
-
 def test_paired_difference_cancels_what_the_seed_gives_to_both():
     a, b = normal(20, seed=1), normal(20, seed=2)
     common = 100 * normal(20)
@@ -159,9 +150,6 @@ def test_paired_difference_refuses_arms_that_do_not_match(a, b):
         paired_difference(a, b)
 
 
-# Printing
-
-
 @pytest.mark.parametrize(
     ("numbers", "n", "text"),
     [
@@ -175,9 +163,6 @@ def test_paired_difference_refuses_arms_that_do_not_match(a, b):
 )
 def test_interval_prints(numbers, n, text):
     assert str(Interval(*numbers, confidence=0.95, n=n)) == text
-
-
-# Performance profile
 
 
 def test_profile_by_hand():
@@ -199,9 +184,6 @@ def test_profile_has_wilsons_interval(above, confidence):
     expected = scipy.stats.binomtest(above, 9).proportion_ci(confidence, method="wilson")
     assert bounds(profile) == (pytest.approx([expected.low]), pytest.approx([expected.high]))
     assert profile.high[0] - profile.low[0] > 0.04
-
-
-# Probability of improvement
 
 
 def test_improvement_by_hand():
@@ -242,9 +224,6 @@ def test_improvement_without_overlap_still_has_a_width(seeds, low):
     assert (back.low, back.high) == (0.0, pytest.approx(1 - low, abs=1e-3))
 
 
-# Sign flips
-
-
 def test_sign_flips_by_hand():
     # Of (+-1 +-2 +-3) only +6 and -6 are as far out as 6; of (+-1 +-2 -+3), all reach 0.
     assert sign_flip_test([1.0, 2.0, 3.0]) == 2 / 8
@@ -264,8 +243,8 @@ def test_sign_flips_by_hand():
 def exact_p(differences):
     """The p-value of all 2^K sign vectors, with sums that are equal but for rounding."""
     sums = np.zeros(1)
-    for each in differences:
-        sums = np.concatenate([sums - each, sums + each])
+    for difference in differences:
+        sums = np.concatenate([sums - difference, sums + difference])
     slack = 1e-12 * np.abs(differences).sum()
     return np.mean(np.abs(sums) >= abs(differences.sum()) - slack)
 
@@ -289,11 +268,8 @@ def test_random_signs_come_close_to_all_signs():
 
 def test_random_signs_follow_the_seed():
     differences = normal(20)
-    one, same, other = (sign_flip_test(differences, resamples=500, seed=s) for s in (1, 1, 2))
-    assert one == same != other
-
-
-# Holm
+    first, same, other = (sign_flip_test(differences, resamples=500, seed=s) for s in (1, 1, 2))
+    assert first == same != other
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from curricle.cli.study_preview import units_left
-from curricle.errors import StoreError, StudyError
+from curricle.errors import StudyError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
 from curricle.study.arms import arms_from_json
 from curricle.study.results import DECISIONS, RESULTS
@@ -20,17 +20,9 @@ name = "own"
 seeds = 2
 eval_freq = 100
 budget = 300
-[tasks.short]
-type = "factory"
-factory = "tasks:line"
-arguments = { length = 4 }
-[tasks.long]
-type = "maze"
-map = "S......T"
-[[transfers]]
-source = "short"
-target = "long"
-function = "mappings.places:halves"
+tasks.short = { type = "factory", factory = "tasks:line", arguments = { length = 4 } }
+tasks.long = { type = "maze", map = "S......T" }
+transfers = [{ source = "short", target = "long", function = "mappings.places:halves" }]
 [arms.one]
 [arms.own]
 aggregate = "aggregates:second"
@@ -71,24 +63,24 @@ def trained(written):
 
 
 @pytest.fixture
-def own(written, trained, tmp_path):
+def copy(written, trained, tmp_path):
     """A copy of both; results are in out/."""
     return shutil.copytree(written, tmp_path / "own")
 
 
 def again(folder, *, set=(), out="out", **settings):
     """Resume the study; return what was trained, as "arm: task", and what was told."""
-    units, told = [], []
+    units, sentences = [], []
     run_study(
         read_study(folder / "own.toml", set=set),
         folder / out,
         resume=True,
         workers=1,
-        report=told.append,
-        progress=lambda one: units.append(one.stored),
+        report=sentences.append,
+        progress=lambda now: units.append(now.stored),
         **settings,
     )
-    return sorted(f"{unit.arm}: {unit.task}" for unit in units[1:]), sorted(told)
+    return sorted(f"{unit.arm}: {unit.task}" for unit in units[1:]), sorted(sentences)
 
 
 def change(file):
@@ -107,13 +99,6 @@ def stale(unit, why, seeds="0-1"):
     return f"{unit}, seeds {seeds}, is stale and trained again: {why}"
 
 
-@pytest.mark.parametrize("text", ["{", "[1]", '[{"versions": 3}]', "{}"])
-def test_a_list_of_runs_that_is_none_is_refused(own, text):
-    (own / "out" / "runs.json").write_text(text)
-    with pytest.raises(StoreError, match=r"runs\.json"):
-        again(own)
-
-
 # -- code --------------------------------------------------------------------------------------
 
 
@@ -129,78 +114,72 @@ def test_a_list_of_runs_that_is_none_is_refused(own, text):
         ("unused.py", False, []),
     ],
 )
-def test_what_used_changed_code_is_named_and_trained_again(own, module, of_source, units):
-    change(own / module)
-    trained, told = again(own)
+def test_what_used_changed_code_is_named_and_trained_again(copy, module, of_source, units):
+    change(copy / module)
+    trained, sentences = again(copy)
     assert trained == units
     reasons = dict.fromkeys(units, f"{module} changed")
     if of_source:
         reasons |= dict.fromkeys([ONE, OWN], "its source short changed")
-    assert told == [stale(unit, why) for unit, why in reasons.items()]
-    assert_as_from_scratch(own)
-    assert again(own) == ([], [])
+    assert sentences == [stale(unit, why) for unit, why in reasons.items()]
+    assert_as_from_scratch(copy)
+    assert again(copy) == ([], [])
 
 
-def test_changed_code_gives_the_results_of_a_new_run_in_the_same_session(own):
-    before = StudyResults(own / "out").result("one", "long", values=True).values
-    (own / "rules.py").write_text("import curricle as cr\nREWARDS = cr.Rewards(treasure=2000)\n")
-    again(own)
-    found = StudyResults(own / "out").result("one", "short", values=True)
-    assert found.values.max() > 500
-    assert not np.array_equal(
-        StudyResults(own / "out").result("one", "long", values=True).values, before
-    )
+def test_changed_code_gives_the_results_of_a_new_run_in_the_same_session(copy):
+    before = StudyResults(copy / "out").result("one", "long", values=True).values
+    (copy / "rules.py").write_text("import curricle as cr\nREWARDS = cr.Rewards(treasure=2000)\n")
+    again(copy)
+    after = StudyResults(copy / "out")
+    assert after.result("one", "short", values=True).values.max() > 500
+    assert not np.array_equal(after.result("one", "long", values=True).values, before)
 
 
-def test_code_that_is_as_it_was_finds_its_units_again(own):
-    text = (own / "numbers.py").read_text()
-    change(own / "numbers.py")
-    again(own)
-    (own / "numbers.py").write_text(text)
-    assert again(own) == ([], [])
-    assert_as_from_scratch(own)
+def test_code_that_is_as_it_was_finds_its_units_again(copy):
+    text = (copy / "numbers.py").read_text()
+    change(copy / "numbers.py")
+    again(copy)
+    (copy / "numbers.py").write_text(text)
+    assert again(copy) == ([], [])
+    assert_as_from_scratch(copy)
 
 
-def test_line_ends_and_places_are_no_change(own, tmp_path):
-    for file in own.rglob("*.py"):
+def test_line_ends_and_places_are_no_change(copy, tmp_path):
+    for file in copy.rglob("*.py"):
         file.write_bytes(file.read_bytes().replace(b"\n", b"\r\n"))
-    assert again(own.rename(tmp_path / "elsewhere")) == ([], [])
+    assert again(copy.rename(tmp_path / "elsewhere")) == ([], [])
 
 
-def test_stale_units_are_kept_if_asked_for(own, contents):
-    before = contents(own / "out" / "units")
-    change(own / "rules.py")
-    change(own / "aggregates.py")
+def test_stale_units_are_kept_if_asked_for(copy, contents):
+    before = contents(copy / "out" / "units")
+    change(copy / "rules.py")
+    change(copy / "aggregates.py")
     kept = [f"{OWN}, seeds 0-1, is stale and kept: aggregates.py changed"]
     kept += [f"{SHORT}, seeds 0-1, is stale and kept: rules.py changed"]
-    assert again(own, keep_stale=True) == ([], sorted(kept))
-    assert contents(own / "out" / "units") == before
-    assert StudyResults(own / "out").seeds == (0, 1)
-    assert again(own, keep_stale=True) == ([], sorted(kept))
+    assert again(copy, keep_stale=True) == ([], sorted(kept))
+    assert contents(copy / "out" / "units") == before
+    assert StudyResults(copy / "out").seeds == (0, 1)
+    assert again(copy, keep_stale=True) == ([], sorted(kept))
 
 
-def test_stale_units_can_be_kept_after_training_them_again_was_begun(own):
+def test_stale_units_can_be_kept_after_training_them_again_was_begun(copy):
     def interrupt(progress):
         if progress.stored is not None:
             raise KeyboardInterrupt
 
-    change(own / "rules.py")
+    change(copy / "rules.py")
+    study = read_study(copy / "own.toml", set=["seeds=1"])
     with pytest.raises(KeyboardInterrupt):
-        run_study(
-            read_study(own / "own.toml", set=["seeds=1"]),
-            own / "out",
-            resume=True,
-            progress=interrupt,
-        )
-    assert len(StudyStore(own / "out").finished()) == 5  # one more, of a single seed
-    trained, (told,) = again(own, keep_stale=True)
+        run_study(study, copy / "out", resume=True, progress=interrupt)
+    assert len(StudyStore(copy / "out").finished()) == 5  # one more, of a single seed
+    trained, (sentences,) = again(copy, keep_stale=True)
     assert trained == []
-    assert told == f"{SHORT}, seeds 0-1, is stale and kept: rules.py changed"
+    assert sentences == f"{SHORT}, seeds 0-1, is stale and kept: rules.py changed"
 
 
-def test_only_code_is_kept_when_stale(own):
-    change(own / "rules.py")
-    trained, _ = again(own, keep_stale=True, set=["tasks.long.learner.epsilon=0.5"])
+def test_only_code_is_kept_when_stale(copy):
+    change(copy / "rules.py")
+    trained, _ = again(copy, keep_stale=True, set=["tasks.long.learner.epsilon=0.5"])
     assert trained == [ONE, OWN, SCRATCH]
 
 
@@ -217,127 +196,121 @@ def upgraded(monkeypatch):
     return upgrade
 
 
-def test_another_version_of_curricle_makes_units_stale(own, upgraded):
+def test_another_version_of_curricle_makes_units_stale(copy, upgraded):
     why = f"Curricle was {upgraded('curricle')} and is 9.0"
-    assert again(own, keep_stale=True)[0] == []
-    trained, told = again(own)
+    assert again(copy, keep_stale=True)[0] == []
+    trained, sentences = again(copy)
     assert trained == [ONE, SHORT, OWN, SCRATCH]
-    assert told[-1] == stale(SCRATCH, why)
-    assert all(why in sentence for sentence in told)
+    assert sentences[-1] == stale(SCRATCH, why)
+    assert all(why in sentence for sentence in sentences)
 
 
-def test_another_version_of_a_library_is_told(own, upgraded):
+def test_another_version_of_a_library_is_told(copy, upgraded):
     before = upgraded("numba")
-    trained, (told,) = again(own)
+    trained, (sentences,) = again(copy)
     assert trained == []
-    assert told.startswith(f"numba was {before} in earlier runs and is 9.0: ")
+    assert sentences.startswith(f"numba was {before} in earlier runs and is 9.0: ")
 
 
-def test_code_that_changes_during_a_run_ends_it(own):
-    study = read_study(own / "own.toml")
+def test_code_that_changes_during_a_run_ends_it(copy):
+    study = read_study(copy / "own.toml")
     _ = study.curricula
 
     def edit(progress):
         if progress.stored is not None and progress.stored.task == "short":
-            change(own / "aggregates.py")
+            change(copy / "aggregates.py")
             arms_from_json.cache_clear()  # as in a worker that starts only now
 
     with pytest.raises(StudyError, match=r"long, .* aggregates.py is not as it was when the run"):
-        run_study(study, own / "new", workers=1, progress=edit)
-    assert {unit.about.task for unit in StudyStore(own / "new").units()} <= {"short", "long"}
-    again(own, out="new")
-    shutil.rmtree(own / "out")
-    (own / "new").rename(own / "out")
-    assert_as_from_scratch(own)
+        run_study(study, copy / "new", workers=1, progress=edit)
+    assert {unit.about.task for unit in StudyStore(copy / "new").units()} <= {"short", "long"}
+    again(copy, out="new")
+    shutil.rmtree(copy / "out")
+    (copy / "new").rename(copy / "out")
+    assert_as_from_scratch(copy)
 
 
 # -- arms, seeds, settings ---------------------------------------------------------------------
 
-MORE = """
-[arms.state]
-shaping = "StateShaping"
-"""
-COSTLIER = """
-[arms.long_source]
-tasks.short.budget = 500
-"""
+MORE = '\n[arms.state]\nshaping = "StateShaping"\n'
+COSTLIER = "\n[arms.long_source]\ntasks.short.budget = 500\n"
 
 
-def test_an_added_arm_is_all_that_is_trained(own, contents):
-    before = contents(own / "out" / "units")
-    with (own / "own.toml").open("a") as file:
+def test_an_added_arm_is_all_that_is_trained(copy, contents):
+    before = contents(copy / "out" / "units")
+    with (copy / "own.toml").open("a") as file:
         file.write(MORE)
-    assert again(own) == (["state: long"], [])
-    assert before.items() <= contents(own / "out" / "units").items()
-    assert list(StudyResults(own / "out").results) == ["scratch", "one", "own", "state"]
-    assert_as_from_scratch(own)
+    assert again(copy) == (["state: long"], [])
+    assert before.items() <= contents(copy / "out" / "units").items()
+    assert list(StudyResults(copy / "out").results) == ["scratch", "one", "own", "state"]
+    assert_as_from_scratch(copy)
 
 
-def test_an_added_arm_with_costlier_sources_lengthens_all_targets(own):
-    with (own / "own.toml").open("a") as file:
+def test_an_added_arm_with_costlier_sources_lengthens_all_targets(copy):
+    with (copy / "own.toml").open("a") as file:
         file.write(COSTLIER)
-    trained, told = again(own)
+    trained, sentences = again(copy)
     assert trained == ["long_source: long", "long_source: short", ONE, OWN, SCRATCH]
-    assert told == [stale(unit, "total was 600 and is 800") for unit in (ONE, OWN, SCRATCH)]
-    assert_as_from_scratch(own)
+    assert sentences == [stale(unit, "total was 600 and is 800") for unit in (ONE, OWN, SCRATCH)]
+    assert_as_from_scratch(copy)
 
 
-def test_a_removed_arm_is_not_in_the_results_and_comes_back_untrained(own, contents):
-    text, before = (own / "own.toml").read_text(), contents(own / "out" / "units")
-    (own / "own.toml").write_text(text.partition("[arms.own]")[0])
-    assert again(own) == ([], [])
-    assert list(StudyResults(own / "out").results) == ["scratch", "one"]
-    assert contents(own / "out" / "units") == before
-    assert_as_from_scratch(own)
-    (own / "own.toml").write_text(text)
-    assert again(own) == ([], [])
-    assert list(StudyResults(own / "out").results) == ["scratch", "one", "own"]
-    assert_as_from_scratch(own)
+def test_a_removed_arm_is_not_in_the_results_and_comes_back_untrained(copy, contents):
+    text, before = (copy / "own.toml").read_text(), contents(copy / "out" / "units")
+    (copy / "own.toml").write_text(text.partition("[arms.own]")[0])
+    assert again(copy) == ([], [])
+    assert list(StudyResults(copy / "out").results) == ["scratch", "one"]
+    assert contents(copy / "out" / "units") == before
+    assert_as_from_scratch(copy)
+    (copy / "own.toml").write_text(text)
+    assert again(copy) == ([], [])
+    assert list(StudyResults(copy / "out").results) == ["scratch", "one", "own"]
+    assert_as_from_scratch(copy)
 
 
 @pytest.mark.parametrize("seeds", ["seeds=3", "seeds=[0, 1, 5]"])
-def test_added_seeds_are_all_that_is_trained(own, seeds):
-    assert again(own, set=[seeds]) == ([ONE, SHORT, OWN, SCRATCH], [])
-    assert_as_from_scratch(own, set=[seeds])
+def test_added_seeds_are_all_that_is_trained(copy, seeds):
+    assert again(copy, set=[seeds]) == ([ONE, SHORT, OWN, SCRATCH], [])
+    assert_as_from_scratch(copy, set=[seeds])
 
 
-def test_a_longer_budget_keeps_the_sources(own):
+def test_a_longer_budget_keeps_the_sources(copy):
     longer = ["tasks.long.budget=500"]
-    trained, told = again(own, set=longer)
+    trained, sentences = again(copy, set=longer)
     assert trained == [ONE, OWN, SCRATCH]
     why = "budget was 300 and is 500; total was 600 and is 800"
-    assert told == [stale(unit, why) for unit in trained]
-    assert_as_from_scratch(own, set=longer)
+    assert sentences == [stale(unit, why) for unit in trained]
+    assert_as_from_scratch(copy, set=longer)
 
 
-def test_all_at_once_gives_what_a_run_from_scratch_gives(own):
-    with (own / "own.toml").open("a") as file:
+def test_all_at_once_gives_what_a_run_from_scratch_gives(copy):
+    with (copy / "own.toml").open("a") as file:
         file.write(MORE + COSTLIER)
     changes = ["seeds=[1, 2, 3]", "tasks.long.budget=400", "eval_freq=50"]
-    again(own, set=["seeds=3"])
-    again(own, set=["seeds=4"])
-    again(own, set=changes)
-    assert_as_from_scratch(own, set=changes)
+    again(copy, set=["seeds=3"])
+    again(copy, set=["seeds=4"])
+    again(copy, set=changes)
+    assert_as_from_scratch(copy, set=changes)
 
 
-def test_a_dry_run_tells_the_same_and_changes_nothing(own, contents):
-    change(own / "aggregates.py")
-    damaged = next((own / "out" / "units").glob("short-*/*.npz"))
+def test_a_dry_run_tells_the_same_and_changes_nothing(copy, contents):
+    change(copy / "aggregates.py")
+    damaged = next((copy / "out" / "units").glob("short-*/*.npz"))
     damaged.write_bytes(damaged.read_bytes()[::-1])
-    before, study = contents(own), read_study(own / "own.toml")
-    lines = [*units_left(study, own / "out", (1, 1), keep_stale=False)]
+    before, study = contents(copy), read_study(copy / "own.toml")
+    lines = [*units_left(study, copy / "out", (1, 1), keep_stale=False)]
     assert lines == [
         f"{damaged} is damaged: its units are trained again",
         stale(OWN, "aggregates.py changed"),
         f"{SHORT}, seeds 0-1: 300 steps at most",
         f"{OWN}, seeds 0-1: 600 steps at most",
-        f"2 units to do, 2 done, in {own / 'out'}",
+        f"2 units to do, 2 done, in {copy / 'out'}",
     ]
-    kept = [*units_left(study, own / "out", (1, 1), keep_stale=True)]
+    kept = [*units_left(study, copy / "out", (1, 1), keep_stale=True)]
     assert kept[1:] == [
         lines[1].replace("trained again", "kept"),
         lines[2],
-        f"1 unit to do, 3 done, in {own / 'out'}",
+        f"1 unit to do, 3 done, in {copy / 'out'}",
     ]
-    assert contents(own) == before
-    assert again(own) == ([SHORT, OWN], sorted(lines[:2]))
+    assert contents(copy) == before
+    assert again(copy) == ([SHORT, OWN], sorted(lines[:2]))

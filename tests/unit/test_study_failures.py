@@ -46,19 +46,19 @@ def study(study_file, tmp_path):
 def test_the_other_arms_stand(study, finished, tmp_path):
     trained = []
     with pytest.raises(StudyError, match="state: easy, seeds 0-1 failed, and all that is stored"):
-        run_study(study, tmp_path / "out", workers=1, progress=lambda one: trained.append(one))
-    found, wanted = StudyResults(tmp_path / "out"), StudyResults(finished)
-    assert (found.failed, found.seeds) == ({"state": WORDS}, (0, 1, 2, 3))
-    labels = [one.stored.label for one in trained[1:]]
+        run_study(study, tmp_path / "out", workers=1, progress=trained.append)
+    results, wanted = StudyResults(tmp_path / "out"), StudyResults(finished)
+    assert (results.failed, results.seeds) == ({"state": WORDS}, (0, 1, 2, 3))
+    labels = [now.stored.label for now in trained[1:]]
     assert not any(label.startswith("state: ") for label in labels)
     assert sum(label.startswith("calibrated: ") for label in labels) == 4  # and was after it
-    lines = str(found.comparison).split("\n")
+    lines = str(results.comparison).split("\n")
     assert lines[-1] == f"state failed: {WORDS}"
     for name in ("scratch", "chain", "calibrated"):
         np.testing.assert_array_equal(
-            found.comparison[name].curve.values, wanted.comparison[name].curve.values
+            results.comparison[name].curve.values, wanted.comparison[name].curve.values
         )
-    assert set(found.comparison.arms) == {"scratch", "chain", "calibrated"}
+    assert set(results.comparison.arms) == {"scratch", "chain", "calibrated"}
     page = write_report(tmp_path / "out").read_text()
     assert f"The arm state failed and is left out: {WORDS}" in page
 
@@ -68,10 +68,10 @@ def test_what_failed_is_trained_again(study, finished, tmp_path, contents):
         run_study(study, tmp_path / "out", workers=1)
     assert (tmp_path / "out" / FAILURES).exists()
     (tmp_path / "broken").unlink()
-    found = run_study(study, tmp_path / "out", resume=True, workers=2)
-    assert found.failed == {}
+    results = run_study(study, tmp_path / "out", resume=True, workers=2)
+    assert results.failed == {}
     wanted = StudyResults(finished).comparison
-    assert str(found.comparison) == str(wanted)
+    assert str(results.comparison) == str(wanted)
     assert not (tmp_path / "out" / FAILURES).exists()
 
 
@@ -97,10 +97,10 @@ def mean(values):
 class Copies(Executor):
     """Hands on what is raised as another process does: pickled here and unpickled there."""
 
-    def submit(self, function, given):
+    def submit(self, function, sent_unit):
         future = Future()
         try:
-            future.set_result(function(given))
+            future.set_result(function(sent_unit))
         except Exception as error:
             try:
                 future.set_exception(pickle.loads(pickle.dumps(error)))
@@ -115,9 +115,9 @@ class CopiesOfSent(Copies):
     def __init__(self, rules):
         self.files = {"rules.py": rules.read_bytes()}
 
-    def submit(self, function, given):
-        sent = given._replace(files=self.files, versions=versions_here())
-        return super().submit(lambda _: train_sent(sent), given)
+    def submit(self, function, sent_unit):
+        sent = sent_unit._replace(files=self.files, versions=versions_here())
+        return super().submit(lambda _: train_sent(sent), sent_unit)
 
 
 @pytest.fixture
@@ -138,12 +138,12 @@ def told_of(study, out, pool):
     return str(caught.value), caught.value.__cause__ is None, (out / FAILURES).read_bytes()
 
 
-@pytest.mark.parametrize(("error", "words"), [("Unmet", "Unmet: "), ("Ours", "")])
+@pytest.mark.parametrize(("error", "kind"), [("Unmet", "Unmet: "), ("Ours", "")])
 def test_errors_of_ones_own_read_the_same_wherever_units_are_trained(
-    own_errors, tmp_path, error, words
+    own_errors, tmp_path, error, kind
 ):
     wanted = told_of(own_errors(error), tmp_path / "threads", None)
-    assert f"whole: {words}a rule of the thesis is not met: got 3" in wanted[0]
+    assert f"whole: {kind}a rule of the thesis is not met: got 3" in wanted[0]
     for pool in (Copies(), CopiesOfSent(tmp_path / "rules.py")):
         out = tmp_path / type(pool).__name__
         assert told_of(own_errors(error), out, pool) == wanted
@@ -159,45 +159,38 @@ def test_so_they_do_in_processes(own_errors, tmp_path):
 class FailsScratch(Executor):
     """Trains a unit when it is submitted, unless it is of the arm from scratch."""
 
-    def submit(self, function, given):
+    def submit(self, function, sent_unit):
         future = Future()
-        if given.unit.arm == "scratch":
+        if sent_unit.unit.arm == "scratch":
             future.set_exception(MemoryError("64 TB"))
         else:
-            future.set_result(function(given))
+            future.set_result(function(sent_unit))
         return future
 
 
 def test_without_scratch_nothing_more_is_trained(study_file, tmp_path):
     out, begun = tmp_path / "out", []
+    how = {"workers": 1, "executor": FailsScratch(), "progress": begun.append}
     with pytest.raises(StudyError, match=r"scratch: maze, seeds 0-1 failed, .* MemoryError: 64 TB"):
-        run_study(
-            read_study(study_file), out, workers=1, executor=FailsScratch(), progress=begun.append
-        )
-    found = StudyResults(out)
-    assert set(found.failed) == {"scratch"}
+        run_study(read_study(study_file), out, **how)
+    results = StudyResults(out)
+    assert set(results.failed) == {"scratch"}
     assert len(begun) <= 3  # what had been submitted ahead
     with pytest.raises(StoreError, match="learnt from scratch, which failed in "):
-        _ = found.comparison
+        _ = results.comparison
 
 
 def test_merged_parts_keep_their_failures(study, tmp_path):
-    for i in (1, 2):
+    parts = [tmp_path / f"part-{i}" for i in (1, 2)]
+    for i, part in enumerate(parts):
         with pytest.raises(StudyError):
-            run_study(study, tmp_path / f"part-{i}", workers=1, shard=(i, 2))
-    found = merge(tmp_path / "whole", [tmp_path / "part-1", tmp_path / "part-2"])
-    assert found.failed == {"state": WORDS}
-    assert found.seeds == (0, 1, 2, 3)
-
-
-def test_a_part_that_is_merged_later_forgets_no_failure(study, tmp_path):
-    with pytest.raises(StudyError):
-        run_study(study, tmp_path / "part-1", workers=1, shard=(1, 2))
+            run_study(study, part, workers=1, shard=(i + 1, 2))
+    whole = merge(tmp_path / "whole", parts)
+    assert (whole.failed, whole.seeds) == ({"state": WORDS}, (0, 1, 2, 3))
     (tmp_path / "broken").unlink()
-    run_study(study, tmp_path / "part-2", workers=1, shard=(2, 2))
-    for part in ("part-1", "part-2", "part-1"):
-        found = merge(tmp_path / "whole", [tmp_path / part])
-        assert found.failed == {"state": WORDS}
+    run_study(study, parts[1], workers=1, shard=(2, 2), resume=True)
+    for part in (*parts, parts[0]):  # a part that is merged later forgets no failure
+        assert merge(tmp_path / "later", [part]).failed == {"state": WORDS}
 
 
 @pytest.mark.parametrize(
@@ -212,9 +205,9 @@ def test_a_damaged_list_of_failures_is_a_sentence(copied, content):
 
 
 def test_the_exit_code_and_show_tell_of_it(study, tmp_path, curricle):
-    out = tmp_path / "out"
-    code, told, complaint = curricle("run", tmp_path / "chain.toml", "--out", out, "--workers", "1")
-    assert (code, told) == (3, "")
+    out, file = tmp_path / "out", tmp_path / "chain.toml"
+    code, printed, complaint = curricle("run", file, "--out", out, "--workers", "1")
+    assert (code, printed) == (3, "")
     assert re.search(r'rules\.py", line \d+, in mean', complaint)
     # The arm's other seeds may have begun before these failed; then they are named as well.
     assert complaint.splitlines()[-1].startswith(

@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -33,9 +33,9 @@ def read_everything(folder):
 def refused(contents):
     """A function: folder, words, study, settings -> a run is refused, and leaves all as it was."""
 
-    def run(folder, words, study, **settings):
+    def run(folder, fault, study, **settings):
         before = contents(folder) if folder.is_dir() else folder.read_bytes()
-        with pytest.raises(StoreError, match=words) as caught:
+        with pytest.raises(StoreError, match=fault) as caught:
             run_study(study, folder, **settings)
         assert str(folder) in str(caught.value)
         assert "\n" not in str(caught.value)
@@ -48,8 +48,7 @@ def refused(contents):
 
 
 @pytest.mark.parametrize(
-    "change",
-    ["name=other", "threshold=3", "window=1", "seeds_per_unit=4", "seeds=1"],
+    "change", ["name=other", "threshold=3", "window=1", "seeds_per_unit=4", "seeds=1"]
 )
 def test_what_only_concerns_its_reading_may_change(study_file, finished, copied, contents, change):
     run_study(read_study(study_file, set=[change]), copied, resume=True)
@@ -126,51 +125,39 @@ def test_stored_errors_name_files_without_their_folders(text, kept):
 # -- damage ------------------------------------------------------------------------------------
 
 
-def cut(content):
-    return content[: len(content) // 2]
+def harmed(content, how):
+    """A content that is cut, emptied or flipped in a bit."""
+    middle = len(content) // 2
+    if how == "flipped":
+        return content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1 :]
+    return content[:middle] if how == "cut" else b""
 
 
-def emptied(content):
-    return b""
-
-
-def flipped(content):
-    harmed = bytearray(content)
-    harmed[len(content) // 2] ^= 4
-    return bytes(harmed)
-
-
-@pytest.mark.parametrize("harm", [cut, emptied, flipped, Path.unlink])
+@pytest.mark.parametrize("how", ["cut", "emptied", "flipped", "gone"])
 @pytest.mark.parametrize("number", [0, -1])
-def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, number, harm):
-    file = StudyStore(copied).units()[number].path  # the first has snapshots
-    if harm is Path.unlink:
+def test_a_damaged_file_is_named_and_heals(study_file, finished, copied, contents, number, how):
+    file, gone = StudyStore(copied).units()[number].path, how == "gone"  # the first has snapshots
+    file.write_bytes(harmed(file.read_bytes(), how))
+    if gone:
         file.unlink()
-    else:
-        file.write_bytes(harm(file.read_bytes()))
-    before, gone = contents(copied), not file.exists()
+    before = contents(copied)
     if not gone:  # then there is no unit
         with pytest.raises(StoreError, match=re.escape(f"{file} is damaged")) as caught:
             read_everything(copied)
         assert "run the study again with --resume" in str(caught.value)
     assert contents(copied) == before
-    told, stored = [], []
-    run_study(
-        read_study(study_file),
-        copied,
-        resume=True,
-        report=told.append,
-        progress=lambda one: stored.append(one.stored),
-    )
-    assert told == ([] if gone else [f"{file} is damaged: its units are trained again"])
+    sentences, stored = [], []
+    noted = {"report": sentences.append, "progress": lambda now: stored.append(now.stored)}
+    run_study(read_study(study_file), copied, resume=True, **noted)
+    assert sentences == ([] if gone else [f"{file} is damaged: its units are trained again"])
     assert len(stored) == 1 + 2  # both units that it held
     assert contents(copied) == contents(finished)
 
 
-@pytest.mark.parametrize("harm", [cut, emptied, flipped])
-def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, contents, harm):
+@pytest.mark.parametrize("how", ["cut", "emptied", "flipped"])
+def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, contents, how):
     file = copied / "study.json"
-    file.write_bytes(harm(file.read_bytes()))
+    file.write_bytes(harmed(file.read_bytes(), how))
     before = contents(copied)
     study = read_study(study_file)
     for read in (lambda: StudyResults(copied), lambda: run_study(study, copied, resume=True)):
@@ -182,15 +169,20 @@ def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, 
     assert contents(copied) == contents(finished)
 
 
-def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
-    file = StudyStore(copied).units()[0].path
+def with_flipped_bits(file):
+    """Yield after each of 2,000 bits of a file was flipped alone."""
     whole, draws = file.read_bytes(), np.random.default_rng(0)
-    assert StudyStore(copied).is_whole(StoredUnit.at(file))
     for place in draws.integers(0, len(whole), 2000):
         bit = 1 << int(draws.integers(0, 8))
         file.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
-        unit = StoredUnit.at(file)
-        store = StudyStore(copied)
+        yield
+
+
+def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
+    file = StudyStore(copied).units()[0].path
+    assert StudyStore(copied).is_whole(StoredUnit.at(file))
+    for _ in with_flipped_bits(file):
+        unit, store = StoredUnit.at(file), StudyStore(copied)
         assert not store.is_whole(unit)
         with pytest.raises(StoreError, match=re.escape(f"{file} is damaged")):
             store.arrays(unit, "run")
@@ -198,20 +190,11 @@ def test_no_flipped_bit_of_a_unit_goes_unnoticed(copied):
 
 def test_no_flipped_bit_of_what_is_read_of_a_large_unit_goes_unnoticed(copied, monkeypatch):
     monkeypatch.setattr("curricle.files.READ_AT_ONCE", 0)
-    store = StudyStore(copied)
-    unit = store.units()[0]
-    whole, draws = unit.path.read_bytes(), np.random.default_rng(0)
-    wanted = store.arrays(unit, "run")
-    for place in draws.integers(0, len(whole), 2000):
-        bit = 1 << int(draws.integers(0, 8))
-        unit.path.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
-        try:
-            found = store.arrays(unit, "run")
-        except StoreError:
-            continue
-        assert {name: array.tobytes() for name, array in found.items()} == {
-            name: array.tobytes() for name, array in wanted.items()
-        }
+    unit = StudyStore(copied).units()[0]
+    whole = {name: array.tobytes() for name, array in unit.arrays("run").items()}
+    for _ in with_flipped_bits(unit.path):
+        with suppress(StoreError):
+            assert {k: array.tobytes() for k, array in unit.arrays("run").items()} == whole
 
 
 @pytest.mark.parametrize("name", ["results.parquet", "decisions.parquet"])
@@ -221,15 +204,13 @@ def test_tables_of_all_units_are_written_anew(study_file, finished, copied, cont
     assert contents(copied) == contents(finished)
 
 
-@pytest.mark.parametrize("text", ["{", "{}", "[3]", "null"])
+@pytest.mark.parametrize("text", ["{", "{}", "[3]", "null", '[{"versions": 3}]'])
 @pytest.mark.parametrize("name", ["runs.json", "analysis.json"])
 def test_what_blocks_a_run_says_how_to_go_on(study_file, copied, name, text):
-    (copied / name).write_text(text)
-    with pytest.raises(StoreError, match=f"{name} .*; delete it and run .* again with --resume"):
-        run_study(read_study(study_file), copied, resume=True)
-    (copied / name).write_bytes(sealed({"of": 3}))
-    with pytest.raises(StoreError, match=f"{name} .*; delete it and run .* again with --resume"):
-        run_study(read_study(study_file), copied, resume=True)
+    for content in (text.encode(), sealed({"of": 3})):
+        (copied / name).write_bytes(content)
+        with pytest.raises(StoreError, match=f"{name} .*; delete it and run .* again with --resu"):
+            run_study(read_study(study_file), copied, resume=True)
     (copied / name).unlink()
     assert len(run_study(read_study(study_file), copied, resume=True).seeds) == 4
 
@@ -249,7 +230,7 @@ def test_other_snapshots_are_refused_where_units_have_theirs(study_file, copied,
 
 HOLDING = """
 import sys
-from pathlib import Path
+from contextlib import suppress
 from curricle.study import read_study
 from curricle.study import run_study
 
@@ -265,11 +246,11 @@ run_study(read_study(sys.argv[1]), sys.argv[2], workers=1, progress=hold)
 def test_only_one_process_works_on_a_study(study_file, finished, tmp_path, contents, refused):
     out, study = tmp_path / "out", read_study(study_file)
     command = [sys.executable, "-c", HOLDING, str(study_file), str(out)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as one:
-        assert one.stdout.readline().startswith("stored ")
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout.readline().startswith("stored ")
         for resume in (False, True):
             refused(out, "another is at work on", study, resume=resume)
-        one.kill()
+        run.kill()
     assert len(StudyResults(out).store.units()) == 1
     run_study(study, out, resume=True, workers=2)  # the lock has gone with the process
     assert contents(out) == contents(finished)
@@ -313,8 +294,8 @@ def test_a_full_disk_leaves_whole_units(study_file, tmp_path, contents):
     assert {unit.about.task for unit in stored} <= {"corner", "easy"}
     complete = StudyStore(whole).finished()
     for unit in stored:
-        wanted = StudyStore(whole).result(complete[unit.key][unit.seeds[0]], unit.seeds).arrays
-        for name, array in StudyStore(out).result(unit, unit.seeds).arrays.items():
+        wanted = complete[unit.key][unit.seeds[0]].result(unit.seeds).arrays
+        for name, array in unit.result(unit.seeds).arrays.items():
             there = wanted[name][..., : array.shape[-1]]  # longer where others of its file are
             np.testing.assert_array_equal(array, there, name)
     run_study(read_study(file), out, resume=True, workers=2)

@@ -19,27 +19,16 @@ CORNER = """
 name = "corner"
 seeds = 3
 eval_freq = 100
-[learner]
-learning_rate = 0.5
-epsilon = 0.1
+learner = { learning_rate = 0.5, epsilon = 0.1 }
+transfers = [{ source = "corner", target = "maze", mapping = "same_position" }]
+[tasks]
+maze = { type = "maze", map = "....T\\n.PPP.\\nS....", budget = 1000 }
 [tasks.corner]
 type = "crop"
 of = "maze"
 rows = [0, 2]
 columns = [2, 5]
 budget = { max_steps = 4000 }
-[tasks.maze]
-type = "maze"
-map = '''
-....T
-.PPP.
-S....
-'''
-budget = 1000
-[[transfers]]
-source = "corner"
-target = "maze"
-mapping = "same_position"
 """
 LINES = """
 name = "lines"
@@ -50,14 +39,16 @@ tasks.near = { type = 'maze', map = 'S..T', budget = { max_steps = 100 } }
 tasks.far = { type = 'maze', map = 'S...T', budget = 200 }
 transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
 """
-KINDS = {"VARCHAR": pl.String, "BIGINT": pl.Int64, "DOUBLE": pl.Float64, "BOOLEAN": pl.Boolean}
-CURVES = dict.fromkeys(("arm", "task"), "VARCHAR")
-CURVES |= dict.fromkeys(("seed", "checkpoint", "steps", "source_steps"), "BIGINT")
-CURVES |= dict.fromkeys(("training_return", "greedy_return", "guard_share"), "DOUBLE")
-CURVES |= {"episodes": "BIGINT"}
-DECISIONS = {"arm": "VARCHAR", "task": "VARCHAR", "seed": "BIGINT", "steps": "BIGINT"}
-DECISIONS |= {"ends": "BOOLEAN", "criterion": "VARCHAR"}
-DECISIONS |= dict.fromkeys(("lowest", "level", "rise", "plateau"), "DOUBLE") | {"reason": "VARCHAR"}
+TEXT, INT, FLOAT = "VARCHAR", "BIGINT", "DOUBLE"
+CURVES = {
+    **{"arm": TEXT, "task": TEXT, "seed": INT, "checkpoint": INT, "steps": INT},
+    **{"source_steps": INT, "training_return": FLOAT, "greedy_return": FLOAT},
+    **{"guard_share": FLOAT, "episodes": INT},
+}
+DECISIONS = {
+    **{"arm": TEXT, "task": TEXT, "seed": INT, "steps": INT, "ends": "BOOLEAN", "criterion": TEXT},
+    **{"lowest": FLOAT, "level": FLOAT, "rise": FLOAT, "plateau": FLOAT, "reason": TEXT},
+}
 FINALS = """
 SELECT arm, avg(greedy_return) AS final FROM (
     SELECT *, row_number() OVER (PARTITION BY arm, seed ORDER BY checkpoint DESC) AS back
@@ -71,43 +62,28 @@ def study(finished):
     return StudyResults(finished)
 
 
-@pytest.fixture(scope="module")
-def finals(study):
-    """Mean greedy return of each arm at the end of the total budget."""
-    arms = study.comparison.arms
-    return {name: arm.curve.values[:, -1].mean() for name, arm in arms.items()}
-
-
-@pytest.fixture(scope="module")
-def rows(study):
-    """How many checkpoints all seeds of all tasks of all arms reached."""
-    return sum(
-        int((result.steps <= used).sum())
-        for arm in study.results.values()
-        for result in arm.values()
-        for used in result.steps_used
-    )
-
-
 @pytest.mark.parametrize(("name", "columns"), [(RESULTS, CURVES), (ALL_DECISIONS, DECISIONS)])
 def test_columns_and_their_types(finished, name, columns):
     described = duckdb.sql(f"DESCRIBE SELECT * FROM '{finished / name}'").fetchall()
     assert {row[0]: row[1] for row in described} == columns
     frame, other = pd.read_parquet(finished / name), pl.read_parquet(finished / name)
     assert list(frame.columns) == list(other.columns) == list(columns)
-    assert other.schema == {column: KINDS[kind] for column, kind in columns.items()}
-    plain = {"BIGINT": "int64", "DOUBLE": "float64", "BOOLEAN": "bool"}
+    kinds = {TEXT: pl.String, INT: pl.Int64, FLOAT: pl.Float64, "BOOLEAN": pl.Boolean}
+    assert other.schema == {column: kinds[kind] for column, kind in columns.items()}
+    plain = {INT: "int64", FLOAT: "float64", "BOOLEAN": "bool"}
     for column, kind in columns.items():
         if kind in plain:  # what pandas calls text depends on its version
             assert str(frame[column].dtype) == plain[kind]
-    assert (
-        not frame.drop(columns=[c for c in columns if columns[c] == "DOUBLE"]).isna().any(axis=None)
-    )
+    numbered = [column for column in columns if columns[column] != FLOAT]
+    assert not frame[numbered].isna().any(axis=None)
 
 
-def test_duckdb_says_the_same(finished, finals, rows):
-    file = finished / RESULTS
-    assert duckdb.sql(f"SELECT count(*) FROM '{file}'").fetchall() == [(rows,)]
+def test_duckdb_says_the_same(finished, study):
+    file, arms = finished / RESULTS, study.comparison.arms
+    results = (result for arm in study.results.values() for result in arm.values())
+    reached = sum(int((r.steps <= used).sum()) for r in results for used in r.steps_used)
+    assert duckdb.sql(f"SELECT count(*) FROM '{file}'").fetchall() == [(reached,)]
+    finals = {name: arm.curve.values[:, -1].mean() for name, arm in arms.items()}
     assert dict(duckdb.sql(FINALS.format(file=file)).fetchall()) == pytest.approx(finals)
 
 
@@ -192,18 +168,18 @@ def test_the_smallest_total_must_leave_steps_for_every_target(corner):
 def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
     together = compare_studies([small, large])
-    first, second = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
-    np.testing.assert_array_equal(first.values, second.values)
-    np.testing.assert_array_equal(first.source_steps, second.source_steps)
+    short, long = (together[f"of_{budget}: transfer"].curve for budget in (1000, 3000))
+    np.testing.assert_array_equal(short.values, long.values)
+    np.testing.assert_array_equal(short.source_steps, long.source_steps)
 
 
 def test_what_depends_on_the_total_is_compared_at_one_alone(corner):
     small, large = (corner(budget, "tasks.corner.budget=200") for budget in (1000, 3000))
-    for why, ending in (("a schedule", "a schedule"), (None, "did not note whether")):
+    for why, fault in (("a schedule", "a schedule"), (None, "did not note whether")):
         arms = large.record.arms
         other = arms["transfer"].model_copy(update={"depends_on_total": why})
         large.record = large.record.model_copy(update={"arms": {**arms, "transfer": other}})
-        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{ending}"
+        message = rf"'transfer' of .*of_3000 had 3,200 .* smallest total is 1,200 .*{fault}"
         with pytest.raises(CurriculumError, match=message):
             compare_studies([small, large])
         large.record = large.record.model_copy(update={"arms": arms})
@@ -240,17 +216,12 @@ def test_a_page_of_some_arms_has_no_verdict(finished):
 
 def test_a_window_ends_with_the_smallest_budget(tmp_path):
     """4 checkpoints in the first study, but the second has only 3 within its budget."""
-    studies = []
+    studies, file = [], tmp_path / "lines.toml"
+    file.write_text(LINES)
     for name, budget, window in (("long", 300, 4), ("short", 200, 1)):
-        file = tmp_path / f"{name}.toml"
-        file.write_text(
-            f"name = '{name}'\nseeds = 2\neval_freq = 100\nwindow = {window}\n"
-            f"tasks.near = {{ type = 'maze', map = 'S.T', budget = {{ max_steps = 100 }} }}\n"
-            f"tasks.far = {{ type = 'maze', map = 'S..T', budget = {budget} }}\n"
-            "transfers = [{ source = 'near', target = 'far', mapping = 'same_position',"
-            " unmapped_value = 0 }]\n"
-        )
-        studies.append(run_study(read_study(file), tmp_path / name, workers=1, progress=False))
+        changes = [f"name='{name}'", "seeds=2", "eval_freq=100", f"window={window}"]
+        study = read_study(file, set=[*changes, f"tasks.far.budget={budget}"])
+        studies.append(run_study(study, tmp_path / name, workers=1, progress=False))
     assert compare_studies(studies[:1]).window == 4
     both = compare_studies(studies)
     assert (both.budget, both.window) == (200, 3)

@@ -61,22 +61,22 @@ class LastFirst(Executor):
         return wait(futures, return_when=return_when)
 
 
-def assert_equal(found, wanted, *, values=True):
-    assert found.seeds == wanted.seeds
+def assert_equal(results, wanted, *, values=True):
+    assert results.seeds == wanted.seeds
     for name in (*CURVES, *SPENT, *["values"] * values):
-        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), name)
+        np.testing.assert_array_equal(getattr(results, name), getattr(wanted, name), name)
 
 
 def assert_same_results(folder, finished):
     """Two folders hold the same results, bit for bit."""
     for name in (RESULTS, DECISIONS):
         assert (folder / name).read_bytes() == (finished / name).read_bytes(), name
-    found, wanted = StudyResults(folder), StudyResults(finished)
+    results, wanted = StudyResults(folder), StudyResults(finished)
     for arm, node in wanted.record.keys:
-        one, other = (study.result(arm, node, values=True) for study in (found, wanted))
-        assert_equal(one, other)
-        assert one.snapshots.seed == other.snapshots.seed == 0
-        np.testing.assert_array_equal(one.snapshots.values, other.snapshots.values)
+        here, there = (study.result(arm, node, values=True) for study in (results, wanted))
+        assert_equal(here, there)
+        assert here.snapshots.seed == there.snapshots.seed == 0
+        np.testing.assert_array_equal(here.snapshots.values, there.snapshots.values)
 
 
 def by_hand(study_file, arm):
@@ -92,24 +92,16 @@ def by_hand(study_file, arm):
 
 @pytest.mark.parametrize(("seeds_per_unit", "workers"), [(1, 3), (3, 1), (100, 2)])
 def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_per_unit, workers):
-    run_study(
-        read_study(study_file, set=[f"seeds_per_unit={seeds_per_unit}"]),
-        tmp_path / "out",
-        workers=workers,
-    )
+    study = read_study(study_file, set=[f"seeds_per_unit={seeds_per_unit}"])
+    run_study(study, tmp_path / "out", workers=workers)
     assert_same_results(tmp_path / "out", finished)
 
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
     monkeypatch.setattr(running, "wait", pool.wait)
-    run_study(
-        read_study(study_file),
-        tmp_path / "out",
-        workers=4,
-        executor=pool,
-        progress=lambda one: ended.append(one.stored),
-    )
+    how = {"workers": 4, "executor": pool, "progress": lambda now: ended.append(now.stored)}
+    run_study(read_study(study_file), tmp_path / "out", **how)
     assert ended[1:] != pool.submitted
     assert_same_results(tmp_path / "out", finished)
 
@@ -156,10 +148,8 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
 
 
 def test_what_arms_share_is_trained_once(study_file, tmp_path):
-    begun = []
-    run_study(
-        read_study(study_file), tmp_path / "out", progress=lambda one: begun.append(one.units)
-    )
+    begun, study = [], read_study(study_file)
+    run_study(study, tmp_path / "out", progress=lambda now: begun.append(now.units))
     trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
         ("calibrated", "easy"),  # without a source, unlike in the other arms
@@ -179,42 +169,37 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
     for node, result in trained.nodes.items():
         assert_equal(study.result(arm, node, values=True), result)
         if trained.decisions(node)[0]:
-            words = {
-                k: [str(one) for one in each] for k, each in enumerate(trained.decisions(node))
-            }
-            assert study.decisions(arm, node) == words
-    fitted = [one.scale for one in trained.calibrations.get("maze", ())]
+            sentences = [[*map(str, of_seed)] for of_seed in trained.decisions(node)]
+            assert study.decisions(arm, node) == dict(enumerate(sentences))
+    fitted = [fit.scale for fit in trained.calibrations.get("maze", ())]
     units = [unit for unit in study.store.units() if unit.key == study.record.keys[arm, "maze"]]
     runs = [study.store.arrays(unit, RUN) for unit in units]
     assert [scale for run in runs for scale in run.get("scale", ())] == fitted
 
 
 def test_the_comparison_is_that_of_compare(study_file, finished):
-    found = StudyResults(finished).comparison
+    results = StudyResults(finished).comparison
     wanted = cr.compare(read_study(study_file).curricula, seeds=4, workers=1)
-    assert list(found.arms) == list(wanted.arms)
+    assert list(results.arms) == list(wanted.arms)
     for name, arm in wanted.arms.items():
-        np.testing.assert_array_equal(found[name].curve.steps, arm.curve.steps)
-        np.testing.assert_array_equal(found[name].curve.values, arm.curve.values)
-        np.testing.assert_array_equal(found[name].curve.source_steps, arm.curve.source_steps)
-        np.testing.assert_array_equal(found[name].training_return, arm.training_return)
-    assert (found.total, found.budget, found.window) == (wanted.total, wanted.budget, wanted.window)
-    assert found.threshold == wanted.threshold
-    assert found.threshold_from == wanted.threshold_from != ""
-    assert str(found) == str(wanted)
+        np.testing.assert_array_equal(results[name].curve.steps, arm.curve.steps)
+        np.testing.assert_array_equal(results[name].curve.values, arm.curve.values)
+        np.testing.assert_array_equal(results[name].curve.source_steps, arm.curve.source_steps)
+        np.testing.assert_array_equal(results[name].training_return, arm.training_return)
+    for name in ("total", "budget", "window", "threshold"):
+        assert getattr(results, name) == getattr(wanted, name)
+    assert results.threshold_from == wanted.threshold_from != ""
+    assert str(results) == str(wanted)
 
 
 def test_one_arm_may_end_at_a_gate_where_nothing_is_compared(study_file, tmp_path):
     path = tmp_path / "alone.toml"
     path.write_text(study_file.read_text().partition("[arms.chain]")[0])
-    changes = [
-        "scratch=false",
-        "tasks.maze.budget={ max_steps = 400, threshold = 180.0, patience = 1 }",
-    ]
-    study = run_study(read_study(path, set=changes), tmp_path / "out", workers=2)
-    plan = read_study(path, set=changes).curriculum("transfer")
+    gate = "tasks.maze.budget={ max_steps = 400, threshold = 180.0, patience = 1 }"
+    alone = read_study(path, set=["scratch=false", gate])
+    study = run_study(alone, tmp_path / "out", workers=2)
     assert study.record.total is None
-    trained = plan.train(4)
+    trained = alone.curriculum("transfer").train(4)
     assert_equal(study.result("transfer", "maze", values=True), trained["maze"])
     assert (trained["maze"].steps_used < 400).all()
     with pytest.raises(StoreError, match="a study without it"):
@@ -235,8 +220,8 @@ def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
         for name in unit.sources
         for known in [done.result("chain", name, values=True)]
     }
-    given = UnitInput(json.dumps(study.to_data()), str(study.folder), "{}", unit, sources)
-    once, again = train_unit(given), train_unit(pickle.loads(pickle.dumps(given)))
+    sent = UnitInput(json.dumps(study.to_data()), str(study.folder), "{}", unit, sources)
+    once, again = train_unit(sent), train_unit(pickle.loads(pickle.dumps(sent)))
     assert repr(once.decisions) == repr(again.decisions)  # NaN is not equal to itself
     assert once.arrays.keys() == again.arrays.keys()
     for name, array in once.arrays.items():
@@ -260,16 +245,16 @@ SPARSE = [
 
 def test_sparse_tables_are_stored_and_read(tmp_path):
     study = reader(tmp_path)(NUMBERED_HUNT, set=SPARSE)
-    found = run_study(study, tmp_path / "out", workers=2)
+    results = run_study(study, tmp_path / "out", workers=2)
     plan = study.curriculum("transfer").replace("hunt", budget=800, eval_freq=4)
     learnt = plan.train([3, 7, 8], charge=True)["hunt"]
-    stored = found.result("transfer", "hunt", values=True)
+    stored = results.result("transfer", "hunt", values=True)
     assert_equal(stored, learnt, values=False)
-    for one, other in zip(stored.values, learnt.values, strict=True):
-        np.testing.assert_array_equal(one.states, other.states)
-        np.testing.assert_array_equal(one.values, other.values)
+    for table, other in zip(stored.values, learnt.values, strict=True):
+        np.testing.assert_array_equal(table.states, other.states)
+        np.testing.assert_array_equal(table.values, other.values)
     assert stored.snapshots is None
-    assert found.result("transfer", "hunt").values is None
+    assert results.result("transfer", "hunt").values is None
 
 
 def test_arms_that_are_not_compared_keep_budgets_of_their_own(tmp_path):

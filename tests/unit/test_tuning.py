@@ -12,14 +12,7 @@ import pytest
 import curricle as cr
 from curricle.errors import ConfigError, LostStoreError, SettingError, StoreError, StudyError
 from curricle.files import RemotePath, sealed
-from curricle.study import (
-    StudyResults,
-    StudyStore,
-    dependencies,
-    merge,
-    read_study,
-    run_study,
-)
+from curricle.study import StudyResults, StudyStore, dependencies, merge, read_study, run_study
 from curricle.study.record import plain
 from curricle.study.results import RESULTS
 from curricle.study.store import STUDY
@@ -62,7 +55,7 @@ def tuned(tuned_file, pool, tmp_path_factory):
 
 
 @pytest.fixture
-def found(tuned):
+def tuning(tuned):
     """What that tuning found."""
     return read_tuning(StudyStore(tuned))
 
@@ -101,15 +94,18 @@ def test_a_killed_run_goes_on_to_the_same(tuned_file, tuned, pool, tmp_path, lef
 
 def test_another_seed_tries_other_settings(tuned_file, tuned, tmp_path):
     run_study(read_study(tuned_file, set=["tune.seed=1"]), tmp_path / "out", workers=1)
-    one, other = (read_tuning(StudyResults(each).store) for each in (tmp_path / "out", tuned))
-    assert one.arms["transfer"].trials != other.arms["transfer"].trials
+    there, here = (read_tuning(StudyStore(folder)) for folder in (tmp_path / "out", tuned))
+    assert there.arms["transfer"].trials != here.arms["transfer"].trials
 
 
-def test_settings_that_changed_are_tuned_again(tuned_file, tmp_path):
-    run_study(read_study(tuned_file, set=["tune.trials=2"]), tmp_path / "out", workers=1)
-    changed = read_study(tuned_file, set=["tune.trials=2", "learner.epsilon=0.5"])
-    run_study(changed, tmp_path / "out", resume=True, workers=1)
-    run_study(changed, tmp_path / "new", workers=1)
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [("learner.epsilon=0.1", "learner.epsilon=0.5"), ("tune.seeds=3", "tune.seeds=2")],
+)
+def test_settings_that_changed_are_tuned_anew(tuned_file, tmp_path, before, after):
+    for setting, folder in ((before, "out"), (after, "out"), (after, "new")):
+        study = read_study(tuned_file, set=["tune.trials=2", setting])
+        run_study(study, tmp_path / folder, resume=True, workers=1)
     assert_same(tmp_path / "out", tmp_path / "new")
 
 
@@ -122,54 +118,40 @@ def of_another_version(tuned, tmp_path, monkeypatch):
 
 
 def test_a_stale_tuning_is_kept_if_asked_for(tuned_file, tuned, of_another_version):
-    told, folder = [], of_another_version
-    kept = {"resume": True, "keep_stale": True, "report": told.append}
+    sentences, folder = [], of_another_version
+    kept = {"resume": True, "keep_stale": True, "report": sentences.append}
     run_study(read_study(tuned_file), folder, executor=Inline(0), **kept)
     assert (folder / TUNING).read_bytes() == (tuned / TUNING).read_bytes()
     assert (folder / RESULTS).read_bytes() == (tuned / RESULTS).read_bytes()
-    first, *others = told
+    first, *others = sentences
     assert first.startswith("the tuning is stale and kept: its trials are of other code, or of ")
-    assert all("is stale and kept: Curricle was" in one for one in others)
+    assert all("is stale and kept: Curricle was" in sentence for sentence in others)
     assert others
 
 
 def test_stale_trials_are_kept_by_a_longer_tuning(tuned_file, of_another_version, pool):
-    longer, told = read_study(tuned_file, set=["tune.trials=14"]), []
+    longer, sentences = read_study(tuned_file, set=["tune.trials=14"]), []
     trained = Inline()
-    run_study(
-        longer,
-        of_another_version,
-        resume=True,
-        keep_stale=True,
-        executor=trained,
-        report=told.append,
-    )
-    assert told[0] == "the tuning is stale and made again: what it depends on has changed"
-    found = read_tuning(StudyStore(of_another_version))
-    assert {len(one.trials) for one in found.arms.values()} == {14}
+    kept = {"resume": True, "keep_stale": True, "report": sentences.append}
+    run_study(longer, of_another_version, executor=trained, **kept)
+    assert sentences[0] == "the tuning is stale and made again: what it depends on has changed"
+    tuning = read_tuning(StudyStore(of_another_version))
+    assert {len(arm.trials) for arm in tuning.arms.values()} == {14}
     assert trained.trained < pool.trained / 2
-    assert found.of == ""  # a run that keeps nothing stale makes it again
+    assert tuning.of == ""  # a run that keeps nothing stale makes it again
 
 
 def test_a_stale_tuning_is_made_again_otherwise(tuned_file, tuned, of_another_version, pool):
-    again, told = Inline(), []
-    run_study(
-        read_study(tuned_file), of_another_version, resume=True, executor=again, report=told.append
-    )
+    again, sentences = Inline(), []
+    how = {"resume": True, "executor": again, "report": sentences.append}
+    run_study(read_study(tuned_file), of_another_version, **how)
     assert again.trained == pool.trained
-    assert told[0] == "the tuning is stale and made again: what it depends on has changed"
+    assert sentences[0] == "the tuning is stale and made again: what it depends on has changed"
     assert (of_another_version / RESULTS).read_bytes() == (tuned / RESULTS).read_bytes()
     wanted = read_tuning(StudyStore(tuned))
-    found = read_tuning(StudyStore(of_another_version))
-    assert found.of != wanted.of
-    assert plain(found) | {"of": wanted.of} == plain(wanted)
-
-
-def test_fewer_seeds_are_tuned_as_if_there_had_never_been_more(tuned_file, tmp_path):
-    for seeds, folder in ((3, "out"), (2, "out"), (2, "new")):
-        study = read_study(tuned_file, set=["tune.trials=2", f"tune.seeds={seeds}"])
-        run_study(study, tmp_path / folder, resume=True, workers=1)
-    assert_same(tmp_path / "out", tmp_path / "new")
+    tuning = read_tuning(StudyStore(of_another_version))
+    assert tuning.of != wanted.of
+    assert plain(tuning) | {"of": wanted.of} == plain(wanted)
 
 
 def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
@@ -211,9 +193,9 @@ def test_show_says_how_far_a_tuning_is(tuned_file, tuned, tmp_path, curricle, fi
     code, shown, _ = curricle("show", out)
     assert code == 0
     how = "the tuning has changed" if finished_before else "it is tuned first"
-    words = rf"every arm {how}: (\d+) of 24 trials are stored; its seeds come after them"
+    pattern = rf"every arm {how}: (\d+) of 24 trials are stored; its seeds come after them"
     assert shown.startswith("mazes: 0 of 2 seeds finished in every arm")
-    done = int(re.search(words, " ".join(shown.split()))[1])
+    done = int(re.search(pattern, " ".join(shown.split()))[1])
     assert 0 < done < 24
     assert "every arm spends" not in shown  # a search over budgets may end elsewhere
     run_study(study, out, resume=True, workers=1)
@@ -225,67 +207,63 @@ def test_show_says_how_far_a_tuning_is(tuned_file, tuned, tmp_path, curricle, fi
 # -- what it is --------------------------------------------------------------------------------
 
 
-def test_every_arm_has_as_many_trials_and_steps(found):
-    assert {name: len(one.trials) for name, one in found.arms.items()} == {
-        "scratch": 12,
-        "transfer": 12,
-    }
-    assert found.steps("scratch") == found.steps("transfer") == 12 * 2 * found.total
+def test_every_arm_has_as_many_trials_and_steps(tuning):
+    numbers = {name: len(arm.trials) for name, arm in tuning.arms.items()}
+    assert numbers == {"scratch": 12, "transfer": 12}
+    assert tuning.steps("scratch") == tuning.steps("transfer") == 12 * 2 * tuning.total
 
 
-def test_an_arm_is_tuned_in_what_it_has(found):
-    assert {*found.arms["scratch"].best.values} == {
-        "learner.learning_rate",
-        "learner.initial_value",
-    }
-    assert {*found.arms["transfer"].best.values} == {*found.space}
-    for trial in found.arms["transfer"].trials:
+def test_an_arm_is_tuned_in_what_it_has(tuning):
+    of_scratch = {"learner.learning_rate", "learner.initial_value"}
+    assert {*tuning.arms["scratch"].best.values} == of_scratch
+    assert {*tuning.arms["transfer"].best.values} == {*tuning.space}
+    for trial in tuning.arms["transfer"].trials:
         assert 0.05 <= trial.values["learner.learning_rate"] <= 0.8
         assert type(trial.values["learner.initial_value"]) is int
         assert trial.values["unknown_value"] in (0.0, 1.0)
 
 
-def test_a_trial_is_scored_as_arms_are_compared(tuned_file, found):
-    trial = found.arms["transfer"].trials[3]
+def test_a_trial_is_scored_as_arms_are_compared(tuned_file, tuning):
+    trial = tuning.arms["transfer"].trials[3]
     sets = [f"{key}={value}" for key, value in trial.values.items()]
     plain = read_study(tuned_file, set=sets).curriculum("transfer")
-    by_hand = cr.compare(plain, seeds=list(found.seeds))
-    assert by_hand.total == found.total
+    by_hand = cr.compare(plain, seeds=list(tuning.seeds))
+    assert by_hand.total == tuning.total
     # The reference's first return is that of all actions being equally good, whatever the learner.
     np.testing.assert_allclose(by_hand.returns["transfer"].mean(), trial.score, rtol=1e-12)
 
 
-def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned, found):
+def test_arms_are_run_with_their_best_settings_on_other_seeds(tuned, tuning):
     results = StudyResults(tuned)
-    assert not {*results.seeds} & {*found.seeds}
-    for name, arm in found.arms.items():
+    assert not {*results.seeds} & {*tuning.seeds}
+    for name, arm in tuning.arms.items():
         assert results.record.arms[name].variant.values == arm.best.values
         settings = results.record.arms[name].nodes["maze"].settings["learner"]
         assert f"learning_rate={arm.best.values['learner.learning_rate']}" in settings
-        assert arm.best.score == max(one.score for one in arm.trials)
+        assert arm.best.score == max(trial.score for trial in arm.trials)
 
 
-def test_effects_are_means_of_trials(found):
-    effects = tuning_effects(found)
-    trials = found.arms["transfer"].trials
-    for level in effects.levels["transfer", "unknown_value"]:
-        own = [t.score for t in trials if f"{t.values['unknown_value']}" == level.text]
-        assert (level.number, level.low, level.high) == (len(own), min(own), max(own))
-        assert level.mean == pytest.approx(np.mean(own))
-    parts = effects.levels["transfer", "learner.learning_rate"]
-    assert sum(one.number for one in parts) == len(trials)
-    rates = next(one for one in effects.settings if one.key == "learner.learning_rate")
+def levels_of(effects, arm, key):
+    return [level for level in effects.levels if (level.arm, level.key) == (arm, key)]
+
+
+def test_effects_are_means_of_trials(tuning):
+    effects = tuning_effects(tuning)
+    trials = tuning.arms["transfer"].trials
+    for level in levels_of(effects, "transfer", "unknown_value"):
+        scores = [t.score for t in trials if f"{t.values['unknown_value']}" == level.text]
+        assert level[3:] == (len(scores), pytest.approx(np.mean(scores)), min(scores), max(scores))
+    parts = levels_of(effects, "transfer", "learner.learning_rate")
+    assert sum(level.number for level in parts) == len(trials)
+    rates = effects.settings["learner.learning_rate"]
     assert rates.levels == ("0.05 to 0.126", "0.126 to 0.317", "0.317 to 0.8")
 
 
 def test_an_arm_with_nothing_to_tune_has_one_trial(tmp_path):
     file = tmp_path / "mazes.toml"
     file.write_text(f"{MAZES}[tune]\ntrials = 3\nseeds = 1\nspace.unknown_value = [0.0, 1.0]\n")
-    found = read_tuning(run_study(read_study(file), tmp_path / "out", workers=1).store)
-    assert {name: len(one.trials) for name, one in found.arms.items()} == {
-        "scratch": 1,
-        "transfer": 3,
-    }
+    arms = read_tuning(run_study(read_study(file), tmp_path / "out", workers=1).store).arms
+    assert {name: len(arm.trials) for name, arm in arms.items()} == {"scratch": 1, "transfer": 3}
 
 
 def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
@@ -293,12 +271,10 @@ def test_the_steps_of_trials_are_those_of_the_largest_source(tmp_path):
     space = "space.tasks.corner.budget = { low = 100, high = 400 }"
     file.write_text(f"{MAZES}[tune]\ntrials = 2\nseeds = 1\n{space}\n")
     results = run_study(read_study(file), tmp_path / "out", workers=1)
-    found = read_tuning(results.store)
-    assert found.total == 1_000 + 400
-    assert (
-        results.record.total
-        == 1_000 + -(-found.arms["transfer"].best.values["tasks.corner.budget"] // 10) * 10
-    )
+    tuning = read_tuning(results.store)
+    assert tuning.total == 1_000 + 400
+    spent = tuning.arms["transfer"].best.values["tasks.corner.budget"]
+    assert results.record.total == 1_000 + -(-spent // 10) * 10
 
 
 # -- sweeps ------------------------------------------------------------------------------------
@@ -309,20 +285,16 @@ def test_main_effects_of_a_sweep_are_means_over_arms(tmp_path):
         f"{MAZES}\n[sweep]\nlearner.learning_rate = [0.1, 0.3]\nunknown_value = [0.0, 1.0]\n"
     )
     results = run_study(read_study(tmp_path / "mazes.toml"), tmp_path / "out", workers=1)
-    comparison = results.comparison
-    effects = sweep_effects(comparison, results.record, None)
-    both = [
-        comparison.returns[f"transfer, learning_rate=0.3, unknown_value={value}"]
-        for value in (0.0, 1.0)
-    ]
-    level = effects.levels["transfer", "learner.learning_rate"][1]
+    returns = results.comparison.returns
+    effects = sweep_effects(results.comparison, results.record, None)
+    name = "transfer, learning_rate=0.3, unknown_value={}"
+    both = [returns[name.format(value)] for value in (0.0, 1.0)]
+    level = levels_of(effects, "transfer", "learner.learning_rate")[1]
     assert (level.text, level.number) == ("0.3", 2)
     assert level.mean == pytest.approx(np.mean(both))
-    assert [one.text for one in effects.levels["scratch", "learner.learning_rate"]] == [
-        "0.1",
-        "0.3",
-    ]
-    assert ("scratch", "unknown_value") not in effects.levels
+    alone = levels_of(effects, "scratch", "learner.learning_rate")
+    assert [level.text for level in alone] == ["0.1", "0.3"]
+    assert not levels_of(effects, "scratch", "unknown_value")
 
 
 # -- refusals ----------------------------------------------------------------------------------
@@ -343,7 +315,7 @@ def test_a_range_that_a_learner_refuses_is_refused_beforehand(tuned_file, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "words"),
+    ("key", "value", "fault"),
     [
         ("seeds", [], "seeds"),
         ("total", "many", "total"),
@@ -352,12 +324,12 @@ def test_a_range_that_a_learner_refuses_is_refused_beforehand(tuned_file, tmp_pa
         ("arms", {"transfer": {"arm": "x", "trials": []}}, "trials"),
     ],
 )
-def test_a_tuning_that_was_made_up_is_refused(tuned, tmp_path, key, value, words):
+def test_a_tuning_that_was_made_up_is_refused(tuned, tmp_path, key, value, fault):
     folder = shutil.copytree(tuned, tmp_path / "copied")
-    found = json.loads((folder / TUNING).read_bytes())
-    del found["digest"]
-    (folder / TUNING).write_bytes(sealed(found | {key: value}))
-    with pytest.raises(StoreError, match=words):
+    tuning = json.loads((folder / TUNING).read_bytes())
+    del tuning["digest"]
+    (folder / TUNING).write_bytes(sealed(tuning | {key: value}))
+    with pytest.raises(StoreError, match=fault):
         read_tuning(StudyResults(folder).store)
     (folder / TUNING).write_bytes(b"{}")
     with pytest.raises(StoreError, match="is damaged"):

@@ -1,6 +1,7 @@
 """Values in the words of tables, names of arms and files, and messages."""
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -11,12 +12,13 @@ from curricle.comparison.comparison import short as with_dash
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.comparison.task_differences import plain_text
 from curricle.comparison.trial import in_brief, verdict_words
+from curricle.errors import StoreError
 from curricle.show.findings import signed
 from curricle.show.style import rounded, without_seeds
 from curricle.statistics import Interval
 from curricle.study.cost import duration, total_words
 from curricle.study.results import parquet_of
-from curricle.study.store import place_of, seeds_in
+from curricle.study.store import StoredUnit, place_of
 from curricle.study.tuning import short
 from curricle.study_file.file import path_text
 from curricle.study_file.schema import unknown
@@ -63,8 +65,10 @@ def test_a_value_in_words(words, expected):
 
 def test_seeds_are_read_as_they_are_written():
     assert seed_ranges([0, 1, 2, 7, 9, 10]) == "0-2+7+9-10"
-    assert seeds_in("0-2+7+9-10") == (0, 1, 2, 7, 9, 10)
-    assert seeds_in("0-2_0f") is seeds_in("5-2") is None
+    assert StoredUnit.at(Path("a-0f/seeds-0-2+7+9-10.npz")).seeds == (0, 1, 2, 7, 9, 10)
+    for name in ("seeds-0-2_0f.npz", "seeds-5-2.npz"):
+        with pytest.raises(StoreError, match="cannot be read"):
+            StoredUnit.at(Path(name))
 
 
 def test_settings_have_the_shortest_names_that_differ():

@@ -163,13 +163,8 @@ def print_effects(results: StudyResults) -> None:
         print()
         print_text(f"main effects: mean return, sources charged, over all {over}")
         rows = [
-            (
-                f"{name}: {key} = {level.text}",
-                f"{level.number}",
-                f"{level.mean:.4g}",
-                f"[{level.low:.4g}, {level.high:.4g}]",
-            )
-            for name, key, level in effects.rows
+            (f"{arm}: {key} = {text}", f"{n}", f"{mean:.4g}", f"[{low:.4g}, {high:.4g}]")
+            for arm, key, text, n, mean, low, high in effects.levels
         ]
         print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
 

@@ -318,10 +318,10 @@ def effects_sections(
     sections = list[tuple[Effects, Texts, Texts]]()
     for kind in effects:
         rows: Texts = []
-        for name, key, level in kind.rows:
-            mean, low, high = (minus(short(end)) for end in (level.mean, level.low, level.high))
+        for name, key, text, number, *ends in kind.levels:
+            mean, low, high = (minus(short(end)) for end in ends)
             with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
-            rows.append((name, key, minus(level.text), f"{level.number}", with_ends))
+            rows.append((name, key, minus(text), f"{number}", with_ends))
         sections.append((kind, rows, best if kind.kind != "sweep" else []))
     return sections
 

@@ -1,19 +1,6 @@
-"""Learning curves, the return of an arm at its checkpoints with a row a seed, and measures of them.
+"""Learning curves, returns at checkpoints with a row a seed, and measures of transfer and time.
 
-A row may begin with NaN, where no episode of the seed has ended yet. A leading NaN never counts as
-reaching a threshold; everywhere else the seed's first measured value stands for it.
-
-Weak transfer ignores the steps spent on source tasks. Strong transfer charges them, so that both
-arms are compared at the same total number of steps (``charge_source``).
-
-A seed that never reaches a threshold is censored, not dropped: its time is known only to exceed
-its observed steps. Leaving it out, or taking these steps as its time, would favour the arm.
-
-Sources: Taylor and Stone, "Transfer learning for reinforcement learning domains: a survey", JMLR
-10, 2009; Narvekar et al., "Curriculum learning for reinforcement learning domains: a framework and
-survey", JMLR 21(181), 2020; Kaplan and Meier, Journal of the American Statistical Association 53,
-1958; Royston and Parmar, "Restricted mean survival time", BMC Medical Research Methodology 13:152,
-2013; Thompson, Annals of Mathematical Statistics 7, 1936.
+Weak transfer ignores the steps in source tasks; strong transfer charges them (``charge_source``).
 """
 
 from __future__ import annotations
@@ -52,17 +39,15 @@ class Curve(Frozen):
     steps : (T,) int64
         Checkpoints in target steps, from 0 or later, increasing.
     values : (K, T) float64
-        Unshaped return at the checkpoints; NaN only at the beginning of a row, and never at its
-        end.
+        Unshaped return at the checkpoints. A row may begin with NaN, where no episode of the seed
+        has ended yet: it reaches no threshold, and elsewhere the first measured value replaces it.
     source_steps : (K,) int64
-        Steps of a seed in source tasks before its first target step; a single number stands for all
-        seeds.
+        Steps in source tasks before the first target step; a single number is that of all seeds.
 
     Examples
     --------
-    >>> curve = Curve(np.array([0, 100, 200]), np.array([[-9.0, -4.0, -1.0]]))
-    >>> curve.source_steps
-    array([0])
+    >>> Curve(np.array([0, 100, 200]), np.array([[np.nan, -4.0, -1.0]])).filled()
+    array([[-4., -4., -1.]])
     """
 
     steps: IntArray
@@ -77,37 +62,30 @@ class Curve(Frozen):
         return block(title, curves([line], "target steps", "return"))
 
     def __post_init__(self) -> None:
-        steps = _whole("steps", self.steps)
+        steps, source = (_whole(name, getattr(self, name)) for name in ("steps", "source_steps"))
         if steps.ndim != 1 or steps.size == 0:
             raise SettingError(f"steps must have shape (T,) with T at least 1: got {steps.shape}")
         if steps[0] < 0:
             raise SettingError(f"steps must be at least 0: checkpoint 0 is {steps[0]}")
-        if np.any(np.diff(steps) <= 0):
-            place = int(np.argmax(np.diff(steps) <= 0)) + 1
+        if (wrong := np.flatnonzero(np.diff(steps) <= 0)).size:
+            before, place = steps[wrong[0]], wrong[0] + 1
             raise SettingError(
-                f"steps must be increasing: checkpoint {place} is {steps[place]}"
-                f" after {steps[place - 1]}"
+                f"steps must be increasing: checkpoint {place} is {steps[place]} after {before}"
             )
         values = np.array(self.values, dtype=np.float64)
         if values.ndim != 2 or values.shape[0] == 0 or values.shape[1] != steps.size:
             raise SettingError(
                 f"values must have shape (K, {steps.size}) with K at least 1: got {values.shape}"
             )
-        infinite, missing = np.isinf(values), np.isnan(values)
-        if infinite.any():
-            k, t = np.argwhere(infinite)[0]
-            raise SettingError(
-                f"values must not be infinite: seed {k}, checkpoint {t} is {values[k, t]}"
-            )
+        missing = np.isnan(values)
         leading = np.logical_and.accumulate(missing, axis=1)
         leading[:, -1] = False  # the last checkpoint is always measured
-        if (missing & ~leading).any():
-            k, t = np.argwhere(missing & ~leading)[0]
-            raise SettingError(
-                "values may be NaN only before a seed's first measurement:"
-                f" seed {k}, checkpoint {t} is NaN"
-            )
-        source = _whole("source_steps", self.source_steps)
+        for rule, broken in (
+            ("values must not be infinite", np.isinf(values)),
+            ("values may be NaN only before a seed's first measurement", missing & ~leading),
+        ):
+            for k, t in np.argwhere(broken)[:1]:
+                raise SettingError(f"{rule}: seed {k}, checkpoint {t} is {values[k, t]}")
         if source.ndim != 0 and source.shape != values.shape[:1]:
             raise SettingError(
                 f"source_steps must have shape ({values.shape[0]},), one per seed:"
@@ -121,20 +99,11 @@ class Curve(Frozen):
 
     @classmethod
     def of(cls, result: Any, source_steps: npt.ArrayLike = 0) -> Curve:
-        """Return the greedy returns of a :class:`LearningResult` as a curve.
-
-        `source_steps` is an int or (K,), as :meth:`CurriculumResult.source_steps` gives them.
-        """
+        """Return the greedy returns of a :class:`LearningResult` as a curve."""
         return cls(result.steps, result.greedy_return, np.asarray(source_steps))
 
     def filled(self) -> FloatArray:
-        """Return the values with a seed's first measured value in place of its NaN, (K, T).
-
-        Examples
-        --------
-        >>> Curve(np.array([0, 100]), np.array([[np.nan, -4.0]])).filled()
-        array([[-4., -4.]])
-        """
+        """Return the values with a seed's first measured value in place of its NaN, (K, T)."""
         missing = np.isnan(self.values)
         first = np.take_along_axis(self.values, missing.sum(axis=1, keepdims=True), axis=1)
         return np.where(missing, first, self.values)
@@ -161,8 +130,7 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
     then its value at x - source_steps_k target steps, interpolated between checkpoints.
     """
-    require_pair(baseline, transfer)
-    require_no_source(baseline)
+    require_pair(baseline, transfer, strong=True)
     steps, alone = baseline.steps, baseline.filled()
     target = steps - transfer.source_steps[:, np.newaxis]
     training = target < transfer.steps[0]
@@ -179,25 +147,20 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     return Curve(steps, np.where(training, first, shifted))
 
 
-def require_pair(baseline: Curve, transfer: Curve) -> None:
-    """Raise SettingError unless two curves have the same seeds K and checkpoints (T,)."""
-    ours, theirs = baseline.values.shape, transfer.values.shape
-    if ours[0] != theirs[0]:
+def require_pair(baseline: Curve, transfer: Curve, *, strong: bool = False) -> None:
+    """Raise SettingError unless two curves pair: a `strong` baseline has no source steps."""
+    ours, theirs = len(baseline.values), len(transfer.values)
+    if ours != theirs:
         raise SettingError(
             "baseline and transfer must hold the same seeds, row by row:"
-            f" got {ours[0]} and {theirs[0]} seeds"
+            f" got {ours} and {theirs} seeds"
         )
     if not np.array_equal(baseline.steps, transfer.steps):
+        got = [f"{curve.steps.size} ending at {curve.steps[-1]}" for curve in (baseline, transfer)]
         raise SettingError(
-            "baseline and transfer must share their checkpoints:"
-            f" got {ours[1]} ending at {baseline.steps[-1]} and"
-            f" {theirs[1]} ending at {transfer.steps[-1]}"
+            f"baseline and transfer must share their checkpoints: got {' and '.join(got)}"
         )
-
-
-def require_no_source(baseline: Curve) -> None:
-    """Raise SettingError if any seed of the baseline spent steps on source tasks."""
-    if np.any(baseline.source_steps):
+    if strong and np.any(baseline.source_steps):
         raise SettingError(
             "the baseline of a strong comparison must have no source steps:"
             f" got {baseline.source_steps.max()}"
@@ -207,16 +170,9 @@ def require_no_source(baseline: Curve) -> None:
 def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
     """Return how much better transfer starts than learning from scratch (Taylor and Stone 2009).
 
-    transfer_k(steps_0) - baseline_k(steps_0 + c_k), with c_k = 0 if weak and source_steps_k if
-    strong: the baseline has then learnt for as many steps as the sources took. NaN if they exceed
-    its curve, which is interpolated. SettingError if the curves do not pair.
-
-    Parameters
-    ----------
-    baseline, transfer : Curve
-        The same K seeds and T checkpoints.
-    strong : bool
-        Whether to charge the source steps; `baseline` then has none.
+    transfer_k(steps_0) - baseline_k(steps_0 + c_k), (K,), with c_k = 0 if weak and source_steps_k
+    if strong: the baseline, which then has no source steps, has learnt for as many. It is
+    interpolated; NaN beyond its end. SettingError unless both have the same seeds and checkpoints.
 
     Examples
     --------
@@ -226,11 +182,10 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
     >>> jumpstart(scratch, helped), jumpstart(scratch, helped, strong=True)
     (array([4.]), array([1.]))
     """
-    require_pair(baseline, transfer)
+    require_pair(baseline, transfer, strong=strong)
     first, rows = transfer.filled()[:, 0], baseline.filled()
     by_then: FloatArray = rows[:, 0]
     if strong:
-        require_no_source(baseline)
         start = transfer.steps[0] + transfer.source_steps
         pairs = zip(start, rows, strict=True)
         by_then = np.array([np.interp(x, baseline.steps, row, right=np.nan) for x, row in pairs])
@@ -240,9 +195,8 @@ def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> Floa
 def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray:
     """Return the mean return over the last checkpoints, (K,) (Taylor and Stone 2009).
 
-    mean(values_{T - n}, ..., values_{T - 1}), n = fraction T rounded, at least 1; `fraction` is
-    above 0 and at most 1, or SettingError. For strong transfer pass ``charge_source(baseline,
-    transfer)``.
+    mean(values_{T - n}, ..., values_{T - 1}), n = fraction T rounded, at least 1; SettingError
+    unless `fraction` is above 0 and at most 1.
 
     Examples
     --------
@@ -260,8 +214,8 @@ def mean_return(curve: Curve) -> FloatArray:
     """Return the normalised area under the learning curve, (K,), in return.
 
     (area from the first to the last checkpoint) / (steps between them), by the trapezoid rule: the
-    total reward of Taylor and Stone (2009) divided by the steps. For strong transfer pass
-    ``charge_source(baseline, transfer)``. SettingError if the curve has a single checkpoint.
+    total reward of Taylor and Stone (2009) divided by the steps. SettingError if the curve has a
+    single checkpoint.
 
     Examples
     --------
@@ -287,13 +241,15 @@ def _whole(name: str, array: IntArray) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Times(Frozen):
-    """The steps of each seed to a threshold, censored seeds included; SettingError on others.
+    """The steps of each seed to a threshold; SettingError on others.
+
+    A seed that never reaches it is censored, not dropped: its time is known only to exceed its
+    observed steps. Leaving it out, or taking these steps as its time, would favour the arm.
 
     Attributes
     ----------
     steps : (K,) float64
-        Steps to the threshold, from 0, finite; of a seed that never reached it, its observed steps,
-        which its true time exceeds (right-censored).
+        From 0, finite; the observed steps of a seed that never reached it.
     reached : (K,) bool
         Whether the seed reached the threshold.
 
@@ -323,13 +279,12 @@ class Times(Frozen):
             object.__setattr__(self, name, frozen(array))
 
     def survival(self) -> Any:
-        """Return the share of seeds that are not yet at the threshold, by Kaplan and Meier.
+        """Return the share of seeds not yet at the threshold, by ``scipy.stats.ecdf``.
 
         share(t) = prod_{t_i <= t} (1 - d_i / n_i), where d_i seeds reach the threshold at t_i and
-        n_i are observed until then and have not reached it before. The end of a seed's observation
-        must not depend on its returns, as a budget of steps does not. Of the result of
-        ``scipy.stats.ecdf``, ``quantiles`` (L,) are steps, and ``probabilities`` (L,) the shares
-        from these steps on.
+        n_i are observed until then and have not reached it before (Kaplan and Meier 1958). The end
+        of observation must not depend on returns. From step ``quantiles`` (L,) on the share is
+        ``probabilities`` (L,).
 
         Examples
         --------
@@ -345,11 +300,10 @@ class Times(Frozen):
     def median(self, *, confidence: float = CONFIDENCE) -> Interval:
         """Return the median time with the interval of the sign test, in steps.
 
-        The estimate is min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays
-        above. The bounds are the two order statistics of the times between which the median lies
-        with at least the stated probability, whatever the distribution (Thompson 1936). A censored
-        time counts as its observed steps for the lower bound and as infinite for the upper bound.
-        Five seeds or fewer bound no median at 95 %: from 0 to infinity.
+        min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays above. The bounds
+        are order statistics between which the median of any distribution lies with at least the
+        stated probability (Thompson 1936); a censored time is infinite for the upper bound. Five
+        seeds or fewer bound no median at 95 %: from 0 to infinity.
 
         Examples
         --------
@@ -377,18 +331,11 @@ class Times(Frozen):
     ) -> Interval:
         """Return the mean time within a horizon with Student's interval, in steps.
 
-        mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon.
-        By default a seed counts with its observed steps: the mean time if all seeds reached the
-        threshold, else a lower bound of it, with infinity as the upper bound. The bounds are
-        clipped to 0 and the horizon.
-
-        Parameters
-        ----------
-        horizon : float, optional
-            Above 0, at most the observed steps of any censored seed, or SettingError. Arms are
-            comparable only within the same horizon.
-        confidence : float
-            Between 0 and 1.
+        mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon
+        (Royston and Parmar 2013), with bounds clipped to 0 and the horizon. Arms are comparable
+        only within the same one. Without a horizon a seed counts with its observed steps: a lower
+        bound, with infinity as the upper bound, unless all seeds reached the threshold.
+        SettingError unless a horizon is above 0 and at most the steps of any censored seed.
 
         Examples
         --------
@@ -426,18 +373,10 @@ class Times(Frozen):
 def midpoint(curve: Curve, *, window: int = 1, after: int = 0) -> float:
     """Return the threshold midway between a curve's lowest and highest value (paper, figure 3).
 
-    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the :meth:`Curve.filled` and
-    smoothed curve. SettingError if `window` or `after` does not fit the curve.
-
-    Parameters
-    ----------
-    curve : Curve
-        Usually that of learning from scratch.
-    window : int
-        Checkpoints to smooth over; 10 in the paper.
-    after : int
-        Steps; earlier checkpoints do not count. An untrained table breaks all its ties at random,
-        which can be far worse than anything later.
+    (min_t m_t + max_t m_t) / 2, where m is the mean over seeds of the :meth:`Curve.filled` curve,
+    smoothed over `window` checkpoints (10 in the paper). Checkpoints before the step `after` do not
+    count: an untrained table breaks all its ties at random, which can be far worse than anything
+    later. SettingError if `window` or `after` does not fit the curve.
 
     Examples
     --------
@@ -465,21 +404,11 @@ def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
 def time_to_threshold(
     curve: Curve, threshold: float, *, window: int = 1, strong: bool = False
 ) -> Times:
-    """Return the steps of each seed until its smoothed value first reaches a threshold.
+    """Return the steps of each seed until its smoothed value first reaches a threshold, a return.
 
-    min {steps_t : smooth_t >= threshold}, plus the source steps if strong. A seed that never
-    reaches it is censored at the last checkpoint (plus its source steps if strong). SettingError if
+    min {steps_t : smooth_t >= threshold}, the mean of `window` checkpoints, plus the source steps
+    if strong. A seed that never reaches it is censored at the last checkpoint. SettingError if
     `threshold` is not finite or `window` does not fit the curve.
-
-    Parameters
-    ----------
-    curve : Curve
-    threshold : float
-        Return.
-    window : int
-        Checkpoints to smooth over.
-    strong : bool
-        Whether to charge the source steps.
 
     Examples
     --------
@@ -501,10 +430,10 @@ def steps_saved(
 ) -> FloatArray:
     """Return the steps to threshold that transfer saves, (K,).
 
-    time_to_threshold(baseline)_k - time_to_threshold(transfer)_k. Where only the baseline is
-    censored the true saving is at least this; where only transfer is, at most this. Where both are,
-    it is 0, or minus the source steps if strong. SettingError if the curves do not pair, or as of
-    :func:`time_to_threshold`.
+    ``time_to_threshold(baseline) - time_to_threshold(transfer)``, with its arguments and errors;
+    SettingError also if the curves do not pair. Where only the baseline is censored the true saving
+    is at least this; where only transfer is, at most this. Where both are, it is 0, or minus the
+    source steps if strong.
 
     Examples
     --------
@@ -515,6 +444,8 @@ def steps_saved(
     (array([200.]), array([50.]))
     """
     require_pair(baseline, transfer)
-    without = time_to_threshold(baseline, threshold, window=window, strong=strong)
-    with_transfer = time_to_threshold(transfer, threshold, window=window, strong=strong)
-    return without.steps - with_transfer.steps
+    without, with_transfer = (
+        time_to_threshold(curve, threshold, window=window, strong=strong).steps
+        for curve in (baseline, transfer)
+    )
+    return without - with_transfer

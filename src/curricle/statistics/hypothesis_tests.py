@@ -1,28 +1,13 @@
 """Which arm is better: profiles, the probability of improvement, tests and their correction.
 
-An interval shows how large a difference is, a test whether chance alone could produce it. Several
-tests raise more false alarms than a single test; ``holm`` corrects for that. A NaN is never
-dropped: it makes an estimate NaN, and a test refuses it.
-
-Sources: Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice",
-NeurIPS 2021 (section 4.3); Fisher, "The design of experiments", 1935 (section 21); Holm, "A simple
-sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6, 1979; Mann
-and Whitney, Annals of Mathematical Statistics 18, 1947; Newcombe, "Confidence intervals for an
-effect size measure based on the Mann-Whitney statistic, part 2", Statistics in Medicine 25, 2006
-(method 5); Armitage, McPherson and Rowe, "Repeated significance tests on accumulating data",
-Journal of the Royal Statistical Society A 132, 1969; Pocock, "Group sequential methods in the
-design and analysis of clinical trials", Biometrika 64, 1977; Jennison and Turnbull, "Interim
-analyses: the repeated confidence interval approach", Journal of the Royal Statistical Society B 51,
-1989; Phipson and Smyth, Statistical Applications in Genetics and Molecular Biology 9, 2010; Pitman,
-Supplement to the Journal of the Royal Statistical Society 4, 1937; Wilson, Journal of the American
-Statistical Association 22, 1927.
+A NaN is never dropped: it makes an estimate NaN, and a test refuses it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Literal, Self
 
@@ -55,9 +40,8 @@ def performance_profile(
 ) -> Interval:
     """Return the share of runs that score above each threshold, with Wilson's score interval.
 
-    share_l = (number of seeds k with x_k > tau_l) / K; its bounds are the shares p for which
-    ``|share - p| = z sqrt(p (1 - p) / K)``. A share of K runs is discrete: nominal 95 % cover 95 %
-    on average over all shares, 84 % at worst with 5 seeds and 91 % with 20.
+    Its bounds are the shares p for which ``|share - p| = z sqrt(p (1 - p) / K)`` (Wilson 1927).
+    Nominal 95 % cover 95 % on average over all shares, 84 % at worst with 5 seeds, 91 % with 20.
     """
     runs, tau = vector("scores", scores), vector("thresholds", thresholds, "L")
     if np.isnan(tau).any():
@@ -80,29 +64,22 @@ def probability_of_improvement(
 ) -> Interval:
     """Return the probability that a run of a beats a run of b, with Newcombe's score interval.
 
-    P(a > b) + P(a = b) / 2 = mean_ij ([a_i > b_j] + [a_i = b_j] / 2) over all pairs of runs: the
-    Mann-Whitney U over the number of pairs. The bounds are the probabilities p for which
-    ``|estimate - p| = z sqrt(v(p))`` with the variance of U for exponential scores: v(p) = p (1 -
-    p) (1 + (N - 1) ((1 - p) / (2 - p) + p / (1 + p))) / (K_a K_b), N = (K_a + K_b) / 2.
+    P(a > b) + P(a = b) / 2 = mean_ij ([a_i > b_j] + [a_i = b_j] / 2) over all pairs of runs: the U
+    of Mann and Whitney (1947) over the number of pairs. The bounds are the probabilities p for
+    which ``|estimate - p| = z sqrt(v(p))`` with the variance of U for exponential scores (Newcombe
+    2006, method 5): v(p) = p (1 - p) (1 + (N - 1) ((1 - p) / (2 - p) + p / (1 + p))) / (K_a K_b), N
+    = (K_a + K_b) / 2.
 
     It says how often a beats b (1/2 if neither is ahead), not by how much. The interval has a width
     even if every run of an arm beats every run of the other. It is too wide for matched seeds that
     rise and fall together, and too short for spreads that differ by a factor of 5 (docs/trust.md).
-    SettingError on other arguments.
-
-    Parameters
-    ----------
-    a, b : (K,) float64
-        Larger is better; may be infinite. The arms may differ in K. A NaN makes the result NaN.
-    confidence : float
-        Between 0 and 1.
+    `a` and `b`, (K,), may differ in K and be infinite; a NaN makes the result NaN. SettingError on
+    other arguments.
 
     Examples
     --------
     >>> print(probability_of_improvement([3.0, 5.0, 7.0, 9.0], [4.0, 5.0, 6.0]))
     0.62 [0.24, 0.90], 3 seeds
-    >>> print(probability_of_improvement([3.0, 5.0, 7.0], [0.0, 1.0, 2.0]))
-    1.00 [0.50, 1.00], 3 seeds
     """
     first, second = vector("a", a), vector("b", b)
     check_confidence(confidence)
@@ -136,22 +113,13 @@ def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed:
     """Return the two-sided p-value of paired differences under random signs.
 
     p = share of the sign vectors s in {-1, 1}^K with ``|sum_k s_k d_k| >= |sum_k d_k|``, 1 if all
-    differences are 0. All vectors are counted for up to 14 seeds; for more, p = (1 + count) / (1 +
-    resamples) over random vectors.
+    differences are 0 (Fisher 1935; Pitman 1937). All vectors are counted for up to 14 seeds; for
+    more, p = (1 + count) / (1 + resamples) over random vectors (Phipson and Smyth 2010).
 
     Under the null hypothesis a difference is as likely as its negative, which holds if the two arms
     are exchangeable; then P(p <= alpha) <= alpha whatever the distribution. If only the mean is 0,
-    this holds roughly, for many seeds. Five seeds give no p below 0.0625. SettingError on other
-    arguments.
-
-    Parameters
-    ----------
-    differences : (K,) float64
-        a_k - b_k of matched seeds, finite.
-    resamples : int
-        Sign vectors drawn for more than 14 seeds, at least 1.
-    seed : int
-        Of the draws.
+    this holds roughly, for many seeds. Five seeds give no p below 0.0625. SettingError unless the
+    differences a_k - b_k of matched seeds, (K,), are finite and `resamples` is at least 1.
 
     Examples
     --------
@@ -189,7 +157,7 @@ def smallest_p(seeds: int, resamples: int = 10_000) -> float:
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:
-    """Return p-values adjusted for their number by Holm's rule, under any dependence."""
+    """Return p-values adjusted for their number, under any dependence (Holm 1979)."""
     array = vector("p-values", p_values, "M")
     check_each("p-values must lie in [0, 1]", (array >= 0) & (array <= 1), array, "test")
     order = np.argsort(array, kind="stable")
@@ -201,11 +169,9 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
 
 # -- Adding seeds until the answer is clear, without more false alarms -----------------------------
 #
-# Testing after every batch of seeds and stopping at the first interval that excludes 0 gives far
-# more false alarms than a single interval states. Here the number of interim analyses ("looks") is
-# planned, and intervals and p-values are those of a group-sequential design: at every look they
-# have the level with which all looks together keep the stated level, so they hold wherever one
-# stops.
+# Stopping at the first interval that excludes 0 gives far more false alarms than an interval
+# states. Here the number of interim analyses ("looks") is planned: at every look intervals and
+# p-values have the level with which all looks together keep the stated level.
 
 Measure = Callable[[Sequence[int]], npt.ArrayLike]
 
@@ -243,18 +209,13 @@ class Looks:
     def confidence(self, overall: float = CONFIDENCE) -> float:
         """Return the confidence of the interval at a look with which all looks hold at `overall`.
 
-        It is computed for sums of normal values; Student's intervals then have an overall
-        confidence within 0.005 of `overall` from 2 seeds on (measured).
+        It is computed for normal values; Student's intervals are within 0.005 of it (measured).
         """
         check_confidence(overall)
         return _pointwise(self.seeds, overall)
 
     def adjusted_p(self, p: float) -> float:
-        """Return a p-value times the number of looks, at most 1 (Bonferroni).
-
-        It bounds the probability of a p-value of at most `p` at any look, whatever the
-        distribution.
-        """
+        """Return p times the number of looks, at most 1, which holds for any distribution."""
         # Pocock's smaller bound is for sums of normal values: with it sign-flip tests of lognormal
         # values raised 7 % false alarms, as their p-values at successive looks depend less on each
         # other.
@@ -319,8 +280,7 @@ class AddedSeeds(Frozen):
     @property
     def stopped(self) -> str:
         """The reason and the look of stopping, in words."""
-        reason = f"stopped by {self.stopped_by}"
-        return f"{reason} at look {self.looks} of {len(self.planned.seeds)}"
+        return f"stopped by {self.stopped_by} at look {self.looks} of {len(self.planned.seeds)}"
 
 
 def add_seeds(
@@ -335,27 +295,22 @@ def add_seeds(
     """Return the mean of a measure over as many seeds as a precise or clear answer takes.
 
     After first, 2 first, 4 first, ..., most seeds it computes Student's interval and the p-value
-    of a sign-flip test at the level of :class:`Looks`. It stops when the half-width is at most
-    `precision`, or when the adjusted p-value is below 1 - confidence (`difference`).
-
-    All planned intervals together cover the mean with the stated confidence for normal values
-    (docs/trust.md has rates for others). Fewer than 8 seeds cannot show a difference at the first
-    of five looks, and a difference that is shown early is overestimated on average. SettingError on
-    other arguments.
+    of a sign-flip test at the level of :class:`Looks`. All intervals together cover the mean with
+    the stated confidence for normal values (docs/trust.md has rates for others). Fewer than 8 seeds
+    cannot show a difference at the first of five looks, and a difference that is shown early is
+    overestimated on average. SettingError on other arguments.
 
     Parameters
     ----------
     measure : callable
-        ``measure(seeds)`` for a range of new seeds returns a finite number for each, such as the
+        ``measure(seeds)`` returns a finite number for each of a range of new seeds, such as the
         paired difference of two arms. It is called once for a seed.
     first, most : int
         Seeds K at the first look, at least 2, and at the last.
     precision : float, optional
-        Half-width to reach, in the unit of the measure, above 0.
+        Stop when the half-width is at most this, above 0, in the unit of the measure.
     difference : bool
-        Whether to stop at a difference from 0. Give either this or `precision`.
-    confidence : float
-        Of the whole procedure, between 0 and 1.
+        Or when the adjusted p-value is below 1 - confidence. Give either this or `precision`.
 
     Examples
     --------
@@ -398,5 +353,5 @@ def add_seeds(
         if enough:
             break
     goal: Literal["precision", "difference"] = "difference" if precision is None else "precision"
-    interval = Interval(mean.estimate, mean.low, mean.high, confidence, values.size)
+    interval = replace(mean, confidence=confidence)
     return AddedSeeds(frozen_array(values), interval, p, goal if enough else "most", planned)

@@ -1,18 +1,12 @@
 """Intervals over seeds: means, paired differences and the interquartile mean, by Student's t.
 
-A NaN among the seeds is never dropped, since seeds without a measurement are usually slow: it makes
-the estimate and the bounds of its checkpoint NaN. Where all seeds have the same value, the spread
-between seeds is unknown, not 0, and the bounds are NaN.
-
-Sources: Student, "The probable error of a mean", Biometrika 6, 1908; Tukey and McLaughlin, "Less
-vulnerable confidence and significance procedures for location based on a single sample", Sankhya A
-25, 1963; Yuen, "The two-sample trimmed t for unequal population variances", Biometrika 61, 1974.
+A NaN is never dropped, since seeds without a measurement are usually slow: it makes the result NaN.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,7 +33,7 @@ class Interval(Frozen):
     ----------
     estimate, low, high : float or (T,) or (L,) float64
         At checkpoints T or thresholds L. The bounds are NaN where the spread of the seeds is
-        unknown: for a single seed, and where all seeds have the same value.
+        unknown, not 0: for a single seed, and where all have the same value.
     confidence : float
         Nominal coverage of [low, high], between 0 and 1.
     n : int
@@ -49,10 +43,6 @@ class Interval(Frozen):
     --------
     >>> print(Interval(11.04, 9.82, 12.13, confidence=0.95, n=30))
     11.0 [9.8, 12.1], 30 seeds
-    >>> print(Interval(11.04, float("nan"), float("nan"), confidence=0.95, n=1))
-    11.0, 1 seed (no interval)
-    >>> print(Interval(11.04, float("nan"), float("nan"), confidence=0.95, n=5))
-    11.0, 5 seeds (no spread: no interval)
     """
 
     estimate: float | FloatArray
@@ -88,25 +78,17 @@ def interquartile_mean(values: npt.ArrayLike) -> float | FloatArray:
 
 
 def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean over seeds with Student's interval, pointwise.
+    """Return the mean over seeds of `values`, (K,) or (K, T), with Student's interval, pointwise.
 
     mean +- t s / sqrt(K), where s is the standard deviation over the K seeds and t the quantile of
     Student's distribution with K - 1 degrees of freedom (Student 1908). Exact for normal values,
-    too short for skewed values of few seeds (docs/trust.md). SettingError on other arguments.
-
-    Parameters
-    ----------
-    values : (K,) or (K, T) float64
-        Not infinite; a NaN makes its checkpoint NaN. (K, T) gives arrays (T,).
-    confidence : float
-        Between 0 and 1.
+    too short for skewed values of few seeds (docs/trust.md). A NaN makes its checkpoint NaN.
+    SettingError on infinite values or a confidence that is not between 0 and 1.
 
     Examples
     --------
     >>> print(mean_interval([9.0, 10.0, 11.0, 14.0]))
     11.0 [7.6, 14.4], 4 seeds
-    >>> print(mean_interval([9.0, 9.0, 9.0]))
-    9.00, 3 seeds (no spread: no interval)
     """
     array = _seeds(values)
     spread = array.std(axis=0, ddof=min(1, len(array) - 1))
@@ -114,13 +96,12 @@ def mean_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> I
 
 
 def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDENCE) -> Interval:
-    """Return the interquartile mean over seeds with the interval of Tukey and McLaughlin.
+    """Return the interquartile mean over seeds with the interval of Tukey and McLaughlin (1963).
 
-    m +- t s_w sqrt((K - 1) / (h (h - 1))), where m is ``interquartile_mean``, s_w the standard
-    deviation of the K values after the floor(K / 4) at both ends are replaced by the nearest value
-    that is left, h the number of values left, and t has h - 1 degrees of freedom (Yuen 1974).
-    Arguments and errors are those of :func:`mean_interval`; the bounds are NaN where all values
-    left are equal.
+    m +- t s_w sqrt((K - 1) / (h (h - 1))), where m is the mean of the h values left without the
+    floor(K / 4) at both ends, s_w the standard deviation of the K values after these are replaced
+    by the nearest value left, and t has h - 1 degrees of freedom (Yuen 1974). Arguments and errors
+    are those of :func:`mean_interval`; the bounds are NaN where all values left are equal.
 
     Examples
     --------
@@ -133,10 +114,8 @@ def interquartile_interval(values: npt.ArrayLike, *, confidence: float = CONFIDE
     left = k - 2 * cut
     ordered = np.sort(array, axis=0)
     kept = np.clip(ordered, ordered[cut], ordered[k - 1 - cut])
-    degrees = max(left - 1, 1)
-    spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / degrees)
-    mean = np.asarray(interquartile_mean(array))
-    return _student(kept, mean, spread, left, confidence, k)
+    spread = kept.std(axis=0, ddof=min(1, k - 1)) * math.sqrt((k - 1) / max(left - 1, 1))
+    return _student(kept, interquartile_mean(array), spread, left, confidence)
 
 
 def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
@@ -154,10 +133,9 @@ def clusters(values: npt.ArrayLike) -> tuple[FloatArray, FloatArray] | None:
 def paired_difference(
     a: npt.ArrayLike, b: npt.ArrayLike, *, confidence: float = CONFIDENCE
 ) -> Interval:
-    """Return the mean of a - b over matched seeds with Student's interval.
+    """Return :func:`mean_interval` of a_k - b_k, in which the common effect of a seed cancels.
 
-    :func:`mean_interval` of a_k - b_k, in which the common effect of a seed cancels. Entry k of `a`
-    and `b`, (K,), is of the same seed; SettingError if the shapes differ.
+    Entry k of `a` and `b`, (K,), is of the same seed; SettingError if the shapes differ.
 
     Examples
     --------
@@ -173,7 +151,7 @@ def paired_difference(
     noise = ROUNDING * max(abs(first).max(), abs(second).max())
     if interval.high - interval.low > noise:
         return interval
-    return Interval(interval.estimate, math.nan, math.nan, confidence, interval.n)
+    return replace(interval, low=math.nan, high=math.nan)
 
 
 def check_confidence(confidence: float) -> None:
@@ -201,9 +179,7 @@ def check_each(rule: str, valid: BoolArray, values: FloatArray, unit: str) -> No
 
 def frozen(array: FloatArray) -> float | FloatArray:
     """Return a read-only copy of `array`, or a float if it holds a single number."""
-    if array.ndim == 0:
-        return float(array)
-    return frozen_array(array.copy())
+    return float(array) if array.ndim == 0 else frozen_array(array.copy())
 
 
 def _seeds(values: npt.ArrayLike) -> FloatArray:
@@ -217,20 +193,15 @@ def _seeds(values: npt.ArrayLike) -> FloatArray:
 
 
 def _student(
-    array: FloatArray,
-    estimate: FloatArray,
-    spread: FloatArray,
-    n: int,
-    confidence: float,
-    seeds: int | None = None,
+    array: FloatArray, estimate: Any, spread: FloatArray, n: int, confidence: float
 ) -> Interval:
-    """Return estimate +- t spread / sqrt(n), without bounds where all values are equal."""
+    """Return estimate +- t spread / sqrt(n), without bounds where all K values are equal."""
     check_confidence(confidence)
     half = stdtrit(max(n - 1, 1), (1 + confidence) / 2) * spread / math.sqrt(n)
     equal = np.ptp(array, axis=0) <= ROUNDING * abs(array).max(axis=0)
-    half = np.where(equal, np.nan, half)
-    low, high = frozen(estimate - half), frozen(estimate + half)
-    return Interval(frozen(np.asarray(estimate)), low, high, confidence, seeds or n)
+    half, middle = np.where(equal, np.nan, half), np.asarray(estimate)
+    bounds = frozen(middle - half), frozen(middle + half)
+    return Interval(frozen(middle), *bounds, confidence, len(array))
 
 
 def _triple(numbers: FloatArray) -> str:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import frozen
-from curricle.certificate.certification import Certificate, SampledCertificate, certify
-from curricle.checks import one_of
+from curricle.certificate.certification import certify
 from curricle.comparison.comparison import OF_OPTIMUM, STATED, threshold_of_optimum
 from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import forecast
@@ -67,16 +66,14 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     curricula = curricula_record(
         arms.curricula, arms.keys, arms.scratches, study.variants or {}, controls
     )
-    first = next(iter(arms.curricula.values()))
+    node = next(iter(arms.curricula.values())).node(arms.target)
     threshold, level = study.threshold, STATED
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
-        node = first.node(arms.target)
         threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
     fields = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
-    fields |= {"tasks": curricula.tasks, "arms": curricula.arms}
-    problem = task_summary(first.tasks[arms.target])
-    return StudyRecord(threshold=threshold, threshold_from=level, problem=problem, **fields)
+    fields |= {"tasks": curricula.tasks, "arms": curricula.arms, "problem": task_summary(node.task)}
+    return StudyRecord(threshold=threshold, threshold_from=level, **fields)
 
 
 def curricula_record(
@@ -92,35 +89,27 @@ def curricula_record(
     """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
-        nodes = {
-            name: NodeRecord(
-                task=_number(curriculum.tasks[name], tasks, same_task),
+        nodes = dict[str, NodeRecord]()
+        for name in curriculum.order:
+            sources, node = curriculum.in_edges(name), curriculum.node(name)
+            settings = [which for which in SETTINGS if sources or which not in OF_TARGETS]
+            several = len(sources) > 1
+            nodes[name] = NodeRecord(
+                task=_number(node.task, tasks, same_task),
                 key=keys.get((arm, name), ""),
-                settings={
-                    which: _setting_text(curriculum.setting(which, name))
-                    for which in SETTINGS
-                    if curriculum.in_edges(name) or which not in OF_TARGETS
-                },
-                aggregate=_aggregate(curriculum, name, "a custom aggregate")
-                if len(curriculum.in_edges(name)) > 1
-                else None,
-                seeds_per_file=seeds_per_file(curriculum.node(name)),
+                settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
+                aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
+                seeds_per_file=seeds_per_file(node),
             )
-            for name in curriculum.order
-        }
-        transfers = tuple(
-            TransferRecord(
-                source=edge.source,
-                target=edge.target,
-                words=transfer_words(edge),
-                number=_number(edge, edges, same_transfer),
-            )
-            for edge in curriculum.transfers
-        )
+        transfers = list[TransferRecord]()
+        for edge in curriculum.transfers:
+            number = _number(edge, edges, same_transfer)
+            ends = {"source": edge.source, "target": edge.target}
+            transfers.append(TransferRecord(**ends, words=transfer_words(edge), number=number))
         calibration = ", calibrated" * (curriculum.calibration(curriculum.target) is not None)
         arms[arm] = ArmRecord(
             nodes=nodes,
-            transfers=transfers,
+            transfers=tuple(transfers),
             potential=_aggregate(curriculum, curriculum.target, "") + calibration,
             scratch=arm in scratches,
             control_of=controls.get(arm, ""),
@@ -132,11 +121,10 @@ def curricula_record(
 
 def _number(value: Any, known: list[Any], same: Any) -> int:
     """Return the place of an object among those that differ, to which it is added if it is new."""
-    for number, other in enumerate(known):
-        if same(value, other):
-            return number
-    known.append(value)
-    return len(known) - 1
+    place = next((n for n, other in enumerate(known) if same(value, other)), len(known))
+    if place == len(known):
+        known.append(value)
+    return place
 
 
 def _task(task: Any) -> TaskRecord:
@@ -230,19 +218,19 @@ def analysed(
     episodes: dict[str, dict[str, EpisodePair]] = {}
     for arm, result in results.items():
         for name, node in result.nodes.items():
-            view = None if node.snapshots is None else GridView.for_replay(node.task)
-            if node.snapshots is not None and view is not None:
-                discounted = result.curriculum.setting("evaluation", name).discounted
-                pair = before_and_after(node.snapshots, node.task, view, discounted=discounted)
-                if pair:
-                    episodes.setdefault(arm, {})[name] = pair
+            discounted = result.curriculum.setting("evaluation", name).discounted
+            if pair := before_and_after(node.snapshots, node.task, discounted=discounted):
+                episodes.setdefault(arm, {})[name] = pair
     return Analysis(of=of, sections=sections, episodes=episodes)
 
 
 def before_and_after(
-    snapshots: Snapshots, task: Task, view: GridView, *, discounted: bool
+    snapshots: Snapshots | None, task: Task, *, discounted: bool
 ) -> EpisodePair | None:
     """Return an episode of the first greedy policy and one of the last; None if not drawn."""
+    view = None if snapshots is None else GridView.for_replay(task)
+    if snapshots is None or view is None:
+        return None
     model = generative_model(task)
     pairs = model.states.size * model.actions.size
     if pairs > LARGEST_TABLE or not (has_tables(task) or is_live(task)):
@@ -265,28 +253,25 @@ def before_and_after(
 def _section(
     arms: tuple[str, ...], results: Mapping[str, CurriculumResult], n_groups: int
 ) -> SectionRecord:
-    curriculum = results[arms[0]].curriculum
-    target = curriculum.target
+    target = results[arms[0]].curriculum.target
     seeds, certified, left_out = _extent(arms, results, target, n_groups)
     record: ForecastRecord | None = None
-    certificates: dict[str, tuple[tuple[str, ...], Certificate | SampledCertificate]] = {}
+    certificates = dict[str, CertificateRecord]()
     try:
         record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
             shaping = results[arm].curriculum.setting("shaping", target)
             shaping = shaping.with_potential(_entering(results[arm], target))
             certificate = certify(results[arm].curriculum.tasks[target], shaping)
-            alike, _ = certificates.get(str(certificate), ((), certificate))
-            certificates[str(certificate)] = (*alike, arm), certificate
+            text, holds = str(certificate), certificate.holds
+            alike = certificates[text].arms if text in certificates else ()
+            certificates[text] = CertificateRecord(arms=(*alike, arm), holds=holds, text=text)
     except CurricleError as error:  # what was learnt stands all the same
         left_out.append(f"What is missing here is left out: {error}")
     return SectionRecord(
         arms=arms,
         forecast=record,
-        certificates=tuple(
-            CertificateRecord(arms=alike, holds=certificate.holds, text=str(certificate))
-            for alike, certificate in certificates.values()
-        ),
+        certificates=tuple(certificates.values()),
         left_out=tuple(left_out),
     )
 
@@ -295,14 +280,16 @@ def _extent(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, n_groups: int
 ) -> tuple[int, bool, list[str]]:
     """Return the seeds of the forecast, whether to certify, and what is left out and why."""
-    first = results[arms[0]]
+    first, values = results[arms[0]], dict[str, list[Any]]()
+    for arm in arms:
+        edges = results[arm].curriculum.in_edges(target)
+        values[arm] = [results[arm].sources[edge.source].values for edge in edges]
     if is_observation_task(first.curriculum.tasks[target]):
         left_out = [
             f"Certificates are left out, because {target} is seen through observations: they need "
             "numbered states."
         ]
-        edges = first.curriculum.in_edges(target)
-        readable = all(first.sources[edge.source].values is not None for edge in edges)
+        readable = all(of_source is not None for of_source in values[arms[0]])
         if not readable:
             left_out.append(
                 "The forecast is left out, because the sources' values were not kept, or their "
@@ -311,24 +298,21 @@ def _extent(
         return int(readable), False, left_out
     space = generative_model(first.curriculum.tasks[target])
     pairs = space.states.size * space.actions.size
-    kept = all(
-        isinstance(results[arm].sources[edge.source].values, np.ndarray)
-        for arm in arms
-        for edge in results[arm].curriculum.in_edges(target)
-    )
+    kept = all(isinstance(table, np.ndarray) for of_arm in values.values() for table in of_arm)
     seeds = kept * min(MOST_SEEDS, EFFORT // (pairs * n_groups), len(first[target].seeds))
     certified = kept and pairs <= LARGEST_CERTIFIED
     why = f"{target} has {pairs:,} state-action pairs"
     why += f" and there are {n_groups} graphs" * (n_groups > 1)
     why = why if kept else "the sources' values were not kept in dense tables"
-    left_out = []
-    if not seeds:
-        text = f"The forecast is left out, because {why}: curricle.forecast(curriculum) gives it."
-        left_out.append(text)
-    if not certified:
-        text = "Certificates are left out, because "
-        left_out.append(f"{text}{why}: curricle.certify(task, shaping) gives them.")
-    return seeds, certified, left_out
+    lacking = [
+        f"{part} left out, because {why}: curricle.{call}."
+        for part, call, there in (
+            ("The forecast is", "forecast(curriculum) gives it", seeds),
+            ("Certificates are", "certify(task, shaping) gives them", certified),
+        )
+        if not there
+    ]
+    return seeds, certified, lacking
 
 
 def _forecast(
@@ -345,9 +329,9 @@ def _forecast(
     )
     rows = list[RowRecord]()
     for row in foreseen.rows:
-        values: dict[str, Any] = {name: row.mean(name) for name in ("start", "optimistic")}
-        same = RowRecord.model_fields.keys() - values.keys()
-        rows.append(RowRecord(**values, **{name: getattr(row, name) for name in same}))
+        means: dict[str, Any] = {name: row.mean(name) for name in ("start", "optimistic")}
+        same = RowRecord.model_fields.keys() - means.keys()
+        rows.append(RowRecord(**means, **{name: getattr(row, name) for name in same}))
     same = ForecastRecord.model_fields.keys() - {"rows"}
     return ForecastRecord(rows=tuple(rows), **{name: getattr(foreseen, name) for name in same})
 
@@ -372,8 +356,7 @@ def stored_episode(
     results: StudyResults, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
     """Return the last greedy episode of a task in a folder, and the seed that learnt it."""
-    _check_names(results, arm, task)
-    analysis, about = results.analysis, results.record.task(arm, task)
+    about, analysis = results.task(arm, task), results.analysis
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)
     if pair is None or about.view is None:
         raise StoreError(
@@ -388,17 +371,17 @@ def stored_episode(
             f"{results.store.path} stores an episode of seed {first} alone: got seed {seed}; "
             f"{IN_THE_TASK}"
         )
-    view, record = about.view.view, pair.after
-    if record.cells.shape[1] != len(view.markers) or record.cells.max() >= np.prod(view.shape):
+    view, record, cells = about.view.view, pair.after, pair.after.cells
+    if cells.shape[1] != len(view.markers) or cells.max() >= np.prod(view.shape):
         raise StoreError(f"{results.store.path} stores an episode of {task!r} that is off its grid")
-    scene, moments = scene_of_view(view), np.arange(len(record.cells))
+    scene, moments = scene_of_view(view), np.arange(len(cells))
     return first, Episode(
-        frames=Drawn(lambda moment: scene.image(record.cells[moment]), moments),
+        frames=Drawn(lambda moment: scene.image(cells[moment]), moments),
         actions=np.zeros(0, np.int64),
         rewards=np.diff(record.returns),
         terminated=record.terminated,
         fps=OF_TASKS,
-        texts=Drawn(lambda moment: scene.text(record.cells[moment]), moments),
+        texts=Drawn(lambda moment: scene.text(cells[moment]), moments),
     )
 
 
@@ -406,7 +389,6 @@ def played_episode(
     results: StudyResults, study: StudyConfig, arm: str, task: str, seed: int | None = None
 ) -> tuple[int, Episode]:
     """Return an episode of a learnt policy in the task itself, and the seed that learnt it."""
-    _check_names(results, arm, task)
     learnt, arms = results.result(arm, task), Arms.of(study)
     if arms.keys.get((arm, task)) != results.record.keys[arm, task]:
         raise StoreError(
@@ -418,9 +400,3 @@ def played_episode(
         seed = learnt.seeds[0 if np.isnan(last).all() else int(np.nanargmax(last))]
     (policy,) = results.policies(arm, arms.curricula[arm], [seed], task=task)
     return seed, policy.episode()
-
-
-def _check_names(results: StudyResults, arm: str, task: str) -> None:
-    """Raise StoreError unless the study has the arm, and it the task."""
-    one_of("an arm", arm, results.record.arms, StoreError)
-    one_of(f"a task of arm {arm!r}", task, results.record.arms[arm].nodes, StoreError)

@@ -48,24 +48,25 @@ class Cost:
 def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
     """Return the cost of each task of each arm, those shared by arms once."""
     paces: dict[int, float] = {}
-    found = Counter[tuple[str, str]]()
+    numbers = Counter[tuple[str, str]]()
     for unit in units_of(study, arms, {}):
-        found[unit.arm, unit.task] += len(unit.seeds)
-    each = []
-    for (arm, name), seeds in found.items():
+        numbers[unit.arm, unit.task] += len(unit.seeds)
+    rows = []
+    for (arm, name), seeds in numbers.items():
         node = arms.curricula[arm].node(name)
         if id(node.task) not in paces:
             paces[id(node.task)] = pace(node.task)
-        random = paces[id(node.task)]
-        learning, acting = (
-            (random + NETWORK, random + FORWARD) if node.deep else (SLOWER * random, random)
-        )
+        acting = paces[id(node.task)] + FORWARD * node.deep
+        learning = paces[id(node.task)] + NETWORK if node.deep else SLOWER * acting
         steps, evaluation = node.most_steps, node.most_evaluation_steps
         seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))
-        each.append(
-            Cost(arm, name, seeds, steps, evaluation, seconds, seeds * _bytes(node), acting)
-        )
-    return each
+        kept = 0
+        if node.storage.save_values and not node.deep:
+            kept = seeds * int(
+                node.storage.dense_bytes(node.task.states.size, node.task.actions.size, 1)
+            )
+        rows.append(Cost(arm, name, seeds, steps, evaluation, seconds, kept, acting))
+    return rows
 
 
 def pace(task: Any) -> float:
@@ -120,18 +121,11 @@ def sweeping_seconds(task: Any, sweeps: float) -> float:
     return float(outcomes * min(sweeps, MOST_SWEEPS) * OUTCOME)
 
 
-def _bytes(node: Node) -> int:
-    """Return the size of the values that are kept of a seed."""
-    if node.deep or not node.storage.save_values:
-        return 0
-    return int(node.storage.dense_bytes(node.task.states.size, node.task.actions.size, 1))
-
-
 def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
     """Return what every arm spends, and why that exceeds the target's own budget, in words."""
-    words = f"every arm spends {counted(total, 'step')}"
+    spent = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
-    return f"{words}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
+    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
 
 def duration(seconds: float) -> str:

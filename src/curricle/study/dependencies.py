@@ -56,7 +56,7 @@ def key_of(dependencies: Dependencies) -> str:
 
 def settings_key_of(dependencies: Dependencies) -> str:
     """Return :func:`key_of` all but code and Curricle's version, which takes its place."""
-    return key_of(_without_code(dependencies))
+    return key_of({name: value for name, value in dependencies.items() if name not in OF_CODE})
 
 
 def dependencies_of(
@@ -72,6 +72,7 @@ def dependencies_of(
     for name in curriculum.order:
         task, *others = (arm["tasks"][drawing] for drawing in graph.drawings(name))
         into = [edge for edge in arm["transfers"] if edge["target"] == name]
+        is_target = name == curriculum.target
         dependencies = {
             "curricle": version,
             "name": name,
@@ -79,9 +80,9 @@ def dependencies_of(
             "parts_of": [{k: v for k, v in of.items() if k not in SETTINGS} for of in others],
             "transfers": into,
             "sources": {edge["source"]: keys[edge["source"]] for edge in into},
-            "total": total if name == curriculum.target else None,
+            "total": total if is_target else None,
         }
-        if name != curriculum.target:
+        if not is_target:
             dependencies["source_budget"] = str(curriculum.setting("budget", name))
         # Mappings that were searched stand beside the user's modules: another version of the
         # searches may choose others, also where candidates tie.
@@ -99,14 +100,12 @@ def dependencies_of(
 
 def key_in(stored: Stored) -> Callable[[Dependencies], str]:
     """Return a :func:`key_of` for which stored units of other code, of most seeds, are as good."""
+    settings = {key: settings_key_of(_of(units)) for key, units in stored.items()}
 
     def choose(dependencies: Dependencies) -> str:
-        key, wanted = key_of(dependencies), _without_code(dependencies)
-        as_good = {key: len(stored.get(key, ()))}
-        for other, units in stored.items():
-            if _without_code(_of(units)) == wanted:
-                as_good[other] = len(units)
-        return max(as_good, key=as_good.__getitem__)
+        wanted = settings_key_of(dependencies)
+        as_good = (key for key in stored if settings[key] == wanted)
+        return max([key_of(dependencies), *as_good], key=lambda key: len(stored.get(key, ())))
 
     return choose
 
@@ -131,22 +130,15 @@ def _of(units: Mapping[int, Any]) -> Dependencies:
     return dependencies
 
 
-def _without_code(dependencies: Dependencies) -> dict[str, Any]:
-    return {name: value for name, value in dependencies.items() if name not in OF_CODE}
-
-
 def changes_of(units: Mapping[int, Any], here: Dependencies) -> Iterator[str]:
     """Yield how what stored units depended on differs from something, a clause each."""
     there = _of(units)
     if there["curricle"] != here["curricle"]:
         yield f"Curricle was {there['curricle']} and is {here['curricle']}"
-    for file in sorted({*there["code"], *here["code"]}):
-        if file not in here["code"]:
-            yield f"{file} is used no longer"
-        elif file not in there["code"]:
-            yield f"{file} is used now"
-        elif there["code"][file] != here["code"][file]:
-            yield f"{file} changed"
+    old_code, code = there["code"], here["code"]
+    for file in sorted(file for file in {*old_code, *code} if old_code.get(file) != code.get(file)):
+        fate = "changed" if file in old_code else "is used now"
+        yield f"{file} {fate if file in code else 'is used no longer'}"
     for source in sorted({*there["sources"], *here["sources"]}):
         if there["sources"].get(source) != here["sources"].get(source):
             yield f"its source {source} changed"

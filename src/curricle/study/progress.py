@@ -69,9 +69,7 @@ class Pace:
         self._units, self._last = len(progress.units), progress
         if progress.stored is None:  # further units, after those of a tuning
             self._marks.clear()
-            self._mark(0)
-        else:
-            self._mark(self.stored + 1)
+        self._mark(0 if progress.stored is None else self.stored + 1)
 
     def line_of(self, stored: int, units: int) -> str:
         """Note how many units a folder has, which another process stores, and return the line."""
@@ -110,15 +108,15 @@ class Pace:
         """Return how far the run is, how fast it goes and when it ends, in words."""
         if self._units is None:
             return ""
-        words = [f"{self.stored:,} of {counted(self._units, 'unit')}"]
+        parts = [f"{self.stored:,} of {counted(self._units, 'unit')}"]
         if self._last is not None:
-            words.append(counted(self._last.workers, "worker"))
+            parts.append(counted(self._last.workers, "worker"))
         if rate := self.rate():
-            words.append(_in_words(rate))
+            parts.append(_in_words(rate))
             if left := self._units - self.stored:
-                words.append(f"{timedelta(seconds=round(left / rate))} left")
-        link = None if self._last is None else self._last.link
-        return ", ".join([*words, *filter(None, [self.repeated(), link])])
+                parts.append(f"{timedelta(seconds=round(left / rate))} left")
+        link = "" if self._last is None else self._last.link or ""
+        return ", ".join(filter(None, [*parts, self.repeated(), link]))
 
     def repeated(self) -> str:
         """Return how many units were begun again, in words; nothing if none were."""
@@ -143,12 +141,12 @@ def shown_units(
             if now.stored is None:
                 seeds = Counter[str]()
                 for unit in now.units:
-                    seeds[_row(now, unit)] += len(unit.seeds)
+                    seeds[now.tuning or f"{unit.arm}: {unit.task}"] += len(unit.seeds)
                 for row, total in seeds.items():
                     grow[row] = bars.bar(row, total)
             else:
                 for _ in now.stored.seeds:
-                    grow[_row(now, now.stored)]()
+                    grow[now.tuning or f"{now.stored.arm}: {now.stored.task}"]()
                 if pace.stored == len(now.units) and not now.tuning:
                     bars.bar("forecasts and certificates")
             bars.tell(now)
@@ -156,15 +154,12 @@ def shown_units(
         yield show
 
 
-def _row(progress: Progress, unit: Unit) -> str:
-    """Return the name of a unit's bar."""
-    return progress.tuning or f"{unit.arm}: {unit.task}"
-
-
 def _in_words(rate: float) -> str:
-    """Return units a second, or a minute or an hour if that is a number of at least one."""
-    each = (("a second", 1), ("a minute", 60), ("an hour", 3600))
-    time, seconds = next((one for one in each if rate * one[1] >= 1), each[-1])
+    """Return units a second, or a minute or an hour if that is a number of at least 1."""
+    period, seconds = "an hour", 3600
+    for longer, length in (("a minute", 60), ("a second", 1)):
+        if rate * length >= 1:
+            period, seconds = longer, length
     number = rate * seconds
     text = f"{number:,.0f}" if number >= 100 else f"{number:.2g}"
-    return f"{text} unit{'s' * (text != '1')} {time}"
+    return f"{text} unit{'s' * (text != '1')} {period}"

@@ -1,4 +1,4 @@
-"""What a study's folder records of it: plain data that are read without the study's code."""
+"""What a study's folder records of it: plain data, written when it runs, read without its code."""
 
 import json
 from collections.abc import Collection
@@ -47,10 +47,7 @@ class Plain(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
-# -- What a study's folder says about it: plain data, and all that is needed to read its results ---
-#
-# It is written when the study runs. Whoever reads the folder imports no module that the study names
-# and makes no task.
+# -- What a study's folder says about it: all that is needed to read its results -------------------
 
 LONGEST_EPISODE = 200  # steps of an episode that are kept
 Model = TypeVar("Model", bound=BaseModel)
@@ -88,7 +85,7 @@ class ViewRecord(Plain):
     @property
     def view(self) -> GridView:
         """The view; its markers have no cells."""
-        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        fields = dict(self)
         fields["cells"] = np.stack(np.divmod(self.cells, self.shape[1]), axis=1) + self.origin
         fields["ended"] = np.isin(np.arange(len(self.states)), self.ended)
         fields["markers"] = tuple(Marker(*letter, np.empty(0, np.int64)) for letter in self.markers)
@@ -124,12 +121,10 @@ class TaskRecord(Plain):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        view = self.view
-        if view is not None:
-            if not _below(view.states, self.states):
-                raise ValueError(f"view.states must be below {self.states}")
-            if len(view.actions) != self.actions:
-                raise ValueError(f"view.actions must have {self.actions} names")
+        if self.view is not None and not _below(self.view.states, self.states):
+            raise ValueError(f"view.states must be below {self.states}")
+        if self.view is not None and len(self.view.actions) != self.actions:
+            raise ValueError(f"view.actions must have {self.actions} names")
         return self
 
 
@@ -170,8 +165,7 @@ class ArmRecord(Plain):
     """Why what is learnt by a step depends on the total, in words; empty if it does not, None if
     another version wrote the record."""
     variant: VariantRecord | None = None
-    control_of: str = ""
-    """The arm that it is a control of, if it is one."""
+    control_of: str = ""  # the arm that it is a control of, if it is one
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -222,8 +216,7 @@ class StudyRecord(CurriculaRecord):
 
     name: str
     seeds: tuple[Count, ...]
-    threshold: float | None
-    """The file's, or what the target's optimum gives; None where that is not known."""
+    threshold: float | None  # the file's, or what the target's optimum gives, if that is known
     threshold_from: str = ""  # in words; empty in records of earlier versions
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
@@ -341,6 +334,14 @@ class UnitRecord(Plain):
     dependencies: dict[str, Any]
     task: str
     seeds: tuple[Count, ...] = Field(min_length=1)
+
+
+class FailureRecord(Plain):
+    """A unit that failed in the last run."""
+
+    key: str
+    seeds: tuple[Count, ...]
+    error: str
 
 
 class RunRecord(Plain):

@@ -38,81 +38,38 @@ from curricle.learning.result import (
 )
 from curricle.learning.stopping import UNLEARNT
 from curricle.statistics.curves import SCRATCH, midpoint
-from curricle.study.record import Analysis, RunRecord, StudyRecord, read_record
+from curricle.study.record import (
+    Analysis,
+    FailureRecord,
+    RunRecord,
+    StudyRecord,
+    TaskRecord,
+    read_record,
+)
 from curricle.study.store import (
     RUN,
+    RUNS,
     SNAPSHOTS,
     STUDY,
     VALUES,
     StoredUnit,
     StudyStore,
     stored_values,
-    write_errors,
 )
 from curricle.text import counted, shortened
-
-# -- Whether studies that are compared have one target ---------------------------------------------
-
-
-def check_shared_target(records: Iterable[StudyRecord]) -> None:
-    """Raise CurriculumError unless the targets are one task, learnt and evaluated alike."""
-    first, *others = records
-    for other in others:
-        pair = f"{first.name!r} and {other.name!r}"
-        if first.target != other.target:
-            raise CurriculumError(
-                f"studies must share their target: {pair} have {first.target!r} and "
-                f"{other.target!r}"
-            )
-        if apart := summary_differences(first.problem, other.problem):
-            raise CurriculumError(
-                f"studies must share their target: those of {pair} differ in {'; '.join(apart)}"
-            )
-        mine, yours = (
-            record.arms[SCRATCH].nodes[record.target].settings for record in (first, other)
-        )
-        for which in ("evaluation", "learner", "eval_freq"):
-            if mine.get(which) != yours.get(which):
-                raise CurriculumError(
-                    f"studies must share their target's {which}: {pair} have {mine.get(which)} "
-                    f"and {yours.get(which)}"
-                )
-
-
-SAME_TOTAL = "give their targets budgets with which the totals are equal"
-"""What to do about studies that cannot be compared at the smallest total."""
-
-
-def check_total(study: "StudyResults", total: int) -> None:
-    """Raise CurriculumError unless a study's arms learn by `total` what they learn with theirs."""
-    for name, arm in study.record.arms.items():
-        if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
-            continue
-        why = arm.depends_on_total or "another version of Curricle did not note whether it does"
-        raise CurriculumError(
-            f"arms are compared at one total of steps where what they learn depends on it: arm "
-            f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
-            f"total is {total:,} ({why}); {SAME_TOTAL}"
-        )
-
 
 # -- Units that failed: the arms that need them are left out, the others are compared --------------
 
 FAILURES = "failures.json"  # the units that failed in the last run; not there if none did
 
 
-def failure_rows(failures: Failures) -> list[dict[str, Any]]:
+def failure_records(failures: Failures) -> list[FailureRecord]:
     """Return what tells which arms failed; it is no arm's fault that an executor failed."""
-    if failures.executor_failed:
-        return []
-    return [
-        {
-            "key": unit.key,
-            "seeds": list(unit.seeds),
-            "error": f"{unit.label}: {without_folders(in_words(error))}",
-        }
-        for unit, error in failures.errors
-    ]
+    records = list[FailureRecord]()
+    for unit, error in failures.errors if not failures.executor_failed else ():
+        text = f"{unit.label}: {without_folders(in_words(error))}"
+        records.append(FailureRecord(key=unit.key, seeds=unit.seeds, error=text))
+    return records
 
 
 def failure_error(failures: Failures) -> StudyError:
@@ -122,10 +79,11 @@ def failure_error(failures: Failures) -> StudyError:
     for other, error in others:
         if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
             text += f"; {other.label} failed too: {in_words(error)}"
-    lost = any(isinstance(error, EngineError) for _, error in failures.errors)
+    errors = [error for _, error in failures.errors]
+    lost = any(isinstance(error, EngineError) for error in errors)
     whole = EngineError(text) if lost else StudyError(text)
-    foreign = [error for _, error in failures.errors if not isinstance(error, CurricleError)]
-    whole.__cause__ = foreign[0] if foreign else None
+    foreign = (error for error in errors if not isinstance(error, CurricleError))
+    whole.__cause__ = next(foreign, None)
     return whole
 
 
@@ -135,28 +93,12 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
-def read_failures(store: StudyStore) -> list[dict[str, Any]]:
-    """Return the rows of :func:`failure_rows` that a folder holds; StoreError if damaged."""
-    content = store.read_json(FAILURES) if store.has(FAILURES) else []
-    try:
-        return [
-            {"key": str(row["key"]), "seeds": [*map(int, row["seeds"])], "error": str(row["error"])}
-            for row in content
-        ]
-    except (TypeError, KeyError, ValueError, OverflowError):
-        raise StoreError(
-            f"{store.path / FAILURES} must list units that failed, each with key, seeds and error: "
-            "delete it, and show leaves out no arm"
-        ) from None
-
-
-def write_failures(store: StudyStore, rows: Sequence[dict[str, Any]]) -> None:
+def write_failures(store: StudyStore, records: Sequence[FailureRecord]) -> None:
     """Write the failures of a run in the place of those of an earlier one."""
-    if rows:
-        store.write_json(FAILURES, rows)
+    if records:
+        store.write_records(FAILURES, records)
     else:
-        with write_errors(store.path):
-            (store.path / FAILURES).unlink(missing_ok=True)
+        store.remove([store.path / FAILURES])
 
 
 # -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
@@ -209,15 +151,7 @@ class StudyResults:
 
     Only plain data are read: no module that the study names is imported, no task is made, and no
     pickle is loaded. So a folder can be read on any machine, and one from anywhere is safe to read.
-
-    Parameters
-    ----------
-    path : path
-
-    Raises
-    ------
-    StoreError
-        When the folder holds no study, or a file in it is damaged.
+    StoreError where it holds no study, or a file in it is damaged.
 
     Attributes
     ----------
@@ -268,10 +202,10 @@ class StudyResults:
             if arm.control_of
         }
         errors = dict[str, str]()
-        for row in read_failures(self.store):
-            if not set(row["seeds"]) <= set(self.stored.get(row["key"], ())):
-                for arm in sorted(arms_of(needs, [row["key"]])):
-                    errors.setdefault(arm, row["error"])
+        for failure in self.store.records(FAILURES, FailureRecord):
+            if not set(failure.seeds) <= set(self.stored.get(failure.key, ())):
+                for arm in sorted(arms_of(needs, [failure.key])):
+                    errors.setdefault(arm, failure.error)
         return errors
 
     @cached_property
@@ -281,26 +215,20 @@ class StudyResults:
         stored = [self.stored.get(key, {}) for key in keys]
         return tuple(sorted(set(self.record.seeds).intersection(*stored)))
 
+    def task(self, arm: str, task: str) -> TaskRecord:
+        """Return what is recorded of a task; StoreError if there is no such arm, or task in it."""
+        one_of("an arm", arm, self.record.arms, StoreError)
+        one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
+        return self.record.task(arm, task)
+
     def result(
         self, arm: str, task: str, *, values: bool = False, seeds: Collection[int] | None = None
     ) -> LearningResult:
-        """Return the learning result of one task of an arm.
+        """Return the learning result of one task of an arm, without ``task`` and ``learner``.
 
-        Its ``task`` and ``learner`` are None: the folder holds neither.
-
-        Parameters
-        ----------
-        arm, task : str
-        values : bool
-            Whether to read the learnt values too, which may be large; those of a network are a dict
-            of arrays for each seed, of which :meth:`trained` makes networks.
-        seeds : collection of int, optional
-            Those that are needed; others of their files come too.
-
-        Raises
-        ------
-        StoreError
-            When there is no result yet, or a file is damaged.
+        With `values` those that were learnt are read too, which may be large; of a network they are
+        a dict of arrays for each seed, of which :meth:`trained` makes networks. Of other `seeds`
+        come those in the same files. StoreError where there is no result yet.
         """
         if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
@@ -331,18 +259,8 @@ class StudyResults:
     ) -> dict[str, SourceValues]:
         """Return what an arm's sources learnt, as :meth:`Curriculum.train` takes it.
 
-        Parameters
-        ----------
-        arm : str
-        curriculum : Curriculum
-            That of the arm, such as ``read_study(file).curriculum(arm)``: the folder holds none.
-        seeds : sequence of int, optional
-            Those that every arm has finished by default.
-
-        Raises
-        ------
-        StoreError
-            When a source has not finished all seeds, or a file is damaged.
+        The folder holds no curriculum: it is ``read_study(file).curriculum(arm)``. By default the
+        seeds are those that every arm has finished. StoreError where a source lacks any.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
         return self._values(arm, curriculum, seeds, curriculum.ancestors(curriculum.target))
@@ -357,20 +275,8 @@ class StudyResults:
     ) -> tuple[Any, ...]:
         """Return the policy of each seed of a task of an arm, by default of its target.
 
-        A :class:`TabularPolicy`, or a :class:`TrainedPolicy` where a network learnt it.
-
-        Parameters
-        ----------
-        arm, curriculum, seeds
-            As in :meth:`trained`.
-        task : str, optional
-
-        Raises
-        ------
-        SettingError
-            When the values were not saved.
-        StoreError
-            As :meth:`trained`.
+        A :class:`TabularPolicy`, or a :class:`TrainedPolicy` where a network learnt it. Arguments
+        and errors are as of :meth:`trained`; SettingError where the values were not saved.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
         name = curriculum.target if task is None else task
@@ -396,17 +302,17 @@ class StudyResults:
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
         """Return the unit of each seed; StoreError where one is missing."""
         units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
-        if missing := [seed for seed in seeds if seed not in units]:
-            raise StoreError(
-                f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
-                f"{missing[0]} yet"
-            )
+        for seed in seeds:
+            if seed not in units:
+                raise StoreError(
+                    f"{self.store.path} holds no result of {name!r} in arm {arm!r} for seed "
+                    f"{seed} yet"
+                )
         return units
 
     def _units(self, arm: str, task: str, seeds: Collection[int] | None = None) -> list[StoredUnit]:
-        """Return the units of a task; StoreError if there is no such arm, or task in it."""
-        one_of("an arm", arm, self.record.arms, StoreError)
-        one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
+        """Return the units of a task."""
+        self.task(arm, task)
         by_seed = self.stored.get(self.record.keys[arm, task], {}).items()
         return [*dict.fromkeys(unit for seed, unit in by_seed if seeds is None or seed in seeds)]
 
@@ -426,13 +332,7 @@ class StudyResults:
 
     @property
     def comparison(self) -> Comparison:
-        """The arms compared with learning from scratch, over the seeds that all have finished.
-
-        Raises
-        ------
-        StoreError
-            When the study has no scratch baseline, or no seed has finished in every arm.
-        """
+        """The arms compared with learning from scratch, as :func:`compare_studies` does."""
         return compare_studies([self])
 
     @property
@@ -443,7 +343,7 @@ class StudyResults:
     @property
     def runs(self) -> list[RunRecord]:
         """Each run so far."""
-        return self.store.runs()
+        return self.store.records(RUNS, RunRecord)
 
     def level(self, arm: str) -> Level | None:
         """Return what a control that knows nothing adds to every value; None of other arms."""
@@ -467,8 +367,6 @@ class StudyResults:
         runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
         seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
         return steps[np.argsort(seeds)]
-
-    # -- tables --------------------------------------------------------------------------------
 
     def table(self, name: str) -> pa.Table:
         """Return ``curves.parquet`` or ``decisions.parquet`` of all units, with their arms."""
@@ -497,23 +395,24 @@ class StudyResults:
         for file, name in ((RESULTS, CURVES), (DECISIONS, DECISIONS)) if self.stored else ():
             self.store.write(file, parquet_of(self._parts(name)))
 
-    def decisions(self, arm: str, task: str) -> dict[int, list[str]]:
+    def decisions(self, arm: str, task: str, column: str = "reason") -> dict[int, list[str]]:
         """Return the reason for each decision in a task, as sentences by seed."""
-        return self._by_seed(arm, task, "reason")
-
-    def ended_by(self, arm: str, task: str) -> dict[int, str]:
-        """Return what ended the training of each seed in a task, in a few fixed words."""
-        return {
-            seed: criteria[-1] for seed, criteria in self._by_seed(arm, task, "criterion").items()
-        }
-
-    def _by_seed(self, arm: str, task: str, column: str) -> dict[int, list[str]]:
-        """Return a column of the decisions in a task by seed."""
         values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
             for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
                 values.setdefault(row["seed"], []).append(row[column])
         return dict(sorted(values.items()))
+
+    def ended_by(self, arm: str, task: str) -> dict[int, str]:
+        """Return what ended the training of each seed in a task, in a few fixed words."""
+        criteria = self.decisions(arm, task, "criterion")
+        return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
+
+
+# -- The arms of one or several studies, compared --------------------------------------------------
+
+SAME_TOTAL = "give their targets budgets with which the totals are equal"
+"""What to do about studies that cannot be compared at the smallest total."""
 
 
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
@@ -523,10 +422,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     plan are missing there is no verdict and no p-value. Different totals are compared at the
     smallest, if what was learnt by then does not depend on what came after.
 
-    Parameters
-    ----------
-    studies : sequence of StudyResults
-        Arms of several are named ``study: arm``, by folder where names of studies are equal.
+    Arms of several studies are named ``study: arm``, by folder where names of studies are equal.
 
     Raises
     ------
@@ -536,38 +432,24 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         When the targets differ as tasks or in how they are learnt, or an arm had a larger total on
         which what it learnt depends, or took more than the smallest total in its sources.
     """
-    for study in studies:
-        if not study.has_baseline:
-            raise StoreError(
-                "a comparison needs the target learnt from scratch, for a number of steps: "
-                f"{study.store.path} holds a study without it"
-            )
-        if SCRATCH in study.failed:
-            raise StoreError(
-                f"a comparison needs the target learnt from scratch, which failed in "
-                f"{study.store.path}: {study.failed[SCRATCH]}"
-            )
-        assert study.record.total is not None, "a baseline has so many steps"
-        checkpoints = study.record.total // study.record.eval_freq
-        if checkpoints > MOST_CHECKPOINTS:
-            raise StoreError(
-                f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
-                f"states {checkpoints:,}"
-            )
-    check_shared_target([study.record for study in studies])
+    total = _shared_total(studies)
+    first, paths = studies[0].record, [study.store.path for study in studies]
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
             "a comparison needs a seed that every arm has finished: "
-            f"{' and '.join(str(study.store.path) for study in studies)} have none yet"
+            f"{' and '.join(map(str, paths))} have none yet"
         )
-    first = studies[0].record
-    total = min(study.record.total or 0 for study in studies)
-    for study in studies:
-        check_total(study, total)
+    names = [study.record.name for study in studies], [path.name for path in paths], paths
+    differing = [texts for texts in names if len({*texts}) == len(texts)]
+    if not differing:
+        raise CurriculumError(
+            f"studies that are compared need different folders: got {', '.join(map(str, paths))}"
+        )
+    prefixes = [f"{text}: " for text in differing[0]] if len(studies) > 1 else [""]
     arms = {SCRATCH: _arm(studies[0], SCRATCH, total, seeds)}
     failed: dict[str, Exception] = {}
-    for study, prefix in zip(studies, _prefixes(studies), strict=True):
+    for study, prefix in zip(studies, prefixes, strict=True):
         for name, arm in study.record.arms.items():
             label = f"{prefix}{name}"
             if arm.control_of in study.failed:
@@ -590,21 +472,64 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     return Comparison(first.target, arms, *spans, failed, interim=interim, threshold_from=level)
 
 
-def _prefixes(studies: Sequence[StudyResults]) -> list[str]:
-    """Return what names of arms begin with: nothing, or names or folders that differ."""
-    if len(studies) == 1:
-        return [""]
-    stores = [study.store.path for study in studies]
-    by_name = [study.record.name for study in studies]
-    for names in (by_name, [path.name for path in stores], [*map(str, stores)]):
-        if len(set(names)) == len(names):
-            return [f"{name}: " for name in names]
-    raise CurriculumError(
-        f"studies that are compared need different folders: got {', '.join(map(str, stores))}"
-    )
+def _shared_total(studies: Sequence[StudyResults]) -> int:
+    """Return the total of steps at which studies can be compared, or raise what hinders that."""
+    for study in studies:
+        if not study.has_baseline:
+            raise StoreError(
+                "a comparison needs the target learnt from scratch, for a number of steps: "
+                f"{study.store.path} holds a study without it"
+            )
+        if SCRATCH in study.failed:
+            raise StoreError(
+                f"a comparison needs the target learnt from scratch, which failed in "
+                f"{study.store.path}: {study.failed[SCRATCH]}"
+            )
+        checkpoints = (study.record.total or 0) // study.record.eval_freq
+        if checkpoints > MOST_CHECKPOINTS:
+            raise StoreError(
+                f"a comparison has at most {MOST_CHECKPOINTS:,} checkpoints: {study.store.path} "
+                f"states {checkpoints:,}"
+            )
+        _check_shared_target(studies[0].record, study.record)
+    total = min(study.record.total or 0 for study in studies)
+    for study in studies:
+        for name, arm in study.record.arms.items():
+            if arm.depends_on_total == "" or study.record.total == total or name in study.failed:
+                continue
+            why = arm.depends_on_total or "another version of Curricle did not note whether it does"
+            raise CurriculumError(
+                f"arms are compared at one total of steps where what they learn depends on it: arm "
+                f"{name!r} of {study.store.path} had {study.record.total:,} steps and the smallest "
+                f"total is {total:,} ({why}); {SAME_TOTAL}"
+            )
+    return total
+
+
+def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
+    """Raise CurriculumError unless two targets are one task, learnt and evaluated alike."""
+    pair = f"{first.name!r} and {other.name!r}"
+    if first.target != other.target:
+        raise CurriculumError(
+            f"studies must share their target: {pair} have {first.target!r} and {other.target!r}"
+        )
+    if different := summary_differences(first.problem, other.problem):
+        raise CurriculumError(
+            f"studies must share their target: those of {pair} differ in {'; '.join(different)}"
+        )
+    for which in ("evaluation", "learner", "eval_freq"):
+        mine, yours = (
+            record.arms[SCRATCH].nodes[record.target].settings.get(which)
+            for record in (first, other)
+        )
+        if mine != yours:
+            raise CurriculumError(
+                f"studies must share their target's {which}: {pair} have {mine} and {yours}"
+            )
 
 
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
+    """Return an arm of a study as it is compared, at a total of steps."""
     record = study.record
     result = study.results[name][record.target]
     spent = study.source_steps(name)

@@ -5,7 +5,7 @@ import os
 import platform
 import subprocess
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
@@ -26,19 +26,27 @@ from curricle.progress import check_progress, interruptible
 from curricle.study.analysis import analyse, curricula_record, study_record
 from curricle.study.arms import Arms, UnitInput, seeds_of, units_of
 from curricle.study.config import Study, StudyConfig, study_of
-from curricle.study.dependencies import changes_of, key_in, key_of, replaced_keys, settings_key_of
+from curricle.study.dependencies import (
+    Dependencies,
+    changes_of,
+    key_in,
+    key_of,
+    replaced_keys,
+    settings_key_of,
+)
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.progress import Progress, shown_units
-from curricle.study.record import RunRecord, StudyRecord, plain
+from curricle.study.record import CurriculaRecord, FailureRecord, RunRecord, plain
 from curricle.study.results import (
     ANALYSIS,
+    FAILURES,
     StudyResults,
     failure_error,
-    failure_rows,
-    read_failures,
+    failure_records,
     write_failures,
 )
 from curricle.study.store import (
+    RUNS,
     SNAPSHOTS,
     Packing,
     StoredSource,
@@ -51,7 +59,6 @@ from curricle.study.store import (
     lost_errors,
     pack,
     stored_values,
-    write_errors,
 )
 from curricle.study.tuning import (
     BEGUN,
@@ -75,10 +82,11 @@ Done = dict[str, dict[int, StoredUnit]]  # key -> seed -> unit
 
 def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
     """Return a study's arms; the keys are those of stale units in a folder if these are kept."""
-    if not (keep_stale and holds_study(place_at(path))):
-        return Arms.of(study)
-    store = StudyStore(path)
-    return Arms.of(study, key_in(store.finished(without=store.damaged_units())))
+    choose: Callable[[Dependencies], str] = key_of
+    if keep_stale and holds_study(place_at(path)):
+        store = StudyStore(path)
+        choose = key_in(store.finished(without=store.damaged_units()))
+    return Arms.of(study, choose)
 
 
 def tuned_before(
@@ -93,9 +101,9 @@ def tuned_before(
     # A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
     # version aside where stale units are kept.
     place = place_at(path)
-    if study.tune is None or not holds_study(place):
-        return study, arms
-    if (there := read_tuning(StudyStore(place))) is None:
+    tuned = study.tune is not None and holds_study(place)
+    there = read_tuning(StudyStore(place)) if tuned else None
+    if there is None:
         return study, arms
     if there.of != digest_of(study):
         if not keep_stale or there.of_settings != digest_of(study, settings_key_of):
@@ -105,8 +113,8 @@ def tuned_before(
             "the tuning is stale and kept: its trials are of other code, or of another version of "
             "Curricle"
         )
-    tuned = tuned_study(study, there)
-    return tuned, arms_in(tuned, path, keep_stale=keep_stale)
+    study = tuned_study(study, there)
+    return study, arms_in(study, path, keep_stale=keep_stale)
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
@@ -116,27 +124,21 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     damaged = store.damaged_units()
     remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
     if remove_damaged:
-        with write_errors(store.path):
-            for file in damaged:
-                file.unlink()
+        store.remove(damaged)
     done = store.finished(without=damaged)
-    return done, [*remarks, *_stale(arms, done)]
-
-
-def _stale(arms: Arms, done: Done) -> Iterator[str]:
     places: dict[str, tuple[str, str]] = {}
     for place, key in arms.keys.items():
         places.setdefault(key, place)  # of arms that share units, the first
     depends = {key: arms.dependencies[place] for key, place in places.items()}
     kept = {key: key for key in places if key in done and key != key_of(depends[key])}
     stale = replaced_keys(depends, done) | kept
-    for key, place in places.items():
-        if key in stale:
-            units = done[stale[key]]
-            fate = "kept" if key in kept else "trained again"
-            why = "; ".join(changes_of(units, depends[key]))
-            label = f"{': '.join(place)}, {numbered_seeds(sorted(units))}"
-            yield f"{label}, is stale and {fate}: {why}"
+    for key in (key for key in places if key in stale):
+        units = done[stale[key]]
+        label = f"{': '.join(places[key])}, {numbered_seeds(sorted(units))}"
+        fate = "kept" if key in kept else "trained again"
+        why = "; ".join(changes_of(units, depends[key]))
+        remarks.append(f"{label}, is stale and {fate}: {why}")
+    return done, remarks
 
 
 # -- Running a study: its units on any executor, each stored as soon as it is trained --------------
@@ -163,8 +165,7 @@ def run_study(
 
     Parameters
     ----------
-    study : StudyConfig or path
-        Or the path of its file.
+    study : StudyConfig or path of its file
     path : path or str, optional
         The folder, made if need be, or a URL. By default the file's name with "-results", here.
     resume : bool
@@ -176,20 +177,17 @@ def run_study(
     executor : concurrent.futures.Executor, optional
         Trains the units instead, also on other machines; it is not shut down.
     on : str, optional
-        A cluster that trains the units instead: "dask", "ray", or one that is there, as in
-        "dask://host:8786". The study's own modules are sent along.
+        A cluster that does: "dask", "ray", or one at an address, as in "dask://host:8786".
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
     keep_stale : bool
         Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
-        They get each unit's curves too: "tensorboard", or one's own. One that fails is reported.
+        They get each unit's curves too: "tensorboard", or one's own.
     report : callable, optional
-        Called with a sentence for each failed tracker, and each task with units that are damaged
-        or stale; by default it is printed to stderr.
+        Called with a sentence for each failed tracker and stale or damaged task; else on stderr.
     progress : bool or callable, optional
-        By default bars; a function is called with a :class:`Progress` at the beginning and whenever
-        a unit is stored.
+        By default bars; a function gets a :class:`Progress` at the beginning and for each unit.
 
     Raises
     ------
@@ -201,8 +199,7 @@ def run_study(
     SettingError
         When the arms cannot be compared, a setting makes no sense, or a package is missing.
     StudyError
-        When units failed, after all others are stored but those of arms with one that failed.
-        Without scratch or an executor nothing more is trained.
+        When units failed, after those of all other arms are stored.
 
     Examples
     --------
@@ -217,7 +214,15 @@ def run_study(
     study = study_of(study)
     check_progress(progress)
     path = path or study.results_folder
-    _check_settings(workers, shard, report, resume)
+    if workers is not None:
+        whole_number("workers", workers, 1, SettingError)
+    if report is not None and not callable(report):
+        raise SettingError(f"report must be a function of a sentence: got {report!r}")
+    if not isinstance(resume, bool):
+        raise SettingError(f"resume must be True or False: got {resume!r}")
+    whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
+    if not (whole and 1 <= shard[0] <= shard[1]):
+        raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
     arms = arms_in(study, path, keep_stale=keep_stale)
     study.check_networks()
     trackers = trackers_of(trackers)
@@ -231,36 +236,34 @@ def run_study(
         # first: where a cluster is refused, no folder is made
         places = _workers(study, arms, workers, executor, on, report, ending)
         record = study_record(study, arms)
-        opened = StudyStore.opened(
-            path, _description(study, arms, record), resume=resume, check=False
-        )
+        description = {**_settings(study, arms), "record": plain(record)}
+        opened = StudyStore.opened(path, description, resume=resume, check=False)
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
         show = ending.enter_context(shown_units(progress))
-        training = Training(store, places, show)
         if study.tune is not None:
+            training = Training(store, places, show)
             study = _tuned(study, training, resume=resume, keep_stale=keep_stale)
             arms = arms_in(study, path, keep_stale=keep_stale)
             record = study_record(study, arms)
-            store = store.redescribed(_description(study, arms, record))
-            training = Training(store, places, show)
+            store = store.redescribed({**_settings(study, arms), "record": plain(record)})
+        training = Training(store, places, show)
         done = _begun(store, study, arms, report)
         tracking = Trackers(trackers, report)
         beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
         tracking.start(study.name, _settings(study, arms), beside)
         ending.callback(tracking.close)
-        failures, per_file = Failures(arms.needs), files_of(record)
-        for unit, result in training.results(study, arms, done, per_file, failures, shard):
+        failures = Failures(arms.needs)
+        for unit, result in training.results(study, arms, record, done, failures, shard):
             if trackers:
                 if isinstance(result, StoredUnit):
-                    result = store.result(result, unit.seeds)
+                    result = result.result(unit.seeds)
                 node = arms.curricula[unit.arm].node(unit.task)
                 learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
                 tracking.record(unit.arm, unit.task, learnt)
-        write_failures(store, failure_rows(failures))
+        write_failures(store, failure_records(failures))
         if not failures:
             store.remove_checkpoints()
-        pack(store, per_file)
         store.require_there()  # in a folder that was moved nothing is listed, and nothing is wrong
         results = StudyResults(store)
         results.write_tables()
@@ -268,19 +271,6 @@ def run_study(
     if failures:
         raise failure_error(failures)
     return results
-
-
-def _check_settings(workers: Any, shard: Any, report: Any, resume: Any) -> None:
-    """Raise SettingError for a setting of a run that is of a wrong kind or makes no sense."""
-    if workers is not None:
-        whole_number("workers", workers, 1, SettingError)
-    if report is not None and not callable(report):
-        raise SettingError(f"report must be a function of a sentence: got {report!r}")
-    if not isinstance(resume, bool):
-        raise SettingError(f"resume must be True or False: got {resume!r}")
-    whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
-    if not (whole and 1 <= shard[0] <= shard[1]):
-        raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
 
 
 @dataclass(frozen=True)
@@ -295,19 +285,32 @@ class Training:
         self,
         study: StudyConfig,
         arms: Arms,
+        record: CurriculaRecord,
         done: Done,
-        per_file: Mapping[str, int],
         failures: Failures,
         shard: tuple[int, int] = (1, 1),
         tuning: str = "",
     ) -> Iterator[Taken]:
         """Yield each unit of a study that is not done with its result, when it is stored."""
-        units = tuple(units_of(study, arms, done, shard))
-        packing, workers = Packing(self.store, done, per_file), self.workers
+        store, workers, per_file = self.store, self.workers, files_of(record)
+        units, packing = tuple(units_of(study, arms, done, shard)), Packing(store, done, per_file)
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
+        seen = workers.see(store.path)  # then they read and write large files themselves
 
         def send(unit: Unit) -> "Future[Any]":
-            return self._sent(unit, arms, packing, data)
+            curriculum = arms.curricula[unit.arm]
+            values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
+            read = sources_read(curriculum, unit.task)
+            for name, key in unit.sources.items():
+                files, needed = {seed: done[key][seed] for seed in unit.seeds}, name in read
+                if seen and packing.is_large(key, unit.seeds):
+                    stored[name] = StoredSource(files, needed)
+                else:
+                    values[name] = stored_values(packing.arrays, files, unit.seeds, read=needed)
+            kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
+            checkpoints = store.checkpoints(unit) if kept else None
+            place = store.path if seen and packing.is_large(unit.key, unit.seeds) else None
+            return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
 
         scheduler = Scheduler(send, packing, workers, failures)
 
@@ -319,25 +322,7 @@ class Training:
         for unit, result in scheduler.results(units):
             yield unit, result
             report(unit)
-
-    def _sent(
-        self, unit: Unit, arms: Arms, packing: Packing, data: tuple[str, str, str]
-    ) -> "Future[Any]":
-        """Send a unit; workers that see the study's files read and write large ones themselves."""
-        workers, store, curriculum = self.workers, self.store, arms.curricula[unit.arm]
-        values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
-        read, seen = sources_read(curriculum, unit.task), workers.see(store.path)
-        for name, key in unit.sources.items():
-            units = {seed: packing.done[key][seed] for seed in unit.seeds}
-            if seen and packing.is_large(key, unit.seeds):
-                stored[name] = StoredSource(units, name in read)
-            else:
-                values[name] = stored_values(packing.arrays, units, unit.seeds, read=name in read)
-        kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
-        checkpoints = store.checkpoints(unit) if kept else None
-        written = seen and packing.is_large(unit.key, unit.seeds)
-        place = store.path if written else None
-        return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
+        pack(store, per_file)
 
 
 def _tuned(
@@ -346,22 +331,17 @@ def _tuned(
     """Return a study with the settings that are found for each arm, and note how."""
     path, number = training.store.path / TRIALS, number_of_trials(study)
     with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
-        with write_errors(path):
-            for file in store.damaged_units():
-                file.unlink()
+        store.remove(store.damaged_units())
         choose = key_in(store.finished()) if keep_stale else key_of
         trials, begun = replace(training, store=store), list[str]()
 
-        def train(config: StudyConfig, of_trials: Arms, words: str) -> StudyStore:
-            begun.extend(of_trials.keys[arm, of_trials.target] for arm in of_trials.curricula)
+        def train(config: StudyConfig, arms: Arms, trials_now: str) -> StudyStore:
+            begun.extend(arms.keys[arm, arms.target] for arm in arms.curricula)
             now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
             store.write_record(BEGUN, now)
-            failures = Failures(of_trials.needs)
-            per_file = files_of(curricula_record(of_trials.curricula, of_trials.keys))
-            done = store.finished()
-            of_trial = config, of_trials, done, per_file, failures
-            deque(trials.results(*of_trial, tuning=words), maxlen=0)
-            pack(store, per_file)
+            failures, record = Failures(arms.needs), curricula_record(arms.curricula, arms.keys)
+            of_trials = config, arms, record, store.finished(), failures
+            deque(trials.results(*of_trials, tuning=trials_now), maxlen=0)
             if failures:
                 raise failure_error(failures)
             return store
@@ -372,18 +352,10 @@ def _tuned(
     return tuned_study(study, record)
 
 
-def _description(study: StudyConfig, arms: Arms, record: StudyRecord) -> dict[str, Any]:
-    """Return what a study's folder says of it."""
-    return {**_settings(study, arms), "record": plain(record)}
-
-
 def _settings(study: StudyConfig, arms: Arms) -> dict[str, Any]:
     """Return what a study's results depend on."""
-    return {
-        "curricle": metadata.version("curricle"),
-        "configuration": study.to_data(),
-        "code": arms.code,
-    }
+    version = metadata.version("curricle")
+    return {"curricle": version, "configuration": study.to_data(), "code": arms.code}
 
 
 def _workers(
@@ -417,9 +389,12 @@ def _workers(
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:
     """Note a run in its folder, and return the units there that it uses."""
     done, remarks = usable_units(store, arms, remove_damaged=True)
-    run = _provenance(study)
-    runs = store.runs()
-    for library, version in run.versions.items():
+    runs = store.records(RUNS, RunRecord)
+    versions = {name: metadata.version(name) for name in LIBRARIES}
+    for name in OPTIONAL:
+        with suppress(metadata.PackageNotFoundError):
+            versions[name] = metadata.version(name)
+    for library, version in versions.items():
         there = {earlier.versions[library] for earlier in runs if library in earlier.versions}
         others = sorted(there - {version})
         if others and library != "curricle":
@@ -429,18 +404,8 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
             )
     for sentence in remarks:
         report(sentence)
-    store.write_runs([*runs, run])
-    return done
-
-
-def _provenance(study: StudyConfig) -> RunRecord:
-    """Return what a run is made with: versions, machine, the study's file and its commit."""
     # Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
-    versions = {name: metadata.version(name) for name in LIBRARIES}
-    for name in OPTIONAL:
-        with suppress(metadata.PackageNotFoundError):
-            versions[name] = metadata.version(name)
-    return RunRecord(
+    run = RunRecord(
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         file=study.file,
         seeds=study.seeds,
@@ -449,19 +414,16 @@ def _provenance(study: StudyConfig) -> RunRecord:
         machine=f"{platform.system()} {platform.machine()}",
         versions=versions,
     )
+    store.write_records(RUNS, [*runs, run])
+    return done
 
 
 def _commit(folder: Path) -> str | None:
     """Return the Git commit a folder is at, marked if files differ; None if it is in none."""
+    asked = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    quiet: Any = {"capture_output": True, "text": True, "check": False}
     try:
-        described = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=False,
-        )
+        described = subprocess.run(asked, cwd=folder, timeout=10, **quiet)
     except (OSError, subprocess.SubprocessError):
         return None
     return described.stdout.strip() or None
@@ -473,19 +435,9 @@ def _commit(folder: Path) -> str | None:
 def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     """Merge the parts of a study, run in several folders, into one folder; return its results.
 
-    The parts do not change. A unit that several have is taken once, since equal units have equal
-    results.
-
-    Parameters
-    ----------
-    path : path
-        Made if need be; or a folder of the same study, whose units stay.
-    parts : sequence of path
-
-    Raises
-    ------
-    StoreError
-        When folders hold different studies, or one is damaged or in use.
+    The folder is made if need be; the units of one of the same study stay. The parts do not change.
+    A unit that several have is taken once, since equal units have equal results. StoreError where
+    folders hold different studies, or one is damaged or in use.
     """
     if isinstance(parts, str | Place):
         raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")
@@ -502,12 +454,13 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
                 "are merged must be of the same"
             )
         for unit in units:  # damage is found before anything is written
-            study.store.result(unit, unit.seeds, study.most_bytes)
+            unit.result(unit.seeds, study.most_bytes)
     # That of the first seeds, which a part has finished, is that of all.
     by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
     analysis = next((study.analysis for study in by_seed if study.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
-        failures, before = read_failures(target), target.runs()
+        failures = target.records(FAILURES, FailureRecord)
+        before = target.records(RUNS, RunRecord)
         runs = [*before]
         done = target.finished()
         stored = [*done.values(), *(unit.seeds for units in units_of_parts for unit in units)]
@@ -515,10 +468,19 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         for store, units in zip(stores, units_of_parts, strict=True):
             target = target.redescribed(store.description)
             # Those that are there belong to a part that was merged before.
-            runs += [run for run in store.runs() if run not in before]
-            target.write_runs(runs)
-            _take(target, done, store, units, first)
-            failures += [row for row in read_failures(store) if row not in failures]
+            runs += [run for run in store.records(RUNS, RunRecord) if run not in before]
+            target.write_records(RUNS, runs)
+            for unit in units:
+                there = done.setdefault(unit.key, {})
+                if new := tuple(seed for seed in unit.seeds if seed not in there):
+                    result = unit.result(new)
+                    if first not in new:  # a study keeps the snapshots of its first seed alone
+                        arrays = result.arrays.items()
+                        kept = {k: v for k, v in arrays if group_of(k) != SNAPSHOTS}
+                        result = result._replace(arrays=kept)
+                    there |= dict.fromkeys(new, target.write_unit(unit.about, result))
+            of_part = store.records(FAILURES, FailureRecord)
+            failures += [failure for failure in of_part if failure not in failures]
         target = target.redescribed(stores[0].description)  # with the seeds of all parts
         pack(target, files_of(studies[0].record))
         merged = StudyResults(target)
@@ -529,18 +491,3 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
             target.write_record(TUNING, tuning)
         write_failures(target, failures)
     return merged
-
-
-def _take(
-    target: StudyStore, done: Done, store: StudyStore, units: Sequence[StoredUnit], first: int
-) -> None:
-    """Copy the seeds of a part's units that a folder lacks; `first` is the first seed of all."""
-    for unit in units:
-        there = done.setdefault(unit.key, {})
-        new = tuple(seed for seed in unit.seeds if seed not in there)
-        if new:
-            result = store.result(unit, new)
-            if first not in new:  # a study keeps the snapshots of its first seed alone
-                learnt = {k: v for k, v in result.arrays.items() if group_of(k) != SNAPSHOTS}
-                result = result._replace(arrays=learnt)
-            there |= dict.fromkeys(new, target.write_unit(unit.about, result))

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import chain
 from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple, TypeVar
@@ -44,14 +45,7 @@ from curricle.files import (
 from curricle.learning.result import LearningResult, arrays_of, checkpoints_of, joined_results
 from curricle.learning.tabular_policy import Arrays, values_of
 from curricle.study.dependencies import differences, shown
-from curricle.study.record import (
-    CurriculaRecord,
-    Plain,
-    RunRecord,
-    UnitRecord,
-    plain,
-    read_record,
-)
+from curricle.study.record import CurriculaRecord, Plain, UnitRecord, plain, read_record
 from curricle.study_file.schema import seeds_in_ranges
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
@@ -66,10 +60,10 @@ CHECKPOINTS = ".checkpoints"  # where networks in training are saved, to go on f
 
 def check_ours(path: Place, resume: bool) -> None:
     """Raise StoreError if a path is a file, or a folder that holds other things than results."""
-    # A folder in it that is a link is refused: what is damaged there would be deleted.
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
     for entry in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
+        # What is damaged in a folder that is a link would be deleted.
         if entry.is_symlink() and entry.is_dir() and entry.suffix != PART:
             raise StoreError(f"folders in one of results must be no links: delete {entry}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
@@ -166,7 +160,7 @@ def lost_errors() -> Iterator[None]:
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"  # groups of arrays
 
-DECISION_SCHEMA = {
+DECISION_SCHEMA = {  # columns of a unit's decisions, and their types
     "task": "string",
     "seed": "int64",
     "steps": "int64",
@@ -175,7 +169,6 @@ DECISION_SCHEMA = {
     **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
     "reason": "string",
 }
-"""Columns of a unit's decisions, and their types."""
 OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # an array of one seed, by its row
 OF_UNITS = ("source_steps", "scale", "refusal", "level", "level_base")
 """Arrays by seed that a unit has beside those of its result: two if it was calibrated, two if it is
@@ -187,8 +180,7 @@ class UnitResult(NamedTuple):
     """What training a unit returns."""
 
     arrays: Arrays  # those of the `LearningResult` (`arrays_of`), and `OF_UNITS`
-    decisions: pa.Table
-    """Why each seed went on or stopped, a row a checkpoint, of `DECISION_SCHEMA`."""
+    decisions: pa.Table  # why each seed went on or stopped, a row a checkpoint
 
 
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
@@ -239,8 +231,7 @@ def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Tab
     # measured before they are made.
     texts = [name for name, kind in schema.items() if kind == "string"]
     try:
-        with pq.ParquetFile(io.BytesIO(content)) as file:
-            columns = {field.name: str(field.type) for field in file.schema_arrow}
+        columns = {field.name: str(field.type) for field in pq.read_schema(io.BytesIO(content))}
         if columns != schema:
             raise ValueError(f"it must have the columns {', '.join(schema)}")
         with pq.ParquetFile(io.BytesIO(content), read_dictionary=texts) as file:
@@ -259,21 +250,15 @@ def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Tab
             table = file.read()
         if any(column.null_count for column in table.columns):
             raise ValueError("it must have a value in each row of each column")
-        if (size := sum(_text_size(table[name]) for name in texts)) > LARGEST_TABLE:
+        size = 0
+        for chunk in (chunk for name in texts for chunk in table[name].chunks):
+            lengths = np.asarray(pc.binary_length(chunk.dictionary), dtype=int)
+            size += int(lengths[np.asarray(chunk.indices)].sum())
+        if size > LARGEST_TABLE:
             raise ValueError(f"its texts must have at most {LARGEST_TABLE:,} bytes, not {size:,}")
         return table.cast(pa.schema(schema.items()))
     except (pa.ArrowException, OSError, MemoryError) as error:
         raise ValueError(f"it is no table: {error}") from None
-
-
-def _text_size(column: pa.ChunkedArray) -> int:
-    """Return the bytes of all texts of a dictionary-encoded column."""
-    return sum(
-        int(
-            np.asarray(pc.binary_length(chunk.dictionary))[np.asarray(chunk.indices)].sum(dtype=int)
-        )
-        for chunk in column.chunks
-    )
 
 
 def as_parquet(table: pa.Table) -> bytes:
@@ -294,12 +279,9 @@ LONGEST_NAME, KEPT = 200, 40  # characters of a unit's name, and those that are 
 
 def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
     """Return the content of a unit's file; equal results have equal bytes."""
-    arrays = result.arrays.items()
-    ordered = {name: array for group in GROUPS for name, array in arrays if group_of(name) == group}
-    others = {
-        DECISIONS: as_parquet(result.decisions.combine_chunks()),
-        ABOUT: as_json(plain(about)),
-    }
+    ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
+    decisions = as_parquet(result.decisions.combine_chunks())
+    others = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
     return archive_content(ordered, others, _snapshots_of(ordered))
 
 
@@ -312,7 +294,9 @@ def about_in(archive: ArrayArchive) -> UnitRecord:
     return read_record(UnitRecord, parsed_json(archive.content(ABOUT, LARGEST_ABOUT)))
 
 
-def groups_in(archive: ArrayArchive, groups: Collection[str], most: int | None) -> NamedArrays:
+def groups_in(
+    archive: ArrayArchive, groups: Collection[str], most: int | None = None
+) -> NamedArrays:
     """Return the arrays of some groups in a unit's file, without pickles."""
     names = [name for name in archive.names if group_of(name) in groups]
     return archive.read(*names, compressed=_snapshots_of(names), most=most)
@@ -321,25 +305,18 @@ def groups_in(archive: ArrayArchive, groups: Collection[str], most: int | None) 
 def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
     """Return the decisions in a unit's file, one a seed and checkpoint; ValueError if wrong."""
     most = seeds * (1 + checkpoints_of(archive.read("steps")))
-    member = archive.members.get(DECISIONS)
-    size = 0 if member is None else member.file_size
-    return read_parquet(archive.content(DECISIONS, size), DECISION_SCHEMA, most)
-
-
-def seeds_in(ranges: str) -> tuple[int, ...] | None:
-    """Return the seeds of :func:`seed_ranges`; None if a text is none, or of too many."""
-    return tuple(seeds_in_ranges(ranges.replace("+", ","))) or None
+    return read_parquet(archive.content(DECISIONS, LARGEST_TABLE), DECISION_SCHEMA, most)
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
     """Return a unit's place among the units, from the words for its seeds."""
-    name, words = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
+    name, prefix = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
     if len(name) >= LONGEST_NAME:
         name = f"{name[:KEPT]}_{digest_of(name.encode())}"
-    return f"{words}-{key}/{name}{ENDING}"
+    return f"{prefix}-{key}/{name}{ENDING}"
 
 
-# -- The results store: a folder with a description of what its results depend on, and whole files
+# -- Units in the store, and the store -------------------------------------------------------------
 
 MOST_KEPT = 2**28
 """Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
@@ -363,39 +340,52 @@ class StoredUnit:
     @classmethod
     def at(cls, path: Place) -> "StoredUnit":
         """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
-        seeds = seeds_in(path.stem.removeprefix("seeds-"))
-        if seeds is None:
-            seeds = read_unit(path, about_in).seeds
-        return cls(path, path.parent.name.rpartition("-")[2], seeds)
+        seeds = tuple(seeds_in_ranges(path.stem.removeprefix("seeds-").replace("+", ",")))
+        unit = cls(path, path.parent.name.rpartition("-")[2], seeds)
+        if not seeds:
+            with unit.opened() as archive:
+                unit = replace(unit, seeds=about_in(archive).seeds)
+        return unit
+
+    @contextmanager
+    def opened(self, *, whole: bool = False) -> Iterator[ArrayArchive]:
+        """Yield its file, open to read some of it or the `whole`; StoreError where it is wrong."""
+        try:
+            with read_errors(self.path), opened_archive(self.path, whole=whole) as archive:
+                if whole:
+                    self._check_place(about_in(archive))
+                yield archive
+        except Damaged:
+            raise damage(self.path) from None
+        except ValueError as error:
+            raise StoreError(f"{self.path} is not as Curricle writes it: {error}") from None
 
     @cached_property
     def about(self) -> UnitRecord:
         """What its file says of it; StoreError where that is damaged or of another unit."""
-        about: UnitRecord = read_unit(self.path, about_in)
-        if not self.is_place_of(about):
-            raise damage(self.path)
+        with self.opened() as archive:
+            about = about_in(archive)
+            self._check_place(about)
         return about
 
-    def is_place_of(self, about: UnitRecord) -> bool:
-        """Return whether its place is that of a unit."""
+    def _check_place(self, about: UnitRecord) -> None:
         place = place_of(about.key, about.task, seed_ranges(about.seeds))
-        return place == f"{self.path.parent.name}/{self.path.name}"
+        if place != f"{self.path.parent.name}/{self.path.name}":
+            raise Damaged
 
+    def arrays(self, *groups: str, most: int | None = None) -> NamedArrays:
+        """Return the arrays of some groups, such as ``run``, that it has, without pickles."""
+        with self.opened() as archive:
+            arrays = groups_in(archive, groups, most)
+        return arrays
 
-def read_unit(path: Place, read: Callable[[ArrayArchive], Result]) -> Result:
-    """Return what a function reads of a unit's file; StoreError where that cannot be."""
-    try:
-        with read_errors(path), opened_archive(path) as archive:
-            return read(archive)
-    except Damaged:
-        raise damage(path) from None
-    except ValueError as error:
-        raise StoreError(f"{path} is not as Curricle writes it: {error}") from None
-
-
-def arrays_in(stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
-    """Return the arrays of some groups, such as ``run``, that a unit has."""
-    return read_unit(stored.path, lambda archive: groups_in(archive, groups, most))
+    def result(self, seeds: Collection[int], most: int | None = None) -> UnitResult:
+        """Return the result of some of its seeds; StoreError if any of it is damaged."""
+        with self.opened(whole=True) as archive:
+            arrays = groups_in(archive, GROUPS, most)
+            decisions = decisions_in(archive, len(self.seeds))
+        wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
+        return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
 
 
 def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
@@ -404,17 +394,17 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> 
     about = UnitRecord(
         key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=seeds
     )
-    place = f"{UNITS}/{place_of(unit.key, unit.task, seed_ranges(seeds))}"
-    _write(folder, place, unit_content(about, result))
-    return StoredUnit(folder / place, unit.key, seeds)
+    path = folder / UNITS / place_of(unit.key, unit.task, seed_ranges(seeds))
+    _write(folder, path, unit_content(about, result))
+    return StoredUnit(path, unit.key, seeds)
 
 
-def _write(folder: Place, name: str, content: bytes) -> None:
-    path = folder / name
+def _write(folder: Place, path: Any, content: bytes) -> None:
+    """Write a file in a folder in one move; if that fails (StoreError), what was there stays."""
     with write_errors(folder):
         if isinstance(folder, Path):
             (folder / STUDY).stat()  # or a folder that was moved would be made again
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
 
 
@@ -436,17 +426,8 @@ class StudyStore:
     """A folder of results and their description.
 
     Every file is moved to its place when it is complete and on disk, so that a killed run leaves
-    whole files only. At a URL nothing is moved: checksums tell what is whole.
-
-    Parameters
-    ----------
-    path : path or str
-        Or a URL.
-
-    Raises
-    ------
-    StoreError
-        When the folder holds no results, or results of another version.
+    whole files only. At a URL nothing is moved: checksums tell what is whole. StoreError where the
+    path or URL holds no results, or those of another version.
 
     Examples
     --------
@@ -469,7 +450,7 @@ class StudyStore:
             self.description = description
             return
         self.require_there()
-        self.description = self.read_sealed(STUDY)
+        self.description = self._unsealed(STUDY)
         version = self.description.pop("schema_version", None)
         if version != SCHEMA_VERSION:
             there = "no schema version" if version is None else f"schema version {version}"
@@ -494,30 +475,13 @@ class StudyStore:
     @classmethod
     @contextmanager
     def opened(
-        cls,
-        path: str | Place,
-        description: Mapping[str, Any],
-        *,
-        resume: bool,
-        check: bool = True,
+        cls, path: str | Place, description: Mapping[str, Any], *, resume: bool, check: bool = True
     ) -> Iterator["StudyStore"]:
         """Open a folder for results, made if need be, and lock it against other processes.
 
-        Parameters
-        ----------
-        path : path
-        description : dict
-            What the results depend on.
-        resume : bool
-            Whether the folder may hold units already.
-        check : bool
-            Whether to refuse results of another description. A study needs no such check, since
-            each unit says what it depends on.
-
-        Raises
-        ------
-        StoreError
-            When the folder is in use, or holds results of another description or other files.
+        The `description` is what the results depend on; with `resume` the folder may hold units
+        already. StoreError where it is in use, holds other files, or, with `check` or where units
+        do not say themselves what they depend on, results of another description.
         """
         path = place_at(path)
         with write_errors(path):
@@ -569,8 +533,6 @@ class StudyStore:
                 f"{shown(here)} here; choose another folder"
             )
 
-    # -- files ---------------------------------------------------------------------------------
-
     def has(self, name: str) -> bool:
         """Return whether a file is there (and so complete)."""
         with read_errors(self.path / name):
@@ -578,7 +540,13 @@ class StudyStore:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file in one move; if that fails (StoreError), what was there stays."""
-        _write(self.path, name, content)
+        _write(self.path, self.path / name, content)
+
+    def remove(self, files: Iterable[Place]) -> None:
+        """Delete some files."""
+        with write_errors(self.path):
+            for file in files:
+                file.unlink(missing_ok=True)
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a value as indented JSON."""
@@ -586,14 +554,7 @@ class StudyStore:
 
     def read_json(self, name: str) -> Any:
         """Return the value of a JSON file; StoreError if it is damaged."""
-        return self.checked(name, lambda: parsed_json(self._bytes(name, LARGEST_JSON)))
-
-    def read_sealed(self, name: str) -> dict[str, Any]:
-        """Return what ``sealed`` was called on; StoreError if the file has changed since."""
-        content = unsealed(self._bytes(name, LARGEST_JSON))
-        if content is None:
-            raise damage(self.path / name)
-        return content
+        return self.checked(name, lambda: parsed_json(self._bytes(name)))
 
     def write_record(self, name: str, record: Plain) -> None:
         """Write a record with its own checksum."""
@@ -601,26 +562,27 @@ class StudyStore:
 
     def record(self, name: str, model: type[Record]) -> Record:
         """Return what :meth:`write_record` wrote; StoreError if it is damaged."""
-        content = self.read_sealed(name)
+        content = self._unsealed(name)
         return self.checked(name, lambda: read_record(model, content))
 
-    def _bytes(self, name: str, most: int) -> bytes:
+    def _unsealed(self, name: str) -> dict[str, Any]:
+        if (content := unsealed(self._bytes(name))) is None:
+            raise damage(self.path / name)
+        return content
+
+    def _bytes(self, name: str) -> bytes:
         with read_errors(self.path / name):
-            return read_bounded(self.path / name, most)
+            return read_bounded(self.path / name, LARGEST_JSON)
 
-    def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike]) -> None:
-        """Write a tidy table, a dict of column name to values of one length, as Parquet."""
-        self.write(name, as_parquet(pa.table(dict(columns))))
+    def write_records(self, name: str, records: Iterable[Plain]) -> None:
+        """Write a list of records as JSON."""
+        self.write_json(name, [plain(record) for record in records])
 
-    def write_runs(self, runs: Iterable[RunRecord]) -> None:
-        """Write the list of runs."""
-        self.write_json(RUNS, [plain(run) for run in runs])
-
-    def runs(self) -> list[RunRecord]:
-        """Return the runs so far."""
-        content = self.read_json(RUNS) if self.has(RUNS) else []
+    def records(self, name: str, model: type[Record]) -> list[Record]:
+        """Return what :meth:`write_records` wrote; none if that was never called."""
+        content = self.read_json(name) if self.has(name) else []
         rows = content if isinstance(content, list) else [content]
-        return self.checked(RUNS, lambda: [read_record(RunRecord, row) for row in rows])
+        return self.checked(name, lambda: [read_record(model, row) for row in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
@@ -632,8 +594,6 @@ class StudyStore:
                 f"{file} is not as Curricle writes it: {error}; delete it and run the study again "
                 "with --resume"
             ) from None
-
-    # -- units ---------------------------------------------------------------------------------
 
     def units(self) -> list[StoredUnit]:
         """Return the units in the store, by path."""
@@ -655,21 +615,19 @@ class StudyStore:
 
     def is_whole(self, stored: StoredUnit) -> bool:
         """Return whether a unit is as it was stored; StoreError where it cannot be read."""
-        # A file system that does not answer damages nothing: what is damaged is deleted.
         try:
-            with read_errors(stored.path), opened_archive(stored.path, whole=True) as archive:
-                if not stored.is_place_of(about_in(archive)):
-                    return False
-                with suppress(ValueError):  # whoever needs what is wrong there says so
-                    run = groups_in(archive, (RUN,), None)
-                    kept = run, decisions_in(archive, len(stored.seeds))
-                    size = sum(array.nbytes for array in run.values()) + kept[1].nbytes
-                    if size <= self._room:
-                        self._room -= size
-                        self._kept[stored.path] = kept
-                return True
-        except (Damaged, ValueError):
-            return False
+            with stored.opened(whole=True) as archive, suppress(ValueError):
+                # Whoever needs what is wrong there says so.
+                run, table = groups_in(archive, (RUN,)), decisions_in(archive, len(stored.seeds))
+                size = sum(array.nbytes for array in run.values()) + table.nbytes
+                if size <= self._room:
+                    self._room -= size
+                    self._kept[stored.path] = run, table
+        except StoreError as error:
+            if error.__cause__ is None:
+                return False
+            raise  # a file system that does not answer damages nothing: what is damaged is deleted
+        return True
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return where it is."""
@@ -692,27 +650,15 @@ class StudyStore:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
         if groups == (RUN,) and stored.path in self._kept:
             return self._kept[stored.path][0]
-        return arrays_in(stored, *groups, most=most)
+        return stored.arrays(*groups, most=most)
 
     def decisions(self, stored: StoredUnit) -> pa.Table:
         """Return the table of a unit's decisions."""
         if stored.path in self._kept:
             return self._kept[stored.path][1]
-        return read_unit(stored.path, lambda archive: decisions_in(archive, len(stored.seeds)))
-
-    def result(
-        self, stored: StoredUnit, seeds: Collection[int], most: int | None = None
-    ) -> UnitResult:
-        """Return the result of some of a unit's seeds; StoreError if any of it is damaged."""
-        if not self.is_whole(stored):
-            raise damage(stored.path)
-
-        def read(archive: ArrayArchive) -> tuple[NamedArrays, pa.Table]:
-            return groups_in(archive, GROUPS, most), decisions_in(archive, len(stored.seeds))
-
-        arrays, decisions = read_unit(stored.path, read)
-        wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
-        return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
+        with stored.opened() as archive:
+            table = decisions_in(archive, len(stored.seeds))
+        return table
 
 
 # -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------
@@ -733,14 +679,15 @@ def stored_values(
     read: bool,
 ) -> StoredValues:
     """Return what seeds learnt in a task, its values only if they are to be `read`."""
-    units = {done[seed].path: done[seed] for seed in seeds}
-    names = (RUN, VALUES) if read else (RUN,)
-    arrays = {path: arrays_of(stored, *names) for path, stored in units.items()}
+    groups = (RUN, VALUES) if read else (RUN,)
+    files = dict.fromkeys(done[seed] for seed in seeds)
+    arrays = {file.path: arrays_of(file, *groups) for file in files}
     rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
-    of_seeds = [values_of(held, k) for held, k in rows]
-    values: Any = None  # not needed, or not saved: training raises an error then
-    if all(value is not None for value in of_seeds):
-        values = np.stack(of_seeds) if isinstance(of_seeds[0], np.ndarray) else of_seeds
+    values: Any = [values_of(held, k) for held, k in rows]
+    if any(of_seed is None for of_seed in values):
+        values = None  # not needed, or not saved: training raises an error then
+    elif isinstance(values[0], np.ndarray):
+        values = np.stack(values)
     steps = np.array([held["steps_used"][k] for held, k in rows])
     scales = [float(held["scale"][k]) for held, k in rows if "scale" in held]
     return StoredValues(values, steps, scales)
@@ -749,8 +696,8 @@ def stored_values(
 # -- Small units of a task in one file -------------------------------------------------------------
 #
 # A unit of some kilobytes costs more to store and to read than to train. So those that end within a
-# second are written together, and a file holds a block of seeds in the end. What the folder holds
-# after a run does not depend on when its units ended: each block is one file then.
+# second are written together, and after a run each block of seeds is one file, whenever its units
+# ended.
 
 FULL = 2**22  # bytes of a file of several units, about: it is read in some milliseconds
 NUMBER, TABLES, CURVES = 8, 2, 5  # bytes of a number; numbers a pair (S x A) and a checkpoint
@@ -785,10 +732,7 @@ class Packing:
     """The units of a run on their way into files."""
 
     def __init__(
-        self,
-        store: StudyStore,
-        done: dict[str, dict[int, StoredUnit]],
-        per_file: Mapping[str, int],
+        self, store: StudyStore, done: dict[str, dict[int, StoredUnit]], per_file: Mapping[str, int]
     ):
         self.store, self.done, self.per_file = store, done, per_file
         self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
@@ -843,7 +787,7 @@ class Packing:
                 files[:] = [merged_files(self.store, files)]
             self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
         self._written = monotonic()
-        return [*receipts, *(result for taken in waiting.values() for result in taken)]
+        return [*receipts, *chain.from_iterable(waiting.values())]
 
     def __bool__(self) -> bool:
         return bool(self._waiting or self._receipts)
@@ -866,13 +810,10 @@ def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
     parts, taken = list[UnitResult](), set[int]()
     for file in files:
         if new := set(file.seeds) - taken:
-            parts.append(store.result(file, new))
+            parts.append(file.result(new))
             taken |= new
     merged = store.write_unit(files[0].about, joined_units(parts))
-    with write_errors(store.path):
-        for file in files:
-            if file.path != merged.path:
-                file.path.unlink()
+    store.remove(file.path for file in files if file.path != merged.path)
     return merged
 
 

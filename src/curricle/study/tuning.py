@@ -3,16 +3,16 @@
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import pairwise, product
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
-from curricle.arrays import FloatArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.comparison.comparison import Arm, Comparison
 from curricle.comparison.plan import most_source_steps
 from curricle.errors import SettingError
@@ -32,6 +32,7 @@ from curricle.text import counted
 TUNING = "tuning.json"
 BEGUN = "begun.json"  # the trials of a tuning that has not ended, in their folder
 TRIALS = "tuning"  # the folder of the trials' units, in that of the results
+THIRDS = 3  # in which a range is shown
 
 
 class SpaceRecord(Plain):
@@ -41,6 +42,24 @@ class SpaceRecord(Plain):
     high: float | None = None
     log: bool = False
     values: tuple[JsonValue, ...] = ()  # where they were listed; a range has none
+
+    @property
+    def levels(self) -> tuple[str, ...]:
+        """The listed values in words, or the thirds of the range."""
+        if self.values:
+            return tuple(dict.fromkeys(map(value_text, self.values)))
+        space: Any = np.geomspace if self.log else np.linspace
+        bounds = space(self.low, self.high, THIRDS + 1).tolist()
+        return tuple(f"{short(low)} to {short(high)}" for low, high in pairwise(bounds))
+
+    def level(self, value: Any) -> str:
+        """Return the level that a value belongs to."""
+        if self.values:
+            return value_text(value)
+        ends: Any = self.low, self.high, value
+        low, high, here = map(math.log, ends) if self.log else ends
+        third = int((here - low) / (high - low) * THIRDS)
+        return self.levels[min(max(third, 0), THIRDS - 1)]
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -115,34 +134,29 @@ def tuning_words(store: StudyStore) -> str:
     configuration = store.description.get("configuration")
     if not isinstance(configuration, dict) or "tune" not in configuration:
         return ""
-    words = "the tuning has changed" if store.has(TUNING) else "it is tuned first"
+    before = "the tuning has changed" if store.has(TUNING) else "it is tuned first"
     if not store.has(f"{TRIALS}/{BEGUN}"):
-        return f"{words}: no trial has begun"
+        return f"{before}: no trial has begun"
     trials = StudyStore(store.path / TRIALS)
-    begun = trials.record(BEGUN, BegunTrials)
-    stored = trials.finished()
+    begun, stored = trials.record(BEGUN, BegunTrials), trials.finished()
     done = sum({*begun.seeds} <= stored.get(key, {}).keys() for key in begun.keys)
     number = counted(begun.number, "trial")
-    return f"{words}: {done} of {number} are stored; its seeds come after them"
+    return f"{before}: {done} of {number} are stored; its seeds come after them"
 
 
 # -- Tuning: settings are searched for every arm, by Optuna, before a study is run -----------------
 #
-# Every arm, learning from scratch too, gets as many trials on the same seeds, none of which is one
-# of the study's. What is searched for is what arms are compared by: the mean return over all steps,
-# sources charged.
+# Every arm, learning from scratch too, gets as many trials on the same seeds, none of the study's.
+# Their score is what arms are compared by: the mean return over all steps, sources charged.
 
 AT_RANDOM = 10  # trials of an arm, at once, before those which learn from others
-AT_ONCE = 4
-"""Further trials of an arm that are trained at once. It is fixed, so that what is found does not
-depend on the number of workers."""
+AT_ONCE = 4  # further trials of an arm, at once; fixed, so that the number of workers is no matter
 MOST_BUDGETS = 200  # combinations of listed budgets whose steps are counted beforehand
 DIGEST_BYTES = 8
 
 Settings = Mapping[str, Any]  # values of settings by their keys
 Chosen = Mapping[str, tuple[str, Settings]]  # name of a trial -> its arm and settings
-Train = Callable[[StudyConfig, Arms, str], StudyStore]
-"""Trains the units of a study that are missing, called by some words; returns where they are."""
+Train = Callable[[StudyConfig, Arms, str], StudyStore]  # trains what is missing; where it is stored
 Choose = Callable[[Dependencies], str]  # gives what depends on something its key
 
 
@@ -224,8 +238,8 @@ def tuned_study(study: StudyConfig, record: TuningRecord) -> StudyConfig:
         {name: with_values(c, tune.placed(name, best[name])) for name, c in plain[which].items()}
         for which in ("arms", "scratches")
     )
-    fields: dict[str, Any] = {"arms": arms, "scratches": scratches, "variants": variants}
-    return study.varied(own_learners=True, tune=None, **fields)
+    best_of: Any = {"arms": arms, "scratches": scratches, "variants": variants}
+    return study.varied(own_learners=True, tune=None, **best_of)
 
 
 def number_of_trials(study: StudyConfig) -> int:
@@ -261,15 +275,14 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
         now = f"tuning: trials {done + 1} to {done + number} of {tuning.trials}, of each arm"
         store = train(config, arms, now)
         stored = store.finished()
-        curves = {
-            trial: _arm(store, stored[arms.keys[trial, arms.target]], config.seeds, arms, total)
-            for trial in chosen
-        }
+        curves = dict[str, Arm]()
+        for trial in chosen:
+            result, spent = _of_trial(store, stored[arms.keys[trial, arms.target]], config.seeds)
+            curves[trial] = Arm.of(result, spent, total, arms.eval_freq)
         scratch = (trial for trial in chosen if chosen[trial][0] == SCRATCH)
         reference = reference or curves[next(scratch)]
         for trial, (name, _) in chosen.items():
-            score = float(mean_return(curves[trial].charged(reference)).mean())
-            searches[name].tell(score)
+            searches[name].tell(float(mean_return(curves[trial].charged(reference)).mean()))
         done += number
     return TuningRecord(
         of="" if stale else digest_of(study),
@@ -290,20 +303,15 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
     )
 
 
-def _arm(
-    store: StudyStore,
-    stored: Mapping[int, StoredUnit],
-    seeds: Sequence[int],
-    arms: Arms,
-    total: int,
-) -> Arm:
-    """Return the curves of some seeds of a trial, ascending, by the unit that holds each seed."""
+def _of_trial(
+    store: StudyStore, stored: Mapping[int, StoredUnit], seeds: Sequence[int]
+) -> tuple[LearningResult, IntArray]:
+    """Return the result of some seeds of a trial, and the steps of their sources, ascending."""
     units = dict.fromkeys(stored[seed] for seed in seeds)
     runs = [of_seeds(store.arrays(unit, RUN), seeds) for unit in units]
     spent = np.concatenate([run["source_steps"] for run in runs])
     order = np.argsort(np.concatenate([run["seeds"] for run in runs]))
-    result = joined_results([LearningResult.of_arrays(run) for run in runs])
-    return Arm.of(result, spent[order], total, arms.eval_freq)
+    return joined_results([LearningResult.of_arrays(run) for run in runs]), spent[order]
 
 
 class Search:
@@ -366,49 +374,15 @@ def _optuna() -> Any:
 
 # -- What a sweep or a tuning shows: the mean return with each value of a setting ------------------
 
-THIRDS = 3
 BY_SWEEP, BY_TUNING = "sweep", "tuning"
-Tried = tuple[str, Mapping[str, Any], Any]  # an arm, values of settings, what came of them
 
 
-@dataclass(frozen=True)
-class Setting:
-    """A setting that was varied, and the values that it had."""
+class Level(NamedTuple):
+    """The mean return of an arm with a value of a setting, whatever the others are."""
 
-    key: str  # as in the study's file
-    levels: tuple[str, ...]  # the values in words, or parts of its range
-    range: SpaceRecord | None = None
-
-    @classmethod
-    def listed(cls, key: str, values: Iterable[Any]) -> "Setting":
-        """Return a setting of which every value is a level."""
-        return cls(key, tuple(dict.fromkeys(map(value_text, values))))
-
-    @classmethod
-    def searched(cls, key: str, space: SpaceRecord) -> "Setting":
-        """Return a setting that was searched; the levels of a range are its thirds."""
-        if space.values:
-            return cls.listed(key, space.values)
-        low, high = float(space.low or 0.0), float(space.high or 0.0)
-        bounds = (np.geomspace if space.log else np.linspace)(low, high, THIRDS + 1)
-        texts = tuple(f"{short(a)} to {short(b)}" for a, b in pairwise(bounds.tolist()))
-        return cls(key, texts, space)
-
-    def level(self, value: Any) -> str:
-        """Return the level that a value belongs to."""
-        if self.range is None:
-            return value_text(value)
-        ends: tuple[Any, ...] = self.range.low, self.range.high, value
-        low, high, here = (math.log(x) if self.range.log else x for x in ends)
-        number = int((here - low) / (high - low) * len(self.levels))
-        return self.levels[min(max(number, 0), len(self.levels) - 1)]
-
-
-@dataclass(frozen=True)
-class Level:
-    """The mean return with one value of a setting, whatever the others are."""
-
-    text: str
+    arm: str
+    key: str  # of the setting, as in the study's file
+    text: str  # the value in words, or a part of its range
     number: int  # of arms or trials
     mean: float
     low: float
@@ -420,24 +394,33 @@ class Effects:
     """What a sweep or a tuning shows."""
 
     kind: str  # BY_SWEEP or BY_TUNING
-    settings: tuple[Setting, ...]
-    levels: Mapping[tuple[str, str], tuple[Level, ...]]
-    """(arm, key) -> the main effect of a setting: its levels, in order."""
+    settings: Mapping[str, SpaceRecord]  # what was varied
+    levels: tuple[Level, ...]  # the main effects, by setting, arm and value
 
-    @property
-    def rows(self) -> Iterator[tuple[str, str, Level]]:
-        """The levels of each setting for each arm: arm, key and level."""
-        arms = dict.fromkeys(arm for arm, _ in self.levels)
-        for setting in self.settings:
-            for arm in arms:
-                for level in self.levels.get((arm, setting.key), ()):
-                    yield arm, setting.key, level
+    @classmethod
+    def of(
+        cls,
+        kind: str,
+        settings: Mapping[str, SpaceRecord],
+        tried: Sequence[tuple[str, Mapping[str, Any], Any]],
+        sum_up: Callable[[Any], tuple[float, float, float]],
+    ) -> Self:
+        """Return the main effects of what was tried: arms, values of settings, and returns."""
+        levels = list[Level]()
+        for key, arm in product(settings, dict.fromkeys(arm for arm, _, _ in tried)):
+            results: dict[str, list[Any]] = {text: [] for text in settings[key].levels}
+            for tried_arm, values, result in tried:
+                if tried_arm == arm and key in values:
+                    results[settings[key].level(values[key])].append(result)
+            of_text = ((text, returns) for text, returns in results.items() if returns)
+            levels += [Level(arm, key, text, len(r), *sum_up(r)) for text, r in of_text]
+        return cls(kind, settings, tuple(levels))
 
 
 def effects_of(
     comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
 ) -> tuple[Effects, ...]:
-    """Return what the sweep and the tuning of a study show, those that there are."""
+    """Return what the sweep and the tuning of a study show, if it has any."""
     swept = sweep_effects(comparison, record, tuning)
     tuned = None if tuning is None else tuning_effects(tuning)
     return tuple(effects for effects in (swept, tuned) if effects is not None)
@@ -448,26 +431,21 @@ def sweep_effects(
 ) -> Effects | None:
     """Return the mean over all arms with each value, intervals over seeds; None without a sweep."""
     tuned = set() if tuning is None else {*tuning.space}
-    tried = [
-        (
-            arm.variant.arm,
-            {key: value for key, value in arm.variant.values.items() if key not in tuned},
-            comparison.returns[name],
-        )
-        for name, arm in record.arms.items()
-        if arm.variant is not None and name in comparison.arms
-    ]
-    keys = dict.fromkeys(key for _, values, _ in tried for key in values)
-    settings = tuple(
-        Setting.listed(key, [values[key] for _, values, _ in tried if key in values])
-        for key in keys
-    )
+    tried, listed = [], dict[str, list[Any]]()
+    for name, arm in record.arms.items():
+        if arm.variant is not None and name in comparison.arms:
+            values = {key: arm.variant.values[key] for key in arm.variant.values.keys() - tuned}
+            tried.append((arm.variant.arm, values, comparison.returns[name]))
+            for key, value in arm.variant.values.items():
+                if key not in tuned:
+                    listed.setdefault(key, []).append(value)
 
-    def over_seeds(text: str, returns: Sequence[FloatArray]) -> Level:
+    def over_seeds(returns: Sequence[FloatArray]) -> tuple[float, float, float]:
         mean = mean_interval(np.mean(returns, axis=0))
-        return Level(text, len(returns), float(mean.estimate), float(mean.low), float(mean.high))
+        return float(mean.estimate), float(mean.low), float(mean.high)
 
-    return Effects(BY_SWEEP, settings, _levels(tried, settings, over_seeds)) if settings else None
+    settings = {key: SpaceRecord(values=tuple(values)) for key, values in listed.items()}
+    return Effects.of(BY_SWEEP, settings, tried, over_seeds) if settings else None
 
 
 def tuning_effects(tuning: TuningRecord) -> Effects:
@@ -478,30 +456,11 @@ def tuning_effects(tuning: TuningRecord) -> Effects:
         for trial in arm.trials
         if trial.score is not None
     ]
-    settings = tuple(Setting.searched(key, space) for key, space in tuning.space.items())
 
-    def over_trials(text: str, scores: Sequence[float]) -> Level:
-        return Level(text, len(scores), float(np.mean(scores)), min(scores), max(scores))
+    def over_trials(scores: Sequence[float]) -> tuple[float, float, float]:
+        return float(np.mean(scores)), min(scores), max(scores)
 
-    return Effects(BY_TUNING, settings, _levels(tried, settings, over_trials))
-
-
-def _levels(
-    tried: Sequence[Tried], settings: Sequence[Setting], level_of: Callable[[str, Any], Level]
-) -> dict[tuple[str, str], tuple[Level, ...]]:
-    """Return the main effect of each setting on each arm; `level_of` sums up what came of it."""
-    levels = {}
-    for arm in dict.fromkeys(arm for arm, _, _ in tried):
-        for setting in settings:
-            results: dict[str, list[Any]] = {text: [] for text in setting.levels}
-            for tried_arm, values, result in tried:
-                if tried_arm == arm and setting.key in values:
-                    results[setting.level(values[setting.key])].append(result)
-            if any(results.values()):
-                levels[arm, setting.key] = tuple(
-                    level_of(text, some) for text, some in results.items() if some
-                )
-    return levels
+    return Effects.of(BY_TUNING, tuning.space, tried, over_trials)
 
 
 def short(number: float) -> str:

@@ -77,15 +77,10 @@ def _end(reaper: subprocess.Popen[bytes]) -> None:
 
 
 class WorkerProcesses(ProcessPoolExecutor):
-    """An executor of processes, all of which end with this one, however it ends.
+    """An executor of processes, by default one a processor, all of which end with this one.
 
     They are started afresh (``spawn``), so a script that uses them needs the guard
     ``if __name__ == "__main__":``. An interrupt (Ctrl-C) is left to this process.
-
-    Parameters
-    ----------
-    workers : int, optional
-        How many; as many as there are processors by default.
 
     Examples
     --------

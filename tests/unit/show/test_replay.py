@@ -12,10 +12,9 @@ from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
 from curricle.planning.solution import greedy_policy
 from curricle.show import replay as replay_module
-from curricle.show.replay import greedy_choices, grid_drawing, mark_of, replays
+from curricle.show.replay import LEVELS, greedy_choices, grid_drawing, mark_of, replays
 from curricle.show.views import GridView
 from curricle.study.analysis import before_and_after
-from curricle.tasks.block_dude import LEVELS
 
 from .studies import chain, shown
 
@@ -113,7 +112,7 @@ def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
 def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     shot = pursuit.results["min"]["hunt"].snapshots
-    pair = before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True)
+    pair = before_and_after(shot, hunt, discounted=True)
     before, after = pair.before, pair.after
     assert (before.cells[0] == after.cells[0]).all()
     followed = greedy_rollout(hunt, Values(shot.values[-1].astype(np.float64)), seed=0)
@@ -128,8 +127,8 @@ def test_tasks_without_tables_and_states_off_the_strip_have_no_episodes(pursuit,
     values[:, :, 1] = 1
     far = replace(chain(80), start=np.eye(80)[70])
     shot = Snapshots(seed=0, steps=np.array([0, 9]), values=values)
-    assert before_and_after(shot, far, GridView.for_replay(far), discounted=True) is None
+    assert before_and_after(shot, far, discounted=True) is None
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     monkeypatch.setattr("curricle.study.analysis.LARGEST_TABLE", 10)
     shot = pursuit.results["min"]["hunt"].snapshots
-    assert before_and_after(shot, hunt, GridView.for_replay(hunt), discounted=True) is None
+    assert before_and_after(shot, hunt, discounted=True) is None

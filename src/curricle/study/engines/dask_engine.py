@@ -55,15 +55,15 @@ class DaskEngine(Engine):
 
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every worker, or its exception, by address."""
-        found: Mapping[str, Any] = self.client.run(function, on_error="return")
+        answers_by_address: Mapping[str, Any] = self.client.run(function, on_error="return")
         there = self.client.nthreads()
-        return {address: answer for address, answer in found.items() if address in there}
+        return {place: answer for place, answer in answers_by_address.items() if place in there}
 
     def _note(self, event: tuple[float, Any]) -> None:
         """Count the calls that a worker takes with it, which are begun again elsewhere."""
-        told = event[1]
-        if isinstance(told, dict) and told.get("action") == "remove-worker":
-            gone = {*told.get("processing-tasks", ()), *told.get("lost-computed-tasks", ())}
+        news = event[1]
+        if isinstance(news, dict) and news.get("action") == "remove-worker":
+            gone = {*news.get("processing-tasks", ()), *news.get("lost-computed-tasks", ())}
             self.repeated += len(gone.intersection(self.client.futures))
 
     def close(self, whole: bool) -> None:

@@ -1,8 +1,6 @@
 """Engines: clusters that train units, what is sent to them, and how they are opened."""
 
 import atexit
-import hashlib
-import json
 import pickle
 import platform
 import re
@@ -13,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module, metadata
 from pathlib import Path
 from socket import create_connection
@@ -23,27 +22,18 @@ from typing import Any, TypeVar
 from curricle.errors import CurricleError, EngineError, ForeignError, SettingError, in_words
 from curricle.files import Place, RemotePath, remove_folder
 from curricle.study.arms import Arms, UnitInput, train_unit
-from curricle.study.store import (
-    StoredUnit,
-    UnitResult,
-    arrays_in,
-    lost_errors,
-    stored_values,
-    written_unit,
-)
+from curricle.study.store import StoredUnit, UnitResult, lost_errors, stored_values, written_unit
 from curricle.study_file.own_code import PACKAGES, own_files
 
 # -- What a worker on another machine does: take the study's own modules, and train a unit ---------
 
-FOLDERS = dict[str, Path]()  # of modules that this process has written, by their digest
+FOLDERS = dict[Any, Path]()  # of modules that this process has written, by their content
 WRITING, LIVE = Lock(), Lock()
 Result = TypeVar("Result")
 
 
 def called(function: Callable[[Any], Result], argument: Any) -> Result:
     """Return what a function returns; what it raises can be read in another process."""
-    # Errors of classes in the study's own modules, and those that do not survive pickling, become a
-    # ForeignError in the same words. A note has the traceback.
     try:
         return function(argument)
     except Exception as error:
@@ -72,11 +62,6 @@ def _sendable(error: Exception) -> Exception:
     return error
 
 
-def train_apart(sent: UnitInput) -> UnitResult:
-    """Return what a unit's seeds learn; what it raises can be sent from this process."""
-    return called(train_unit, sent)
-
-
 def train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
     """Return what a unit's seeds learn, or the file that it is written to."""
     return called(_train_sent, sent)
@@ -87,8 +72,8 @@ def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
         raise EngineError(f"worker {platform.node()} has {differ}")
     unit, sources = sent.unit, dict(sent.sources)
     with lost_errors():
-        for name, source in sent.stored.items():
-            sources[name] = stored_values(arrays_in, source.units, unit.seeds, read=source.read)
+        for name, (files, read) in sent.stored.items():
+            sources[name] = stored_values(StoredUnit.arrays, files, unit.seeds, read=read)
     with LIVE if sent.live else nullcontext():
         result = train_unit(sent._replace(folder=str(written(sent.files)), sources=sources))
     if sent.place is None:
@@ -102,34 +87,29 @@ def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
 
 def versions_here() -> dict[str, str]:
     """Return the versions that must be equal everywhere."""
-    # Of Python these are the first two numbers: the third changes no result.
-    versions = {name: metadata.version(name) for name in ("curricle", "numba")}
-    return {**versions, "Python": ".".join(platform.python_version_tuple()[:2])}
+    python = ".".join(platform.python_version_tuple()[:2])  # the third number changes no result
+    return {name: metadata.version(name) for name in ("curricle", "numba")} | {"Python": python}
 
 
 def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
     """Return how versions differ, in words; nothing if they are equal."""
-    differences = [
-        f"{k} {there.get(k)} and the run has {here[k]}" for k in here if there.get(k) != here[k]
-    ]
-    return ", ".join(differences)
+    differing = [name for name in here if there.get(name) != here[name]]
+    return ", ".join(f"{k} {there.get(k)} and the run has {here[k]}" for k in differing)
 
 
 def written(files: Mapping[str, bytes]) -> Path:
     """Return a folder with these files, written once in a process and removed when it ends."""
-    # It has a name of its own: in one that others could guess they could put code.
-    named = {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
-    digest = hashlib.sha256(json.dumps(named).encode()).hexdigest()
+    content = frozenset(files.items())
     with WRITING:
-        if digest not in FOLDERS:
+        if content not in FOLDERS:
+            # Others cannot guess its name: in a folder that they could, they could put code.
             folder = Path(mkdtemp(prefix="curricle-"))
             atexit.register(shutil.rmtree, folder, ignore_errors=True)
-            for name, content in files.items():
-                place = folder / name
-                place.parent.mkdir(parents=True, exist_ok=True)
-                place.write_bytes(content)
-            FOLDERS[digest] = folder
-        return FOLDERS[digest]
+            for name, code in files.items():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (folder / name).write_bytes(code)
+            FOLDERS[content] = folder
+        return FOLDERS[content]
 
 
 # -- What trains units: threads, processes, any executor, or an engine on other machines -----------
@@ -154,9 +134,11 @@ class ExecutorWorkers:
     def train(self, sent: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
         # Threads hand on what is raised as it is.
-        train = train_unit if isinstance(self.executor, ThreadPoolExecutor) else train_apart
+        threads = isinstance(self.executor, ThreadPoolExecutor)
         try:
-            return self.executor.submit(train, sent)
+            return self.executor.submit(
+                train_unit if threads else partial(called, train_unit), sent
+            )
         except Exception as error:
             broken = BrokenExecutor("the executor took no unit")
             broken.__cause__ = error
@@ -201,14 +183,12 @@ class Engine(ABC):
 
     def carry(self, all_arms: Sequence[Arms], folder: Path) -> None:
         """Send the own modules of a study in a folder along with the units of all its arms."""
-        # Modules elsewhere on Python's path are not sent: workers import their own, which must be
-        # the same (`arms_from_json`).
         files = own_files([list(arms.dependencies.values()) for arms in all_arms], folder)
-        root = folder.resolve()
-        self.files = {
-            name: file.read_bytes() for name, file in files.items() if root / name == file.resolve()
-        }
         self.versions, self.live = versions_here(), any(arms.live for arms in all_arms)
+        # Of modules elsewhere on Python's path workers import their own (`arms_from_json`).
+        root = folder.resolve()
+        beside = {name: file for name, file in files.items() if root / name == file.resolve()}
+        self.files = {name: file.read_bytes() for name, file in beside.items()}
 
     def see(self, place: Place) -> bool:
         """Return whether workers read and write the study's files themselves: those at a URL."""
@@ -260,10 +240,9 @@ ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
 
 def parsed(on: str) -> tuple[str, str | None]:
     """Return the engine of a word and the address in it, host:port; SettingError if it has none."""
-    match = WORD.fullmatch(on) if isinstance(on, str) else None
-    if isinstance(on, str) and "@" in on:
+    if "@" in str(on):
         raise SettingError("on is an address without a user or a password: got one before @")
-    if match is None:
+    if (match := WORD.fullmatch(str(on))) is None:
         raise SettingError(
             f"on is dask or ray, or one of them at an address, such as dask://host:8786: got {on!r}"
         )
@@ -305,9 +284,9 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         engine.close(whole)
 
 
-def check_versions(on: str, found: Mapping[str, Any]) -> None:
+def check_versions(on: str, there: Mapping[str, Any]) -> None:
     """Raise SettingError, which names the worker, unless all have the versions that are here."""
-    for worker, versions in sorted(found.items()):
+    for worker, versions in sorted(there.items()):
         if isinstance(versions, BaseException):
             raise SettingError(
                 f"each worker of {on} must have Curricle: {worker} answered "

@@ -40,34 +40,34 @@ class RayEngine(Engine):
             raise ConnectionError("it is not connected to Ray")
         call = self._remote(_counted).options(name=function.__name__)
         reference = call.remote(function, argument)
-        found = Future[Any]()
-        self._open.add(found)
+        outcome = Future[Any]()
+        self._open.add(outcome)
 
         def end(done: "Future[Any]") -> None:
             with self._lock:
-                self._open.discard(found)
-                if found.done() or not found.set_running_or_notify_cancel():
+                self._open.discard(outcome)
+                if outcome.done() or not outcome.set_running_or_notify_cancel():
                     return
                 error = done.exception()
                 if error is None:
                     attempts, result = done.result()
                     self.repeated += attempts
-                    found.set_result(result)
-                elif isinstance(error, RayTaskError) and isinstance(error.cause, Exception):
-                    found.set_exception(error.cause)  # as it was raised, without Ray's words
+                    outcome.set_result(result)
+                    return
+                if isinstance(error, RayTaskError) and isinstance(error.cause, Exception):
+                    error = error.cause  # as it was raised, without Ray's words
                 elif isinstance(error, ConnectionError):
-                    found.set_exception(lost(str(error)))
-                else:
-                    found.set_exception(error)
+                    error = lost(str(error))
+                outcome.set_exception(error)
 
         def cancel(done: "Future[Any]") -> None:
             if done.cancelled():
                 with suppress(Exception):  # a cluster that is gone has nothing to cancel
                     ray.cancel(reference)
 
-        found.add_done_callback(cancel)
+        outcome.add_done_callback(cancel)
         reference.future().add_done_callback(end)
-        return found
+        return outcome
 
     def count(self) -> int:
         """Return how many processors there are."""
@@ -88,19 +88,18 @@ class RayEngine(Engine):
 
     def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every machine, or its exception, by name."""
-        asked = {}
+        asked, answers_by_name = {}, dict[str, Any]()
         for name, node in _alive().items():
             at = NodeAffinitySchedulingStrategy(node, soft=False)
             call = ray.remote(function).options(num_cpus=0, scheduling_strategy=at)
             asked[name] = call.remote()
-        found = dict[str, Any]()
         for name, reference in asked.items():
             try:
-                found[name] = ray.get(reference, timeout=ASKED)
+                answers_by_name[name] = ray.get(reference, timeout=ASKED)
             except Exception as error:
-                found[name] = getattr(error, "cause", None) or error
+                answers_by_name[name] = getattr(error, "cause", None) or error
         there = _alive()
-        return {name: answer for name, answer in found.items() if name in there}
+        return {name: answer for name, answer in answers_by_name.items() if name in there}
 
     def close(self, whole: bool) -> None:
         """Leave the cluster; one that was started here ends."""
@@ -122,21 +121,19 @@ def lost(why: str) -> EngineError:
 
 def _alive() -> dict[str, str]:
     """Return the identifier of each machine that is there now, by name."""
-    return {
-        f"{node['NodeManagerHostname']} ({node['NodeID'][:8]})": node["NodeID"]
-        for node in ray.nodes()
-        if node["Alive"]
-    }
+    nodes = [node for node in ray.nodes() if node["Alive"]]
+    return {f"{n['NodeManagerHostname']} ({n['NodeID'][:8]})": n["NodeID"] for n in nodes}
 
 
-def _connected(where: Mapping[str, Any]) -> Any:
+def _connected(where: Mapping[str, Any], again: int = ASKED_AGAIN) -> Any:
     """Return what ``ray.init`` does, asked again where a head has just lost a machine or client."""
-    for _ in range(ASKED_AGAIN):
-        try:
-            return ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
-        except ConnectionAbortedError:
-            sleep(PAUSE)
-    return ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
+    try:
+        return ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
+    except ConnectionAbortedError:
+        if not again:
+            raise
+    sleep(PAUSE)
+    return _connected(where, again - 1)
 
 
 def connected(address: str | None, workers: int | None) -> RayEngine:
