@@ -22,7 +22,7 @@ from curricle.transfer import (
     score_mapping,
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
-from curricle.transfer.observation_mapping import ObservationCoverage
+from curricle.transfer.mapping import ObservationCoverage
 from curricle.transfer.pair import sampled_tables, search_steps
 from curricle.transfer.scores import EXPECTILE, fitted_constant
 from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
@@ -182,12 +182,12 @@ def test_a_search_of_two_tasks_is_charged_once():
         "a", "b", StateActionMapping(line, line, index, how="nearest pair", steps=50)
     )
     assert search_steps([edge] * 2) == 50
-    assert edge.mapping.words == "found: nearest pair"
+    assert edge.mapping.description == "found: nearest pair"
 
 
 def test_mappings_in_words_and_digests():
     chase = cr.project(cr.Pursuit(3, 2), cr.Pursuit(3, 1), predator="predator_2")
-    words = chase.words
+    words = chase.description
     assert words == "predator is predator_2, prey by name"
     assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
     line = cr.GridWorld("S.T")

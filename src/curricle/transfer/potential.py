@@ -27,8 +27,16 @@ from curricle.tasks.spaces import MISSING, Space
 from curricle.text import brief_repr
 from curricle.transfer.aggregate import Aggregate, aggregate, built_in, mean
 from curricle.transfer.by_components import ComponentMapping
-from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states, transferred
-from curricle.transfer.observation_mapping import ObservationMapping, ValueSource, no_actions
+from curricle.transfer.mapping import (
+    ENDED,
+    UNMAPPED,
+    ObservationMapping,
+    ValueSource,
+    no_actions,
+    rescale,
+    terminal_states,
+    transferred,
+)
 from curricle.transfer.transfer import Transfer
 
 MOST_SOURCES = 64  # sources of a lookup, at most: each has a bit of a number

@@ -17,8 +17,7 @@ from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.by_bisimulation import by_homomorphism, by_lax_bisimulation
 from curricle.transfer.by_components import by_alignment, by_name
 from curricle.transfer.common_part import by_common_part
-from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
-from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.mapping import ObservationMapping, StateActionMapping, check_unmapped_value
 from curricle.transfer.pair import NOT_PROVEN, Proposal, TaskPair
 from curricle.transfer.scores import MappingScores, fitted_unmapped_value, score_mapping
 from curricle.transfer.transfer import Transfer

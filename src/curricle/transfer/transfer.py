@@ -159,7 +159,7 @@ SIGNIFICANT = 6  # digits of values in a digest: the last ones may differ betwee
 
 def transfer_words(transfer: Transfer) -> str:
     """Return a transfer in words: its mapping, coverage, scale and shift."""
-    words = [transfer.mapping.words]
+    words = [transfer.mapping.description]
     if transfer.mapping.countable:
         cover = transfer.mapping.coverage()
         words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
