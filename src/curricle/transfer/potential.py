@@ -58,14 +58,17 @@ class MappedPotential(PairPotential):
     lookup : ValueLookup
         The sources' values and how target states and actions are looked up in them.
 
+    Raises
+    ------
+    PotentialError
+        When the lookup does not fit the task, or values are larger than 1e15 in size.
+
     Examples
     --------
     >>> from curricle import Curriculum, Pursuit, Transfer, project
     >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
-    >>> curriculum = Curriculum(
-    ...     tasks={"chase": chase, "hunt": hunt},
-    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))],
-    ...     budget=1000)
+    >>> edge = Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))
+    >>> curriculum = Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=1000)
     >>> phi = curriculum.train().potentials["hunt"][0]
     >>> type(phi).__name__, phi.values.shape
     ('MappedPotential', (729, 25))
@@ -95,16 +98,11 @@ class MappedPotential(PairPotential):
     @cached_property
     def values(self) -> FloatArray:
         """phi(s, a) as an array, (S, A) float64, computed at first use."""
-        generative = generative_model(self.task)
-        phi = np.empty((generative.states.size, generative.actions.size))
-        read_table(self.lookup, phi)
-        if generative.terminal is not None:
-            phi[generative.terminal] = 0.0
-        return frozen(phi)
+        return frozen(self.pairs(np.arange(generative_model(self.task).states.size)))
 
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A)."""
-        read_table(self.lookup._replace(initial=initial), q)
+        read_rows(self.lookup._replace(initial=initial), np.arange(len(q)), q)
 
     def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """Return phi(s, a) of n states, (n, A) float64, computing no others."""
@@ -152,20 +150,13 @@ def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
 
 
 @compiled_once
-def read_table(lookup, q):
-    """Write initial value + phi into every row of a table, (S, A)."""
-    row = np.empty(q.shape[1])
-    for state in range(np.uint64(q.shape[0])):
-        read_row(lookup, state, row)
-        for action in range(row.shape[0]):
-            q[state, action] = row[action]
-
-
-@compiled_once
 def read_rows(lookup, states, q):
-    """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
+    """Write initial value + phi of n states into the rows of a table, (n, A)."""
+    row = np.empty(q.shape[1])  # a table may have float32: numbers are rounded once, at the end
     for i in range(states.shape[0]):
-        read_row(lookup, np.uint64(states[i]), q[i])
+        read_row(lookup, np.uint64(states[i]), row)
+        for action in range(row.shape[0]):
+            q[i, action] = row[action]
 
 
 # -- of several transfers --------------------------------------------------------------------------
@@ -198,8 +189,9 @@ def mapped_potential(
     by_name = [edge.mapping for edge in transfers if isinstance(edge.mapping, ComponentMapping)]
     offsets = [parts for parts in (mapping.lookups() for mapping in by_name) if parts is not None]
     known = built_in(function)
-    combine = None if known is None else known.code
-    if combine is None or len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
+    if known is None or known.code is None:
+        return None
+    if len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
     tables, actions, strides = list[FloatArray](), list[IntArray](), list[IntArray]()
     for edge, values, of_components in zip(transfers, source_values, offsets, strict=True):
@@ -233,7 +225,7 @@ def mapped_potential(
         strides_at=frozen(_starts(strides).reshape(len(transfers), -1)),
         strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
-        combine=combine,
+        combine=known.code,
         partial=not complete,
         unknown=float(unknown_value),
         scale=1.0,
@@ -268,10 +260,15 @@ class ObservationPotential:
     values : sequence of N ValueSource
         Of the source of each.
     function : callable
-        g, (N, S, A) -> (S, A) as everywhere; called with n observations as S, of states with A = 1.
+        g, (N, S, A) -> (S, A), of n observations as S; of state values A = 1.
     scale, shift : float
     unknown_value : float
         g where no source knows anything.
+
+    Raises
+    ------
+    PotentialError
+        When transfers, values and task do not fit each other.
 
     Examples
     --------
