@@ -2,9 +2,9 @@
 
 A partition of the states is refined until all states of a block have the same rewards and the same
 chance of each block (Givan, Dean, Greig 2003). As in MDP homomorphisms (Ravindran, Barto 2004), the
-actions of every state may be relabelled: two states are equivalent if each action of either has an
-action of the other with the same expected reward and the same chance of each block. Equivalent
-pairs then have the same Q*, also in several tasks that are refined jointly.
+actions of a state may be relabelled: each action of two equivalent states has one of the other with
+the same expected reward and chance of each block. Equivalent pairs then have the same Q*, also in
+several tasks that are refined jointly.
 
 Lax bisimulation needs no exact correspondence: it gives distances between the states of two tasks
 that bound how far their values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
@@ -284,7 +284,14 @@ MOST_WORK = 20_000_000_000
 """Pairs of outcomes that are coupled at most, in all rounds: some minutes of one core."""
 
 Numbers = npt.NDArray[np.int32]
-Flags = npt.NDArray[np.uint8]
+
+
+class Couplings(NamedTuple):
+    """How the outcomes of the pairs that d of states rests on are coupled, one after the other."""
+
+    first: IntArray  # (B B' + 1,)
+    cell: IntArray  # (n,) s * B' + u of two outcomes
+    mass: FloatArray  # (n,) of the coupling there
 
 
 class Quotient(NamedTuple):
@@ -334,23 +341,6 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
     return Quotient(listed, reward, value, np.ascontiguousarray(chance), *small, best), kinds_of
 
 
-class Distances(NamedTuple):
-    """What iteration works on."""
-
-    states: FloatArray  # (B, B')
-    pairs: FloatArray  # (Y, Y')
-    tree: Flags  # (Y, Y', 2, O + O') bases of the transports; (1, 1, 2, 1) where none is needed
-
-
-class Choices(NamedTuple):
-    """The pair that each d of states rests on, and how its outcomes are coupled, in a list."""
-
-    first: IntArray  # (B B' + 1,)
-    cell: IntArray  # (n,) s * B' + u of two outcomes
-    mass: FloatArray  # (n,) of the coupling there
-    difference: FloatArray  # (B B',) of the rewards
-
-
 def work_of_a_round(target: Quotient, source: Quotient) -> int:
     """Return how many pairs of outcomes a backup of all pairs couples, at most."""
     return target.chance.size * source.chance.size
@@ -358,23 +348,23 @@ def work_of_a_round(target: Quotient, source: Quotient) -> int:
 
 def fixed_point(
     target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
-) -> tuple[Distances, float]:
-    """Return the distances, and how far from the fixed point they may be."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return d of states (B, B') and of pairs (Y, Y'), and how far they may be off."""
     # Iteration ends where the error is at most `tolerance` times the largest distance, or after the
     # most rounds: the distances are then further off, by no more than is said.
     nodes = target.chance.shape[1] + source.chance.shape[1]
     random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
     pairs = np.empty((len(target.reward), len(source.reward)))
-    shape = (*pairs.shape, 2, nodes) if random else (1, 1, 2, 1)
+    # The bases of the transports; hardly any array where none is needed.
+    tree = np.full((*pairs.shape, 2, nodes) if random else (1, 1, 2, 1), UNSET, np.uint8)
     states = abs(target.best[:, None] - source.best)
-    distances = Distances(states, pairs, np.full(shape, UNSET, np.uint8))
     rests_on = np.empty((states.size, 2), np.int64)
     most = float(max(states.max(), 1e-300))
     last, helps = np.inf, True
     rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(target, source)))
     for left in reversed(range(rounds)):
-        back_up_pairs(target, source, distances, discount)
-        change = back_up_states(target.pairs, source.pairs, distances.pairs, states, rests_on)
+        back_up_pairs(target, source, states, pairs, tree, discount)
+        change = back_up_states(target.pairs, source.pairs, pairs, states, rests_on)
         error = discount / (1 - discount) * change
         most = max(most, float(states.max()))
         bars.at("rounds", rounds - left)
@@ -388,18 +378,16 @@ def fixed_point(
             both = (target.width[y] > 1) & (source.width[z] > 1)
             counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
             first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-            cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
-            n_source = states.shape[1]
-            fill_couplings(target, source, distances.tree, rests_on, n_source, first, cell, mass)
-            chosen = Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
-            follow(chosen, states.reshape(-1), discount, SWEEPS)
-    return distances, error
+            couplings = Couplings(first, np.empty(first[-1], np.int64), np.empty(first[-1]))
+            fill_couplings(target, source, tree, rests_on, states.shape[1], couplings)
+            difference = abs(target.reward[y] - source.reward[z])
+            follow(couplings, difference, states.reshape(-1), discount, SWEEPS)
+    return states, pairs, error
 
 
 @compiled_once
-def back_up_pairs(target, source, distances, discount):
+def back_up_pairs(target, source, states, pairs, tree, discount):
     """Compute d of all pairs from d of states."""
-    states, pairs, tree = distances
     space = scratch(target.chance.shape[1], source.chance.shape[1])
     for y in range(len(target.reward)):
         n = target.width[y]
@@ -466,8 +454,9 @@ def hausdorff(some, others, pairs, least):
 
 
 @compiled_once
-def fill_couplings(target, source, tree, rests_on, n_source, first, cell, mass):
+def fill_couplings(target, source, tree, rests_on, n_source, couplings):
     """Write the coupling of each pair that a distance rests on."""
+    first, cell, mass = couplings
     space = scratch(target.chance.shape[1], source.chance.shape[1])
     for k in range(len(rests_on)):
         y, z = rests_on[k, 0], rests_on[k, 1]
@@ -492,9 +481,9 @@ def fill_couplings(target, source, tree, rests_on, n_source, first, cell, mass):
 
 
 @compiled_once
-def follow(choices, states, discount, times):
+def follow(couplings, difference, states, discount, times):
     """Back up d of states, flat, with fixed choices and couplings, upwards and downwards."""
-    first, cell, mass, difference = choices
+    first, cell, mass = couplings
     for time in range(times):
         for k in range(len(states)):
             at = k if time % 2 == 0 else len(states) - 1 - k

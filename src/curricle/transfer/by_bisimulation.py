@@ -28,9 +28,9 @@ LARGEST = 20_000_000  # state-action pairs of both tasks up to which they are re
 def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
 
-    Equivalent pairs have the same Q*, as closely as both are known. A pair of the target in a state
-    that has an equivalent source state reads that state; others may still read a pair from which
-    both tasks go on alike. Of several equivalent pairs the first is taken.
+    Equivalent pairs have the same Q*, as closely as both are known. A target state reads an
+    equivalent source state, if there is one; else its pairs read pairs from which both tasks go on
+    alike. Of several the first is taken.
 
     Raises
     ------
@@ -115,8 +115,8 @@ def lax_bisimulation(
     The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
     Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
-    solves the equation of the target's discount. The work grows with the number of states that are
-    not bisimilar. It ends after some minutes at most; the bound, with `error`, holds in any case.
+    solves the equation of the target's discount. Iteration ends after some minutes at most; the
+    bound, with `error`, holds in any case.
 
     Parameters
     ----------
@@ -125,8 +125,7 @@ def lax_bisimulation(
         How far below the fixed point iteration may end, in units of the largest distance. What is
         missing is added.
     progress : bool or callable, optional
-        True counts the rounds; a function is called after each with how far from the fixed point
-        the distances may be, a float.
+        True counts the rounds; a function is called after each with the error, a float.
 
     Raises
     ------
@@ -190,23 +189,23 @@ def _nearest(
         raise MappingError(
             f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
         )
-    between, error = fixed_point(target, source, discount, tolerance, bars)
+    of_states, of_pairs, error = fixed_point(target, source, discount, tolerance, bars)
     error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
     known, at = np.unique(source_blocks.pairs.ravel(), return_index=True)
     first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's
     first[known[known >= 0]] = at[known >= 0]
     live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
 
-    kind, distance = between.pairs.argmin(axis=1), between.pairs.min(axis=1)
+    kind, distance = of_pairs.argmin(axis=1), of_pairs.min(axis=1)
     index = np.where(live, first[kind[pairs]], ENDED)
     bound = np.where(live, distance[pairs] + error, 0.0)
     bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
-    states = between.states[blocks.states][:, source_blocks.states]
+    states = of_states[blocks.states][:, source_blocks.states]
     apart_at_least = np.subtract.outer(*(solution.values for solution in solutions))
     states = np.maximum(states, abs(apart_at_least)) + error
 
-    choices = source.pairs[between.states.argmin(axis=1)[blocks.states]]  # (S, A'')
-    distances = between.pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
+    choices = source.pairs[of_states.argmin(axis=1)[blocks.states]]  # (S, A'')
+    distances = of_pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
     distances = np.where(choices[:, None, :] >= 0, distances, np.inf)
     by_state = first[np.take_along_axis(choices, distances.argmin(axis=2), axis=1)]
     lax = LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
