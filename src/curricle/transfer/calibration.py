@@ -118,10 +118,10 @@ def calibrate(
     Raises
     ------
     CalibrationError
-        When the episodes carry no information (phi was 0 in most of their steps, or they reached
-        nothing, or `max_steps` ended the first), when no positive scale explains the returns, or
-        when the scale would raise values of phi well above those it was fitted to, as is common
-        where rewards have both signs. The last is not judged for observations.
+        When the episodes carry no information (phi was 0 in most of their steps, they reached
+        nothing, or `max_steps` ended the first); when no positive scale explains the returns; or
+        when it would raise values of phi well above those it was fitted to, which is common where
+        rewards have both signs, and is not judged for observations.
 
     Examples
     --------
@@ -132,8 +132,7 @@ def calibrate(
     >>> round(fitted.scale, 3), fitted.steps
     (3.0, 400)
     """
-    settings = Calibrate(episodes, max_steps)
-    fitted = fit_calibration(potential, settings, seed=seed, stream=stream)
+    fitted = fit_calibration(potential, Calibrate(episodes, max_steps), seed=seed, stream=stream)
     if fitted.refusal:
         raise CalibrationError(fitted.refusal)
     return fitted
@@ -154,17 +153,19 @@ def fit_calibration(
     # are the first of the rest.
     few = min(FIRST_EPISODES, settings.episodes)
     rollouts: GreedyRollouts = roll(episodes=few)
-    stopped = rollouts.predicted.size == cap
-    if few < settings.episodes and not stopped and not _nothing_reached(rollouts):
+    if (
+        few < settings.episodes
+        and rollouts.predicted.size != cap
+        and not _nothing_reached(rollouts)
+    ):
         rollouts = roll(episodes=settings.episodes)
-        stopped = rollouts.predicted.size == cap
+    stopped = rollouts.predicted.size == cap
     scale, explained = 1.0, math.nan
     refusal = _uninformative(rollouts, cap if stopped else None)
     if not refusal:
         scale, explained = fitted_scale(rollouts)
         refusal = _poor_fit(potential, rollouts, scale, explained)
-    if refusal:
-        scale = 1.0
+        scale = 1.0 if refusal else scale
     bootstrapped = scale * rollouts.bootstrapped_value
     return_to_go = rollouts.return_to_go + rollouts.bootstrap_discount * bootstrapped
     return Calibration(
@@ -239,8 +240,7 @@ def _poor_fit(
             f"a calibration must be determined by its episodes: {len(rollouts.lengths)} of them, "
             f"{int(rollouts.ended.sum())} of which ended, leave the scale at 0 / 0"
         )
-    observed = isinstance(potential, ObservationPotential)
-    highest = -math.inf if observed else _highest(potential)
+    highest = -math.inf if isinstance(potential, ObservationPotential) else _highest(potential)
     highest_seen = float(rollouts.predicted.max())
     if scale > 1 and highest > 0 and highest_seen < highest / 2:
         return (
@@ -269,8 +269,7 @@ def _highest(potential: PairPotential) -> float:
     """Return the highest phi(s, a), terminal states aside."""
     model = generative_model(potential.task)
     n_states, n_actions = model.states.size, model.actions.size
-    searched = min(n_states, max(1, LARGEST_SEARCHED // n_actions))
-    states = np.arange(searched)
+    states, searched = np.arange(n_states), max(1, LARGEST_SEARCHED // n_actions)
     if searched < n_states:
         states = np.random.default_rng(0).integers(n_states, size=searched)
     if model.terminal is not None:
