@@ -12,7 +12,7 @@ from curricle.transfer import Calibrate
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.potential import mapped_potential
-from tests.tasks import predator_edges
+from tests.tasks import mdps, predator_edges
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])
@@ -220,28 +220,11 @@ def test_mappings_and_potentials_of_huge_targets_need_little_memory():
         assert mapped_potential(huge, edges, [q] * 4, function) is None
 
 
-@st.composite
-def tasks(draw):
-    """Draw an MDP of up to 4 states, the last of which may be terminal."""
-    n, actions = draw(st.integers(2, 4)), draw(st.integers(1, 3))
-    weights = draw(arrays(np.int64, (n, actions, n), elements=st.integers(0, 2)))
-    weights[:, :, 0] += weights.sum(axis=2) == 0
-    rewards = draw(arrays(np.int64, (n, actions), elements=st.integers(-3, 1)))
-    terminal = np.arange(n) == (n - 1 if draw(st.booleans()) else n)
-    return cr.FiniteMDP.from_dense(
-        weights / weights.sum(axis=2, keepdims=True),
-        rewards,
-        terminal=terminal,
-        start=~terminal / np.sum(~terminal),
-        discount=draw(st.sampled_from([0.5, 0.9])),
-        time_limit=6,
-    )
-
-
-@given(tasks(), st.data(), st.integers(1, 30), st.sampled_from([None, 1, 7, 60]), st.integers(0, 9))
+@given(mdps(), st.data(), st.integers(1, 30), st.sampled_from([None, 1, 7, 60]), st.integers(0, 9))
 def test_a_calibration_keeps_to_its_steps_and_scales_or_leaves_phi_alone(
-    task, data, episodes, max_steps, seed
+    mdp, data, episodes, max_steps, seed
 ):
+    task = mdp.task(time_limit=6)
     shape = (task.states.size, task.actions.size)
     values = data.draw(arrays(np.float64, shape, elements=st.integers(-9, 2)))
     phi = cr.StateActionPotential(task, values)

@@ -345,8 +345,6 @@ def test_parts_of_levels_are_those_with_a_way_to_the_exit(level):
     assert [member["columns"] for member in members] == solvable
 
 
-
-
 def test_stands_are_read_as_stands():
     target, source = taxi_family(), taxi_family(size=3)
     (mapping,) = family_mappings(target, source)

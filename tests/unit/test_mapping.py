@@ -198,23 +198,8 @@ def potential(plan, sources=("end", "line")):
     return phi.values[:, 0].tolist()
 
 
-@pytest.mark.parametrize(
-    ("aggregate", "skipped", "as_published"),
-    [
-        (cr.mean, [-2, -2, -3, -3, 0], [-1, -1, -3, -3, 0]),
-        (cr.minimum, [-2, -2, -4, -4, 0], [-2, -2, -4, -4, 0]),
-        (cr.maximum, [-2, -2, -2, -2, 0], [0, 0, -2, -2, 0]),
-        (cr.total, [-2, -2, -6, -6, 0], [-2, -2, -6, -6, 0]),
-    ],
-)
-def test_an_unmapped_pair_is_skipped_or_a_vote_for_the_value_stated(
-    aggregate, skipped, as_published
-):
-    assert potential(curriculum(aggregate=aggregate)) == skipped
-    assert potential(curriculum(0.0, aggregate=aggregate)) == as_published
-
-
 def test_one_value_stands_where_no_source_knows_anything():
+    assert potential(curriculum(0.0)) == [-1, -1, -3, -3, 0]  # as published: 0 is a vote
     assert potential(curriculum(), ["end"]) == [0, 0, -4, -4, 0]
     for value in (-9.0, {"far": -9}):
         plan = curriculum(unknown_value=value)

@@ -12,7 +12,7 @@ from curricle.tasks.mdp import reachable_states
 from curricle.transfer import rollouts as quality
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.rollouts import potential_quality
-from tests.tasks import dense_of, ring, ring_by_tables
+from tests.tasks import dense_of, random_mdp, ring, ring_by_tables
 
 THREE = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])
 
@@ -103,20 +103,6 @@ def test_the_state_potential_of_a_pair_potential_is_its_maximum():
     assert phi.to_state().values.tolist() == [[2, -1, 0]]
 
 
-def random_task(seed, *, n_states=8, n_actions=3, discount=0.9, time_limit=20):
-    """Return a task with rewards of both signs, the last two states terminal, few successors."""
-    rng = np.random.default_rng(seed)
-    p = rng.dirichlet(np.full(n_states, 0.3), size=(n_states, n_actions))
-    return cr.FiniteMDP.from_dense(
-        np.where(p < 0.05, 0.0, p) / np.where(p < 0.05, 0.0, p).sum(axis=2, keepdims=True),
-        rng.normal(-0.5, 1.0, size=p.shape),
-        terminal=np.arange(n_states) >= n_states - 2,
-        start=[0.5, 0.5] + [0.0] * (n_states - 2),
-        discount=discount,
-        time_limit=time_limit,
-    )
-
-
 def random_potential(task, seed):
     shape = task.mdp.outcome_row.shape
     return cr.StateActionPotential(task, np.random.default_rng([seed, 1]).normal(size=shape))
@@ -155,7 +141,7 @@ def naive_quality(phi, mdp):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_every_measure_agrees_with_a_plain_loop(seed):
-    task = random_task(seed) if seed else MAZE
+    task = random_mdp(seed, n_states=8, time_limit=20) if seed else MAZE
     phi = random_potential(task, seed)
     if seed % 2:
         phi = phi.rescaled(1.0, -2.0)
@@ -185,7 +171,7 @@ def test_an_underestimate_counts_only_where_optimal_policies_lead():
         assert potential_quality(phi, Target.of(LINE)).largest_underestimate == expected
 
 
-@pytest.mark.parametrize("task", [LINE, MAZE, cr.Pursuit(3, 2), *map(random_task, range(20))])
+@pytest.mark.parametrize("task", [LINE, MAZE, cr.Pursuit(3, 2), *map(random_mdp, range(20))])
 def test_the_optimum_has_no_error(task):
     target = Target.of(task)
     phi = cr.StateActionPotential(task, target.solution.action_values)
@@ -233,7 +219,7 @@ def naive_rank(phi, target):
 
 
 @pytest.mark.parametrize("levels", [2, 5, 1000])
-@pytest.mark.parametrize("task", [MAZE, random_task(3)])
+@pytest.mark.parametrize("task", [MAZE, random_mdp(3, time_limit=20)])
 def test_ranks_with_ties(task, levels):
     """With 2 levels nearly all of phi is tied; in the maze Q* has ties of its own."""
     target = Target.of(task)
@@ -268,7 +254,7 @@ def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
 
 @pytest.mark.parametrize("discounted", [True, False])
 @pytest.mark.parametrize("largest", [target_module.LARGEST_EVALUATED, 0], ids=["exact", "rollouts"])
-@pytest.mark.parametrize("task", [MAZE, random_task(5)])
+@pytest.mark.parametrize("task", [MAZE, random_mdp(5, time_limit=20)])
 def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted, monkeypatch):
     monkeypatch.setattr(target_module, "LARGEST_EVALUATED", largest)
     target = Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
