@@ -543,14 +543,8 @@ def _prediction_error(
     if not len(s):
         return float("nan")
     row, source_row = target.outcome_row[s, a], source.outcome_row[state[s], action[a]]
-    return float(
-        total_variation(
-            state[target.next_state[row]],
-            target.probability[row],
-            source.next_state[source_row].astype(np.int64),
-            source.probability[source_row],
-        ).mean()
-    )
+    themselves = np.arange(source.states.size)
+    return total_variation((target, row, state), (source, source_row, themselves))
 
 
 # -- searches by name ------------------------------------------------------------------------------
@@ -613,17 +607,14 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
     for ends in product(("first", "last"), repeat=len(unequal)):
         aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(theirs.names, 0)
         for name, end in aligned.items():
-            ending = "low" if end == "first" else "high"
-            there, here = (getattr(space.component(name), ending) for space in (theirs, ours))
-            offsets[name] = there - here
+            there, here = theirs.component(name), ours.component(name)
+            offsets[name] = there.low - here.low if end == "first" else there.high - here.high
         if set(ends) == {"first"} and not any(offsets.values()):
             continue  # as by name
-        ranges = " and ".join(f"{end} {name}" for name, end in aligned.items())
-        for clipped in (False, True):
-            read = {name: values[name] + offset for name, offset in offsets.items()}
-            if clipped:
-                read = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
-            state = theirs.encode(**read)
-            how = f"components by name, {ranges} aligned{', clipped' if clipped else ''}"
+        read = {name: values[name] + offset for name, offset in offsets.items()}
+        inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
+        how = f"components by name, {' and '.join(f'{e} {name}' for name, e in aligned.items())}"
+        for points, ending in ((read, "aligned"), (inside, "aligned, clipped")):
+            state = theirs.encode(**points)
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
-            yield tasks.proposal(index, how)
+            yield tasks.proposal(index, f"{how} {ending}")
