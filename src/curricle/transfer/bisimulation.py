@@ -341,11 +341,6 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
     return Quotient(listed, reward, value, np.ascontiguousarray(chance), *small, best), kinds_of
 
 
-def work_of_a_round(target: Quotient, source: Quotient) -> int:
-    """Return how many pairs of outcomes a backup of all pairs couples, at most."""
-    return target.chance.size * source.chance.size
-
-
 def fixed_point(
     target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
 ) -> tuple[FloatArray, FloatArray, float]:
@@ -361,7 +356,7 @@ def fixed_point(
     rests_on = np.empty((states.size, 2), np.int64)
     most = float(max(states.max(), 1e-300))
     last, helps = np.inf, True
-    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(target, source)))
+    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // (target.chance.size * source.chance.size)))
     for left in reversed(range(rounds)):
         back_up_pairs(target, source, states, pairs, tree, discount)
         change = back_up_states(target.pairs, source.pairs, pairs, states, rests_on)

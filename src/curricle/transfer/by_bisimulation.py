@@ -17,7 +17,6 @@ from curricle.transfer.bisimulation import (
     fixed_point,
     quotient,
     refined,
-    work_of_a_round,
 )
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.pair import Proposal, TaskPair, apart
@@ -180,7 +179,7 @@ def _nearest(
             f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these tasks have "
             f"{size:,}"
         )
-    if (work := work_of_a_round(target, source)) > LARGEST_ROUND:
+    if (work := target.chance.size * source.chance.size) > LARGEST_ROUND:
         raise MappingError(
             f"lax bisimulation couples up to {LARGEST_ROUND:,} pairs of outcomes in a round: "
             f"these tasks have {work:,}"

@@ -15,7 +15,7 @@ from curricle.checks import brief, instance, one_of
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, tables
+from curricle.tasks.mdp import Task, generative_model, tables
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.text import brief_repr
@@ -516,6 +516,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
     n_drawn = min(COMPARED, len(alive))
     drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
+    s, a = np.divmod(drawn, mdp.actions.size)
     choices = [
         product([c.name for c in mine.components if not c.arbitrary], repeat=len(other.names))
         for mine, other in spaces
@@ -526,25 +527,15 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
         actions = dict(zip(source.actions.names, action_names, strict=True))
         state = source_points(target.states, source.states, states)
         action = source_points(target.actions, source.actions, actions)
-        error = _prediction_error(mdp, source_mdp, state, action, drawn)
+        mapped = (state[s] != MISSING) & (action[a] != MISSING)
+        mapped &= ~source_mdp.terminal[np.maximum(state[s], 0)]
+        row = mdp.outcome_row[s[mapped], a[mapped]]
+        source_row = source_mdp.outcome_row[state[s[mapped]], action[a[mapped]]]
+        predicted = source_mdp, source_row, np.arange(source.states.size)
+        error = total_variation((mdp, row, state), predicted) if len(row) else float("nan")
         mapping = pair_mapping(target, source, state[:, None], action)
         projections.append(Projection(states, actions, error, mapping))
     return tuple(sorted(projections, key=lambda tried: (np.isnan(tried.error), tried.error)))
-
-
-def _prediction_error(
-    target: FiniteMDP, source: FiniteMDP, state: IntArray, action: IntArray, drawn: IntArray
-) -> float:
-    """Return the mean total variation distance of the next source states over the pairs drawn."""
-    s, a = np.divmod(drawn, target.actions.size)
-    usable = (state[s] != MISSING) & (action[a] != MISSING)
-    usable &= ~source.terminal[np.maximum(state[s], 0)]
-    s, a = s[usable], a[usable]
-    if not len(s):
-        return float("nan")
-    row, source_row = target.outcome_row[s, a], source.outcome_row[state[s], action[a]]
-    themselves = np.arange(source.states.size)
-    return total_variation((target, row, state), (source, source_row, themselves))
 
 
 # -- searches by name ------------------------------------------------------------------------------

@@ -344,16 +344,11 @@ def check_unmapped_value(value: float | None) -> None:
         number("unmapped_value", value, MappingError)
 
 
-def number_or_nan(unmapped_value: float | None) -> float:
-    """Return an unmapped value; NaN, for nothing known, where it is None."""
-    return math.nan if unmapped_value is None else unmapped_value
-
-
 def transferred(
     values: FloatArray, index: IntArray, unmapped_value: float | None, scale: float, shift: float
 ) -> FloatArray:
-    """Return scale Q + shift where mapped, shift where ended, and `unmapped_value` elsewhere."""
-    unmapped_value = number_or_nan(unmapped_value)
+    """Return scale Q + shift where mapped, shift where ended, `unmapped_value` or NaN elsewhere."""
+    unmapped_value = math.nan if unmapped_value is None else unmapped_value
     fixed = np.where(index == UNMAPPED, unmapped_value, shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
 
@@ -533,10 +528,17 @@ class ObservationMapping(TaskMapping):
 
     def __post_init__(self) -> None:
         if not self.description:
-            functions = {"observations": self.observations, "actions": self.actions}
-            functions |= {} if self.status is None else {"status": self.status}
-            names = [f"{part} {_function_name(how)}" for part, how in functions.items()]
-            object.__setattr__(self, "description", ", ".join(names))
+            phrases = []
+            for part in ("observations", "actions", "status"):
+                how = getattr(self, part)
+                name = getattr(how, "__name__", "<lambda>")
+                if how is None:
+                    phrases += [] if part == "status" else [f"{part} as they are"]
+                elif callable(how):
+                    phrases.append(f"{part} by {'a function' if name == '<lambda>' else name}")
+                else:
+                    phrases.append(f"{part} as {' '.join(map(str, how))}")
+            object.__setattr__(self, "description", ", ".join(phrases))
         instance("target of an observation mapping", self.target, ObservationTask, MappingError)
         check_unmapped_value(self.unmapped_value)
         if self.observations is None and not is_observation_task(self.source):
@@ -591,8 +593,11 @@ class ObservationMapping(TaskMapping):
             table, distinct, column = self._fixed_actions
             q = values.q(counterparts, distinct.repeat(n, axis=0))
             phi = self._transferred("Q", q, status, scale, shift).take(column, axis=1)
+        # An action without a counterpart is unmapped in every state; all others are ready.
         missing = table == UNMAPPED
-        return np.where(missing, number_or_nan(self.unmapped_value), phi) if missing.any() else phi
+        if not missing.any():
+            return phi
+        return transferred(phi, np.where(missing, UNMAPPED, 0), self.unmapped_value, 1.0, 0.0)
 
     @cached_property
     def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
@@ -697,15 +702,6 @@ class ObservationMapping(TaskMapping):
             return rescale(values, scale, shift)
         index = status.reshape(-1, *[1] * (values.ndim - 1))
         return transferred(values, index, self.unmapped_value, scale, shift)
-
-
-def _function_name(how: Any) -> str:
-    if how is None:
-        return "as they are"
-    if not callable(how):
-        return f"as {' '.join(map(str, how))}"
-    name = getattr(how, "__name__", "<lambda>")
-    return "by a function" if name == "<lambda>" else f"by {name}"
 
 
 def _integers(name: str, array: Any) -> IntArray:

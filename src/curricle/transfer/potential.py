@@ -130,23 +130,21 @@ def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
         return lookup.action.shape == (0, n_actions)
     shapes = lookup.strides_at.shape, lookup.action.shape, lookup.unmapped_row.shape
     sizes = states.shape[::-1]
-    inverses = [inverse_of(size, states.size) for size in sizes]
+    inverses = tuple(inverse_of(size, states.size) for size in sizes)
     if shapes != ((n, c), (n, n_actions), (n,)):
         return False
-    if (*lookup.size,) != sizes or (*lookup.inverse,) != (*inverses,):
+    if (*lookup.size, *lookup.inverse) != (*sizes, *inverses):
         return False
     ends = lookup.strides_at + np.array(sizes)
     if lookup.strides_at.min() < 0 or ends.max() > len(lookup.strides):
         return False
-    for source in range(n):
-        reach = [lookup.strides[first:end].max() for first, end in
-                 zip(lookup.strides_at[source], ends[source], strict=True)]  # fmt: skip
-        mapped = lookup.first[source] + sum(max(int(stride), 0) for stride in reach)
-        last = max(mapped, lookup.unmapped_row[source]) + lookup.action[source].max()
-        lowest = min(lookup.first[source], lookup.unmapped_row[source], lookup.action[source].min())
-        if lowest < 0 or last >= len(lookup.values):
-            return False
-    return True
+    last = lookup.first.copy()  # where the values of each source's last mapped state start
+    for source, component in np.ndindex(n, c):
+        at, end = lookup.strides_at[source, component], ends[source, component]
+        last[source] += max(int(lookup.strides[at:end].max()), 0)
+    last = np.maximum(last, lookup.unmapped_row) + lookup.action.max(axis=1)
+    lowest = min(part.min() for part in (lookup.first, lookup.unmapped_row, lookup.action))
+    return bool(lowest >= 0 and last.max() < len(lookup.values))
 
 
 @compiled_once

@@ -225,24 +225,20 @@ def clears_bar(scores: MappingScores) -> bool:
     return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
 
-def as_good_as_exact(candidate: FoundMapping) -> bool:
-    """Return whether a mapping is right where it knows anything, and fits elsewhere."""
-    # Where steps cost, pairs that were tried fall below the value that fits, so that a learner goes
-    # on to others. Without such a value it walks at random until it meets a mapped state: then a
-    # rough mapping of many states is better than an exact one of few.
-    scores = candidate.scores
-    right = scores.regained_where_known >= 1 - MOST_MISSED and scores.unexplained <= LEFT_BY_EXACT
-    return right and (candidate.unmapped_value is not None or scores.coverage == 1)
-
-
 def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
     """Return what candidates are ordered by, the best first."""
+    # Second come those that are as good as exact where they know anything, and fit elsewhere. Where
+    # steps cost, pairs that were tried fall below the value that fits, so that a learner goes on to
+    # others. Without such a value it walks at random until it meets a mapped state: then a rough
+    # mapping of many states is better than an exact one of few.
     scores = candidate.scores
+    right = scores.regained_where_known >= 1 - MOST_MISSED and scores.unexplained <= LEFT_BY_EXACT
+    exact = right and (candidate.unmapped_value is not None or scores.coverage == 1)
     measures = -scores.worth, scores.dynamics_error, scores.bellman_inconsistency
     worth, dynamics, bellman = (
         float(round(score, 9)) for score in np.nan_to_num(measures, nan=np.inf)
     )
-    return not clears_bar(scores), not as_good_as_exact(candidate), worth, dynamics, bellman
+    return not clears_bar(scores), not exact, worth, dynamics, bellman
 
 
 # -- the best mapping, or why none is used ---------------------------------------------------------
