@@ -114,17 +114,11 @@ def lax_bisimulation(
     The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
     Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
-    solves the equation of the target's discount. Iteration ends after some minutes at most; the
-    bound, with `error`, holds in any case.
+    solves the equation of the target's discount.
 
-    Parameters
-    ----------
-    target, source : Task
-    tolerance : float
-        How far below the fixed point iteration may end, in units of the largest distance. What is
-        missing is added.
-    progress : bool or callable, optional
-        True counts the rounds; a function is called after each with the error, a float.
+    Iteration ends at most `tolerance` below the fixed point, in units of the largest distance, and
+    after some minutes at most; what is missing is added, so that the bounds hold in any case.
+    `progress` counts the rounds if it is True; a function is called after each with the error.
 
     Raises
     ------

@@ -39,17 +39,8 @@ class ComponentMapping(StateActionMapping):
     """A mapping given by names of components; made by :func:`project`.
 
     It serves targets of any size: the index array is made only when it is asked for, and learning
-    reads the source through :meth:`lookups`.
-
-    Parameters
-    ----------
-    target, source : Task
-    renaming : dict of str to str
-        Source component -> target component, where the names differ.
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`.
-    unequal : {"unmapped", "clip", "scale"}
-        As in :class:`ComponentsByName`.
+    reads the source through :meth:`lookups`. `renaming` gives the target component of each source
+    component whose name differs; `unequal` is that of :class:`ComponentsByName`.
 
     Examples
     --------
@@ -161,16 +152,9 @@ def project(
 ) -> ComponentMapping:
     """Return the mapping that reads the source's components off the target's by name (paper E7).
 
-    Components of states and of actions have the same name, or are named in `renaming`. They are
-    read label by label where both have labels. Values that the source lacks leave a pair unmapped.
-
-    Parameters
-    ----------
-    target, source : Task
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`.
-    **renaming : str
-        ``source_component="target_component"``.
+    Components of states and of actions have the same name, or are named in `renaming`, as
+    ``source_component="target_component"``. They are read label by label where both have labels.
+    Values that the source lacks leave a pair unmapped (see :class:`StateActionMapping`).
 
     Raises
     ------
@@ -247,12 +231,7 @@ def identity(target: Any, source: Any = None) -> Any:
     """Return the mapping of each state and action to the same one of a task of the same shape.
 
     Tasks have one shape if their components have the same values in the same order, whatever they
-    are called; or if their observations have the same shape.
-
-    Parameters
-    ----------
-    target, source : Task or ObservationTask
-        Of one kind. The source is the target by default.
+    are called; or if their observations have the same shape. The source is the target by default.
 
     Raises
     ------
@@ -340,14 +319,7 @@ def family_mappings(
     """Return how a member of a family maps onto another, as the family declares it.
 
     Several mappings stand for several transfers: each predator of a pursuit can read the only one
-    of its source.
-
-    Parameters
-    ----------
-    target, source : FamilyMember
-        Of one family; their tasks are built.
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`; not of mappings that the family's function made itself.
+    of its source. Mappings that the family's function made itself keep their `unmapped_value`.
 
     Raises
     ------

@@ -22,8 +22,7 @@ from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import GreedyRollouts, greedy_rollouts
 from curricle.transfer.transfer import CALIBRATION_EPISODES, Calibrate
 
-AnyPotential = Any
-"""The potential of a task: a StateActionPotential, MappedPotential or ObservationPotential."""
+AnyPotential = Any  # of a task: a StateActionPotential, MappedPotential or ObservationPotential
 FIRST_EPISODES = 20  # episodes after which a calibration stops if they reached nothing
 MIN_NONZERO = 0.5  # least share of the steps in which phi is not 0
 MIN_EXPLAINED = 0.25  # least share of the squares of the returns that the fit explains
@@ -105,15 +104,8 @@ def calibrate(
 
     With G_t the discounted return from step t, c minimises sum_t (G_t - c phi(s_t, a_t))^2. Where
     an episode is truncated, G_t goes on with c max_a phi(s, a) of the last state: truncation is
-    not termination, and the fit stays linear in c.
-
-    Parameters
-    ----------
-    potential : StateActionPotential, MappedPotential or ObservationPotential
-    episodes, max_steps
-        As in :class:`Calibrate`.
-    seed, stream : int, str
-        Of the random stream of the episodes, as in :func:`learn`.
+    not termination, and the fit stays linear in c. `episodes` and `max_steps` are those of
+    :class:`Calibrate`; `seed` and `stream` decide the random stream of the episodes.
 
     Raises
     ------

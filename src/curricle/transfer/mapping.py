@@ -57,11 +57,7 @@ class ValueSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class TableValues:
-    """The values of a tabular learner: Q(s, a) by the numbers of states and actions.
-
-    Parameters
-    ----------
-    table : (S, A) float array, finite
+    """The values of a tabular learner: Q(s, a) by the numbers of states and actions, (S, A).
 
     Examples
     --------
@@ -358,15 +354,9 @@ def from_function(
 ) -> StateActionMapping:
     """Return the mapping that a function on decoded components computes.
 
-    Parameters
-    ----------
-    target, source : Task
-    function : callable
-        Takes the target's decoded states (name -> (S, 1) int64) and actions (name -> (1, A)) and
-        returns the source's as two dicts of arrays that broadcast to (S, A). Values that are no
-        point of the source's space leave the pair unmapped.
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`.
+    The function takes the target's decoded states (name -> (S, 1) int64) and actions (name ->
+    (1, A)) and returns the source's as two dicts of arrays that broadcast to (S, A). Values that
+    are no point of the source's space leave the pair unmapped.
 
     Raises
     ------

@@ -35,22 +35,13 @@ class TaskPair:
     """A target and a source with tables; what searches need of them is computed once.
 
     A discount of 1 is taken as 1 - 1/L, L the time limit (1,000 steps without one), so that values
-    are bounded and distances between states contract.
-
-    Parameters
-    ----------
-    target, source : Task
-    samples : int, optional
-        Steps of the random policy from which tables are estimated, of each task that has none.
-    seed : int
-        Of these steps.
+    are bounded and distances between states contract. Tables of a task that has none are estimated
+    from `samples` steps of the random policy, drawn with `seed`.
 
     Raises
     ------
-    SettingError
-        When `samples` is less than 1.
     TaskError
-        When one of them has no tables and is not to be sampled.
+        When a task has no tables and is not to be sampled.
 
     Examples
     --------

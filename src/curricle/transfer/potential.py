@@ -49,14 +49,8 @@ class MappedPotential(PairPotential):
     """phi(s, a) computed from the sources' values one state at a time, without an array.
 
     :class:`Curriculum` makes it of transfers whose mappings go by name (:func:`project`) and an
-    aggregate of the library's own.
-
-    Parameters
-    ----------
-    task : Task
-        The task to be shaped.
-    lookup : ValueLookup
-        The sources' values and how target states and actions are looked up in them.
+    aggregate of the library's own. The lookup holds the sources' values and how states and actions
+    of the task are looked up in them.
 
     Raises
     ------

@@ -73,13 +73,8 @@ def score_mapping(
 ) -> MappingScores:
     """Return how a mapping fits its tasks, from their tables.
 
-    Parameters
-    ----------
-    mapping : StateActionMapping
-    seed : int
-        Of the sample of pairs whose next states are compared, where there are more than 20,000.
-    tasks : TaskPair, optional
-        The mapping's tasks, where they have been solved already.
+    Next states are compared on at most 20,000 pairs, a sample drawn with `seed`. `tasks` are the
+    mapping's, where they have been solved already.
 
     Examples
     --------
@@ -217,13 +212,7 @@ def fitted_unmapped_value(
     is worth. It is None where all is mapped, where u would not be below 0, and where no way leads
     from some state to what is mapped.
 
-    Parameters
-    ----------
-    mapping : StateActionMapping
-    scale, shift : float
-        Of the transfer.
-    tasks : TaskPair, optional
-        The mapping's tasks, where they have been solved already.
+    `scale` and `shift` are the transfer's; `tasks` as in :func:`score_mapping`.
 
     Examples
     --------
