@@ -7,7 +7,7 @@ from scipy.optimize import linprog
 
 from curricle.errors import MappingError
 from curricle.planning import solve
-from curricle.transfer import bisimulation, by_bisimulation, lax_bisimulation
+from curricle.transfer import bisimulation, lax_bisimulation
 from curricle.transfer.bisimulation import UNSET, scratch, transport_cost
 from tests.tasks import dense_of, mdps, random_mdp
 
@@ -101,6 +101,6 @@ def test_work_is_bounded(monkeypatch):
     whole = lax_bisimulation(target, target, tolerance=1e-9)
     monkeypatch.setattr(bisimulation, "MOST_WORK", 1)
     assert lax_bisimulation(target, target, tolerance=1e-9).error > whole.error
-    monkeypatch.setattr(by_bisimulation, "LARGEST_ROUND", 10)
+    monkeypatch.setattr(bisimulation, "LARGEST_ROUND", 10)
     with pytest.raises(MappingError, match="up to 10 pairs of outcomes in a round: these tasks"):
         lax_bisimulation(target, target)

@@ -12,8 +12,12 @@ from curricle import FiniteMDP
 from curricle.errors import MappingError
 from curricle.planning import solve
 from curricle.transfer import TaskPair, by_homomorphism, find_mappings, lax_bisimulation
-from curricle.transfer.bisimulation import model_for_refinement, refined
-from curricle.transfer.by_bisimulation import equivalent_pairs
+from curricle.transfer.bisimulation import (
+    equivalent_pairs,
+    joint_models,
+    model_for_refinement,
+    refined,
+)
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from tests.enumeration import exact_action_values, exact_optimum
 from tests.renumbering import renumbered
@@ -92,7 +96,7 @@ def test_q_is_equal_wherever_two_tasks_are_equivalent(dense, other, discount):
     other = dense if other is None else replace(other, discount=dense.discount)
     target, source = replace(dense, discount=discount if other is dense else dense.discount), other
     tasks = TaskPair(target.task(), source.task())
-    index = equivalent_pairs(*refined(tasks.models))
+    index = equivalent_pairs(*refined(joint_models(tasks)))
     mapped = index >= 0
     q = solve(tasks.source).action_values.ravel()[index[mapped]]
     np.testing.assert_allclose(solve(tasks.target).action_values[mapped], q, atol=1e-5)

@@ -1,5 +1,5 @@
 from .aggregate import maximum as maximum, mean as mean, minimum as minimum, total as total
-from .by_bisimulation import (
+from .bisimulation import (
     by_homomorphism as by_homomorphism,
     by_lax_bisimulation as by_lax_bisimulation,
     lax_bisimulation as lax_bisimulation,

@@ -17,7 +17,7 @@ from curricle.arrays import BoolArray, IntArray
 from curricle.errors import MappingError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.text import counted
-from curricle.transfer.bisimulation import levels
+from curricle.transfer.bisimulation import joint_models, levels
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
 from curricle.transfer.pair import Proposal, TaskPair
 
@@ -201,7 +201,7 @@ def by_common_part(tasks: TaskPair) -> Iterator[Proposal]:
 def _moves(tasks: TaskPair) -> tuple[Moves, Moves]:
     """Return both tasks, their rewards numbered together."""
     target, source = tasks.target_mdp, tasks.source_mdp
-    rewards = levels(np.concatenate([model.mean_reward for model in tasks.models]))
+    rewards = levels(np.concatenate([model.mean_reward for model in joint_models(tasks)]))
     of_rows = np.split(rewards, [len(target.probability)])
 
     def moves(mdp: FiniteMDP, of_row: IntArray) -> Moves:

@@ -23,7 +23,6 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.text import brief_repr
-from curricle.transfer.bisimulation import Model, model_for_refinement, refined
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
 NOT_PROVEN = float("nan")
@@ -109,23 +108,6 @@ class TaskPair:
         # Of a target that was sampled, those in which every action was tried.
         live = reachable_states(self.target_mdp) & ~self.target_mdp.terminal
         return live & self.sampled["target"].tried if "target" in self.sampled else live
-
-    @cached_property
-    def models(self) -> tuple[Model, Model]:
-        """Both tasks for refinement, with the target's discount."""
-        # V* of the source solves V = max_a r' + gamma_t P V, too, r' = r + (gamma_s - gamma_t) P V.
-        target, source = self.target_mdp, self.source_mdp
-        rewards = (source.probability * source.reward).sum(axis=1)
-        if target.discount != source.discount:
-            values = self.source_solution.values[source.next_state]
-            after = (source.probability * values).sum(axis=1)
-            rewards = rewards + (source.discount - target.discount) * after
-        return model_for_refinement(target), model_for_refinement(source, rewards)
-
-    @cached_property
-    def source_blocks(self) -> IntArray:
-        """The block of each source state, (S',) int64; states of a block behave alike."""
-        return refined([model_for_refinement(self.source_mdp)])[0].states
 
     @cached_property
     def own_solutions(self) -> tuple[Solution, Solution] | None:

@@ -7,6 +7,7 @@ pairs: the cost of one bad action does not say what a state is worth.
 """
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -15,11 +16,13 @@ from curricle.display import printed
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.tasks.mdp import FiniteMDP, steps_to
 from curricle.text import brief_repr
+from curricle.transfer.bisimulation import model_for_refinement, refined
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
 from curricle.transfer.pair import TaskPair
 
 NAN = float("nan")
 TIED = 1e-9  # values this close, in units of the largest, are tied for a greedy policy
+_BLOCKS = WeakKeyDictionary[TaskPair, IntArray]()  # of source states: those that behave alike
 LARGEST_SAMPLE = 20_000  # pairs on which next states are compared at most; a sample of more
 
 
@@ -151,7 +154,9 @@ def _dynamics_error(
         return NAN
     s, a = mapped.T
     # Blocks of the source; 0 is its end (where the target's is too), -1 has no counterpart.
-    block = np.where(terminal_states(source), 0, 1 + tasks.source_blocks)
+    if tasks not in _BLOCKS:
+        _BLOCKS[tasks] = refined([model_for_refinement(source)])[0].states
+    block = np.where(terminal_states(source), 0, 1 + _BLOCKS[tasks])
     known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
     pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
     stands_for = np.where(pair >= 0, pair // mapping.source.actions.size, pair)  # (S,)

@@ -15,7 +15,7 @@ from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.mdp import Task, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
-from curricle.transfer.by_bisimulation import by_homomorphism, by_lax_bisimulation
+from curricle.transfer.bisimulation import by_homomorphism, by_lax_bisimulation
 from curricle.transfer.by_components import by_alignment, by_name
 from curricle.transfer.common_part import by_common_part
 from curricle.transfer.mapping import ObservationMapping, StateActionMapping, check_unmapped_value
