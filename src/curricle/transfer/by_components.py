@@ -279,8 +279,10 @@ def _difference(kind: str, target: Space, source: Space) -> str:
                 f"values of {ours.name} are {', '.join(labels)} in the target and "
                 f"{', '.join(other_labels)} in the source"
             )
-    points = (np.stack(list(space.decode().values()), axis=1) for space in (target, source))
-    if (target.is_box and source.is_box) or np.array_equal(*points):
+    if target.is_box and source.is_box:
+        return ""
+    points, others = (np.stack([*space.decode().values()]) for space in (target, source))
+    if np.array_equal(points, others):
         return ""
     return (
         f"{kind} of {names} are {target.size:,} in the target and {source.size:,} in the source, "

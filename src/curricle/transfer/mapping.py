@@ -91,16 +91,11 @@ class TableValues:
 
 @dataclass(frozen=True, eq=False)
 class FunctionValues:
-    """Values that a user's functions compute.
+    """Values that a user's functions compute; at least one of the two functions is needed.
 
-    Parameters
-    ----------
-    action_values : callable, optional
-        (observations, actions) -> (n,) or (n, m), as :meth:`ValueSource.q`.
-    state_values : callable, optional
-        observations -> (n,). At least one of the two is needed.
-    actions : int, optional
-        A, over which V(s) = max_a Q(s, a) is taken where only `action_values` is given.
+    `action_values` is (observations, actions) -> (n,) or (n, m), as :meth:`ValueSource.q`,
+    `state_values` is observations -> (n,). Where only the first is given, V(s) = max_a Q(s, a) is
+    taken over the number of `actions`.
 
     Examples
     --------
@@ -186,7 +181,7 @@ class TaskMapping(ABC):
         return False
 
     def _repr_html_(self) -> str:
-        return block(repr(self), self.countable and coverage_table({"": self.coverage()}))
+        return block(repr(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,6 +301,9 @@ class StateActionMapping(Frozen, TaskMapping):
     def __repr__(self) -> str:
         mapped = int((self.index >= 0).sum())
         return f"{type(self).__name__}({mapped:,} of {self.index.size:,} pairs mapped)"
+
+    def _repr_html_(self) -> str:
+        return block(repr(self), self.countable and coverage_table({"": self.coverage()}))
 
     def coverage(self) -> "Coverage":
         """Return how much of the target is reached, and of the source used."""

@@ -7,9 +7,11 @@ pairs: the cost of one bad action does not say what a state is worth.
 """
 
 from dataclasses import dataclass
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.display import printed
@@ -166,7 +168,7 @@ def _dynamics_error(
     return total_variation((mdp, row, after), (source, source_row, block))
 
 
-def total_variation(*rows_of: tuple[FiniteMDP, IntArray, IntArray]) -> float:
+def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
     """Return the mean total variation distance of the next states of n rows of two tasks.
 
     What counts as the same next state has the same number in the last array of both, (S,).

@@ -269,8 +269,7 @@ def auto_mapping(
         Of the mapping.
     fit_unmapped : bool
         Whether unmapped pairs are given their :func:`fitted_unmapped_value`, unless
-        `unmapped_value` is given. Not for one of several transfers into a task: an aggregate is to
-        skip what it does not know.
+        `unmapped_value` is given. Not where an aggregate of several transfers is to skip them.
     scale, shift : float
         Of the transfer, for that fit.
     progress : bool or callable, optional
