@@ -379,30 +379,25 @@ class Quotient(NamedTuple):
 
     pairs: Numbers  # (B, A) the kinds of a block's pairs, -1 where there are no more
     reward: FloatArray  # (Y,)
-    value: FloatArray  # (Y,) Q*
     chance: FloatArray  # (Y, O)
     after: Numbers  # (Y, O) blocks
     width: Numbers  # (Y,) outcomes
     best: FloatArray  # (B,) V*
 
 
-def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotient, Blocks]:
+def quotient(model: Model, values: FloatArray) -> tuple[Quotient, Blocks]:
     """Return a task up to bisimulation, and the block and kind of each of its states and pairs."""
     (blocks,) = refined([model])
     live = np.flatnonzero(blocks.pairs.ravel() >= 0)
-    kinds, first, kind = np.unique(
-        blocks.pairs.ravel()[live], return_index=True, return_inverse=True
-    )
+    of_live = blocks.pairs.ravel()[live]
+    kinds, first, kind = np.unique(of_live, return_index=True, return_inverse=True)
     row = model.outcome_row.ravel()[live[first]]
     after, chance = merged_outcomes(blocks.states[model.next_state[row]], model.probability[row])
     reward = model.mean_reward[row]
-    pairs = np.full(blocks.pairs.size, -1)
-    pairs[live] = kind.ravel()
-    kinds_of = Blocks(blocks.states, pairs.reshape(blocks.pairs.shape))
-    n_blocks = int(blocks.states.max()) + 1
+    pairs = np.full(blocks.pairs.shape, -1)
+    pairs.ravel()[live] = kind.ravel()
     _, state = np.unique(blocks.states, return_index=True)
-    of_block = [np.unique(kinds_of.pairs[s]) for s in state]
-    best = values[state]
+    of_block = [np.unique(pairs[s]) for s in state]
     if model.terminal.any():
         end = int(blocks.states[model.terminal][0])
         after = np.concatenate([after, np.full((1, after.shape[1]), -1)])
@@ -410,15 +405,15 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
         after[-1, 0], chance[-1, 0] = end, 1.0
         reward = np.append(reward, 0.0)
         of_block[end] = np.array([len(kinds)])
-    listed = np.full((n_blocks, max(map(len, of_block))), -1, np.int32)
-    for block, some in enumerate(of_block):
-        listed[block, : len(some)] = some
-    kept = max(1, int((after >= 0).sum(axis=1).max()))
-    after, chance = after[:, :kept], chance[:, :kept]
-    value = reward + discount * (chance * np.where(after >= 0, best[after], 0.0)).sum(axis=1)
-    width = (after >= 0).sum(axis=1)
-    small = np.ascontiguousarray(after, np.int32), width.astype(np.int32)
-    return Quotient(listed, reward, value, np.ascontiguousarray(chance), *small, best), kinds_of
+    listed = np.full((len(state), max(map(len, of_block))), -1, np.int32)
+    for block, kinds_of_block in enumerate(of_block):
+        listed[block, : len(kinds_of_block)] = kinds_of_block
+    width = (after >= 0).sum(axis=1).astype(np.int32)
+    kept = max(1, int(width.max()))
+    after = np.ascontiguousarray(after[:, :kept], np.int32)
+    chance = np.ascontiguousarray(chance[:, :kept])
+    kinds_of = Blocks(blocks.states, pairs)
+    return Quotient(listed, reward, chance, after, width, values[state]), kinds_of
 
 
 def fixed_point(
@@ -649,7 +644,7 @@ def _nearest(
     """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
     solutions, discount = (tasks.target_solution, tasks.source_solution), tasks.target_mdp.discount
     (target, blocks), (source, source_blocks) = (
-        quotient(model, discount, solution.values)
+        quotient(model, solution.values)
         for model, solution in zip(joint_models(tasks), solutions, strict=True)
     )
     if (size := len(target.reward) * len(source.reward)) > LARGEST_PAIRS:

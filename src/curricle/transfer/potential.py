@@ -186,6 +186,7 @@ def mapped_potential(
     if len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
     tables, actions, strides = list[FloatArray](), list[IntArray](), list[IntArray]()
+    partial = False
     for edge, values, of_components in zip(transfers, source_values, offsets, strict=True):
         # What the target reads of a source, (S' + 1, A' + 1).
         q = np.pad(np.asarray(values, dtype=np.float64), (0, 1))
@@ -196,18 +197,13 @@ def mapped_potential(
         tables.append(transferred(q, index, unmapped_value, edge.scale, edge.shift))
         width, action = q.shape[1], edge.mapping.actions
         actions.append(np.where(action == MISSING, width - 1, action))
-        strides += [
-            np.where(offset == MISSING, -1, offset * width) for offset in reversed(of_components)
-        ]
+        strides += [np.where(at == MISSING, -1, at * width) for at in reversed(of_components)]
+        # In tables, a row and a column are for unmapped pairs also where no pair is.
+        missing = any((part == MISSING).any() for part in (action, *of_components))
+        partial |= missing and unmapped_value is None
     first = _starts(tables)
     states = generative_model(task).states
-    sizes = [part.size for part in reversed(states.components)]
-    # In tables, a row and a column are for unmapped pairs also where no pair is.
-    complete = all(
-        edge.mapping.unmapped_value is not None
-        or not any((part == MISSING).any() for part in (edge.mapping.actions, *of_components))
-        for edge, of_components in zip(transfers, offsets, strict=True)
-    )
+    sizes = states.shape[::-1]
     lookup = ValueLookup(
         values=frozen(np.concatenate([table.ravel() for table in tables])),
         first=frozen(first),
@@ -218,7 +214,7 @@ def mapped_potential(
         strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
         combine=known.code,
-        partial=not complete,
+        partial=partial,
         unknown=float(unknown_value),
         scale=1.0,
         shift=0.0,
@@ -247,10 +243,8 @@ class ObservationPotential:
     ----------
     task : ObservationTask
         The target.
-    edges : sequence of N Transfer
-        With an :class:`ObservationMapping` each.
-    values : sequence of N ValueSource
-        Of the source of each.
+    edges, values : sequences of N Transfer and N ValueSource
+        Each with an :class:`ObservationMapping`, and the values of its source.
     function : callable
         g, (N, S, A) -> (S, A), of n observations as S; of state values A = 1.
     scale, shift : float
