@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -224,19 +224,17 @@ class Environments:
             for k, environment in enumerate(self.environments)
         ]
         rewards, predicted, observations = ([list[Any]() for _ in range(n)] for _ in range(3))
-        terminated, running = [False] * n, list(range(n))
+        terminated, truncated, running = [False] * n, [False] * n, list(range(n))
         for _ in range(self.max_steps):
             rows = [current[k] for k in running]
             actions, values = policy(stack(self.task.observations, rows), running)
-            still_running = []
             for k, row, action, value in zip(running, rows, actions, values, strict=True):
-                current[k], reward, terminated[k], truncated, _ = self.environments[k].step(action)
+                step = self.environments[k].step(action)
+                current[k], reward, terminated[k], truncated[k], _ = step
                 rewards[k].append(float(reward))
                 predicted[k].append(value)
                 observations[k].append(row)
-                if not (terminated[k] or truncated):
-                    still_running.append(k)
-            running = still_running
+            running = [k for k in running if not (terminated[k] or truncated[k])]
             if not running:
                 break
         columns = map(np.array, rewards), (np.array(values, float) for values in predicted)
@@ -354,10 +352,9 @@ def _of_episodes(
 class ObservationTarget:
     """A target whose optimum is unknown; as :class:`Target` is for tasks with tables."""
 
-    # `evaluation` is by rollouts, also where that of its learner is exact: tables of the
-    # environment pay its own rewards, so that both are in the same units.
-
     task: ObservationTask
+    # By rollouts, also where that of its learner is exact: tables of the environment pay its own
+    # rewards, so that both are in the same units.
     evaluation: GreedyEvaluation
     solution: None = None
     typical_reward: float = float("nan")
@@ -400,9 +397,9 @@ def target_of(
     """Return a task of either kind as a target."""
     if not is_observation_task(task):
         return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
-    evaluation = GreedyEvaluation() if evaluation is None else evaluation
     number = OBSERVATION_ROLLOUTS if episodes is None else episodes
-    return ObservationTarget(task, replace(evaluation, method="rollouts", episodes=number))
+    evaluation = replace(evaluation or GreedyEvaluation(), method="rollouts", episodes=number)
+    return ObservationTarget(task, evaluation)
 
 
 # -- how far a potential is from the truth ---------------------------------------------------------
@@ -435,12 +432,11 @@ def potential_quality(
     seed: int = 0,
 ) -> PotentialQuality:
     """Return how a potential compares with the values of its target."""
+    roll = partial(greedy_rollouts, potential, seed=seed, stream=STREAM)
     if isinstance(target, ObservationTarget):
-        assert isinstance(potential, ObservationPotential)
         if not potential.of_actions:
             return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
-        episodes = target.episodes
-        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+        rollouts = roll(episodes=target.episodes)
         first = np.cumsum(rollouts.lengths) - rollouts.lengths
         discounted = target.evaluation.discounted
         returns = rollouts.return_to_go[first] if discounted else rollouts.returns
@@ -448,8 +444,7 @@ def potential_quality(
     assert not isinstance(potential, ObservationPotential)
     start = greedy_start(potential, target.evaluation, seed=seed)
     if target.solution is None:
-        episodes = target.evaluation.rollouts(target.task)
-        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+        rollouts = roll(episodes=target.evaluation.rollouts(target.task))
         return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
     alive, solution = ~mdp.terminal, target.solution
