@@ -410,10 +410,10 @@ def quotient(model: Model, values: FloatArray) -> tuple[Quotient, Blocks]:
         listed[block, : len(kinds_of_block)] = kinds_of_block
     width = (after >= 0).sum(axis=1).astype(np.int32)
     kept = max(1, int(width.max()))
-    after = np.ascontiguousarray(after[:, :kept], np.int32)
+    reached = np.ascontiguousarray(after[:, :kept], np.int32)
     chance = np.ascontiguousarray(chance[:, :kept])
     kinds_of = Blocks(blocks.states, pairs)
-    return Quotient(listed, reward, chance, after, width, values[state]), kinds_of
+    return Quotient(listed, reward, chance, reached, width, values[state]), kinds_of
 
 
 def fixed_point(
