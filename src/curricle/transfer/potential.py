@@ -96,7 +96,7 @@ class MappedPotential(PairPotential):
 
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A)."""
-        read_rows(self.lookup._replace(initial=initial), np.arange(len(q)), q)
+        read_table(self.lookup._replace(initial=initial), q)
 
     def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """Return phi(s, a) of n states, (n, A) float64, computing no others."""
@@ -142,13 +142,20 @@ def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
 
 
 @compiled_once
-def read_rows(lookup, states, q):
-    """Write initial value + phi of n states into the rows of a table, (n, A)."""
+def read_table(lookup, q):
+    """Write initial value + phi into every row of a table, (S, A)."""
     row = np.empty(q.shape[1])  # a table may have float32: numbers are rounded once, at the end
-    for i in range(states.shape[0]):
-        read_row(lookup, np.uint64(states[i]), row)
+    for state in range(np.uint64(q.shape[0])):
+        read_row(lookup, state, row)
         for action in range(row.shape[0]):
-            q[i, action] = row[action]
+            q[state, action] = row[action]
+
+
+@compiled_once
+def read_rows(lookup, states, q):
+    """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
+    for i in range(states.shape[0]):
+        read_row(lookup, np.uint64(states[i]), q[i])
 
 
 # -- of several transfers --------------------------------------------------------------------------
