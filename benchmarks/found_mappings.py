@@ -41,8 +41,7 @@ from curricle.transfer import (
     family_mappings,
     find_mappings,
 )
-from curricle.transfer.bisimulation import model_for_refinement, refined
-from curricle.transfer.by_bisimulation import by_lax_bisimulation
+from curricle.transfer.bisimulation import by_lax_bisimulation, model_for_refinement, refined
 from curricle.transfer.search import SEARCHES, clears_bar
 from examples import cliff_walking, taxi
 from tests.renumbering import nameless, renumbered

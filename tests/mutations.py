@@ -625,7 +625,7 @@ MUTATIONS = [
     ),
     Mutation(
         "pairs of different values in a homomorphism",
-        "transfer/by_bisimulation.py",
+        "transfer/bisimulation.py",
         "apart(index, *solutions) <= error",
         "apart(index, *solutions) < np.inf",
         (
@@ -634,7 +634,7 @@ MUTATIONS = [
     ),
     Mutation(
         "distances below the difference of two values",
-        "transfer/by_bisimulation.py",
+        "transfer/bisimulation.py",
         "np.maximum(states, abs(apart_at_least)) + error",
         "states + error",
         (

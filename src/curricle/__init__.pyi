@@ -63,12 +63,9 @@ from .transfer.aggregate import (
     minimum as minimum,
     total as total,
 )
-from .transfer.by_components import project as project
+from .transfer.by_components import project as project, same_position as same_position
 from .transfer.calibration import calibrate as calibrate
-from .transfer.mapping import (
-    from_function as from_function,
-    same_position as same_position,
-)
+from .transfer.mapping import from_function as from_function
 from .transfer.transfer import Transfer as Transfer
 
 __version__: str

@@ -7,7 +7,7 @@ from scipy.optimize import linprog
 
 from curricle.errors import MappingError
 from curricle.planning import solve
-from curricle.transfer import bisimulation, by_bisimulation, lax_bisimulation
+from curricle.transfer import bisimulation, lax_bisimulation
 from curricle.transfer.bisimulation import UNSET, scratch, transport_cost
 from tests.tasks import dense_of, mdps, random_mdp
 
@@ -32,8 +32,8 @@ def test_transport_is_exact_also_from_the_last_basis(n, m, seed, even):
     for _ in range(3):
         cost = rng.integers(0, 4, (n, m)).astype(float) if even else rng.random((n, m))
         space.cost[:n, :m] = cost
-        found = transport_cost(p, q, tree[0], tree[1], space)
-        assert found == pytest.approx(transport_naively(p, q, cost), abs=1e-8)
+        least = transport_cost(p, q, tree[0], tree[1], space)
+        assert least == pytest.approx(transport_naively(p, q, cost), abs=1e-8)
 
 
 def dense(task):
@@ -61,25 +61,25 @@ def distance_naively(target, source, sweeps):
 
 @given(mdps(discounts=(0.3,), max_states=3, max_actions=2), mdps(max_states=3, max_actions=2))
 @settings(max_examples=12)
-def test_distances_are_those_of_the_naive_fixed_point(one, other):
-    target = one.task()
-    source = type(other)(other.p, other.r, other.terminal, one.discount).task()
-    found = lax_bisimulation(target, source, tolerance=1e-9)
+def test_distances_are_those_of_the_naive_fixed_point(first, second):
+    target = first.task()
+    source = type(second)(second.p, second.r, second.terminal, first.discount).task()
+    lax = lax_bisimulation(target, source, tolerance=1e-9)
     d, pairs = distance_naively(target, source, sweeps=12)
     left = 0.3**12 / 0.7 * 20
-    np.testing.assert_allclose(found.states, d, atol=left + 1e-6)
+    np.testing.assert_allclose(lax.states, d, atol=left + 1e-6)
     live = ~target.terminal
     nearest = pairs.reshape(*pairs.shape[:2], -1).min(axis=2)
-    np.testing.assert_allclose(found.pairs[live], nearest[live], atol=left + 1e-6)
+    np.testing.assert_allclose(lax.pairs[live], nearest[live], atol=left + 1e-6)
 
 
 @pytest.mark.parametrize("width", [1, 3])
 def test_a_larger_task_agrees_with_the_naive_one(width):
     target = random_mdp(1, n_states=5, n_actions=2, width=width, discount=0.5)
     source = random_mdp(2, n_states=4, n_actions=2, width=width, discount=0.5)
-    found = lax_bisimulation(target, source, tolerance=1e-9)
+    lax = lax_bisimulation(target, source, tolerance=1e-9)
     d, _ = distance_naively(target, source, sweeps=10)
-    np.testing.assert_allclose(found.states, d, atol=0.5**10 * 20)
+    np.testing.assert_allclose(lax.states, d, atol=0.5**10 * 20)
 
 
 @pytest.mark.parametrize("rounds", [1, 2, 3])
@@ -88,12 +88,12 @@ def test_bounds_hold_where_iteration_ends_early(monkeypatch, rounds):
     source = random_mdp(2, n_states=4, n_actions=2, width=3, discount=0.9)
     whole = lax_bisimulation(target, source, tolerance=1e-9)
     monkeypatch.setattr(bisimulation, "MOST_ROUNDS", rounds)
-    found = lax_bisimulation(target, source, tolerance=1e-9)
-    assert found.error > 1e3 * whole.error
-    assert (whole.states <= found.states + 1e-6).all()
-    assert (found.states <= whole.states + 2 * found.error + 1e-6).all()
+    lax = lax_bisimulation(target, source, tolerance=1e-9)
+    assert lax.error > 1e3 * whole.error
+    assert (whole.states <= lax.states + 1e-6).all()
+    assert (lax.states <= whole.states + 2 * lax.error + 1e-6).all()
     apart = abs(solve(target).values[:, None] - solve(source).values)
-    assert (apart <= found.states).all()
+    assert (apart <= lax.states).all()
 
 
 def test_work_is_bounded(monkeypatch):
@@ -101,6 +101,6 @@ def test_work_is_bounded(monkeypatch):
     whole = lax_bisimulation(target, target, tolerance=1e-9)
     monkeypatch.setattr(bisimulation, "MOST_WORK", 1)
     assert lax_bisimulation(target, target, tolerance=1e-9).error > whole.error
-    monkeypatch.setattr(by_bisimulation, "LARGEST_ROUND", 10)
+    monkeypatch.setattr(bisimulation, "LARGEST_ROUND", 10)
     with pytest.raises(MappingError, match="up to 10 pairs of outcomes in a round: these tasks"):
         lax_bisimulation(target, target)

@@ -12,13 +12,10 @@ from curricle.transfer import Calibrate
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.potential import mapped_potential
+from tests.tasks import mdps, predator_edges
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
-
-
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])
-
-
 UNMAPPED_VALUES = st.sampled_from([None, None, -12.3])
 
 
@@ -92,8 +89,8 @@ def space_transfers(draw):
 
 
 def array_potential(task, edges, values, function, unknown_value=0.0):
-    each = [edge.potential(q) for edge, q in zip(edges, values, strict=True)]
-    return cr.StateActionPotential(task, aggregate(function, np.stack(each), unknown_value))
+    phis = [edge.potential(q) for edge, q in zip(edges, values, strict=True)]
+    return cr.StateActionPotential(task, aggregate(function, np.stack(phis), unknown_value))
 
 
 def pair_by_pair(task, edges, values, function, unknown_value):
@@ -117,13 +114,17 @@ def pair_by_pair(task, edges, values, function, unknown_value):
     return phi
 
 
-@given(pursuit_transfers() | space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
-def test_a_mapped_potential_is_the_array_bit_for_bit(transfers, function, seed):
+def drawn(transfers, function, seed):
+    """Return what a mapped potential is made of, its sources' values drawn."""
     task, edges = transfers
     rng = np.random.default_rng(seed)
-    values = [values_of(edge.mapping.source, rng) for edge in edges]
-    mapped = mapped_potential(task, edges, values, function, -3.25)
-    expected = array_potential(task, edges, values, function, -3.25)
+    return task, edges, [values_of(edge.mapping.source, rng) for edge in edges], function, -3.25
+
+
+@given(pursuit_transfers() | space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
+def test_a_mapped_potential_is_the_array_bit_for_bit(transfers, function, seed):
+    made_of = drawn(transfers, function, seed)
+    mapped, expected = mapped_potential(*made_of), array_potential(*made_of)
     np.testing.assert_array_equal(mapped.values, expected.values)
     np.testing.assert_array_equal(mapped.to_state().values, expected.to_state().values)
 
@@ -131,11 +132,8 @@ def test_a_mapped_potential_is_the_array_bit_for_bit(transfers, function, seed):
 @settings(max_examples=25)
 @given(space_transfers(), st.sampled_from(AGGREGATES), st.integers(0, 99))
 def test_both_are_what_the_sources_know_of_each_pair(transfers, function, seed):
-    task, edges = transfers
-    rng = np.random.default_rng(seed)
-    values = [values_of(edge.mapping.source, rng) for edge in edges]
-    expected = pair_by_pair(task, edges, values, function, -3.25)
-    mapped = mapped_potential(task, edges, values, function, -3.25)
+    task, *made_of = drawn(transfers, function, seed)
+    expected, mapped = pair_by_pair(task, *made_of), mapped_potential(task, *made_of)
     np.testing.assert_allclose(mapped.values, expected, rtol=1e-14, atol=1e-14)
     rescaled = mapped.rescaled(2.0, 0.5)
     expected = np.where(task.mdp.terminal[:, None], 0.0, 2.0 * mapped.values + 0.5)
@@ -146,19 +144,19 @@ def index_point_by_point(mapping):
     """Return the index array of a mapping by name, component by component of each pair."""
     target, source, renaming = mapping.target, mapping.source, mapping.renaming
 
-    def counterpart(own, other, number):
+    def counterpart(here, there, number):
         place = {}
-        for component in other.components:
-            origin = own.component(renaming.get(component.name, component.name))
-            value = int(own.decode(number)[origin.name])
+        for component in there.components:
+            origin = here.component(renaming.get(component.name, component.name))
+            value = int(here.decode(number)[origin.name])
             if component.labels is not None and origin.labels is not None:
                 label = origin.labels[value - origin.low]
                 if label not in component.labels:
                     return None
                 value = component.low + component.labels.index(label)
             place[component.name] = value
-        found = int(other.encode(**place))
-        return None if found < 0 else found
+        point = int(there.encode(**place))
+        return None if point < 0 else point
 
     index = np.full((target.states.size, target.actions.size), cr.transfer.UNMAPPED)
     for s, a in itertools.product(range(target.states.size), range(target.actions.size)):
@@ -207,55 +205,29 @@ def test_listed_spaces_need_arrays():
             np.testing.assert_array_equal(phi.values, expected.values)
 
 
-def test_a_users_aggregate_needs_arrays():
-    hunt, chase = cr.Pursuit(2, 2), cr.Pursuit(2, 1)
-    edge = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
-    for function in (lambda phi: phi[0], np.median):
-        assert mapped_potential(hunt, [edge], [np.zeros((16, 5))], function) is None
-
-
 def test_mappings_and_potentials_of_huge_targets_need_little_memory():
     near = cr.Pursuit(10, 1)
     q = np.zeros((near.states.size, near.actions.size))
     tracemalloc.start()
     huge = cr.Pursuit(10, 4)
-    edges = [
-        cr.Transfer("near", "huge", cr.project(huge, near, predator=name))
-        for name in huge.predator_names
-    ]
+    edges = predator_edges(huge, near)
     phi = mapped_potential(huge, edges, [q] * 4, cr.minimum)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert phi is not None
     assert peak < 20 * q.nbytes
+    for function in (lambda phi: phi[0], np.median):  # of a user: it needs arrays
+        assert mapped_potential(huge, edges, [q] * 4, function) is None
 
 
-@st.composite
-def tasks(draw):
-    """Draw an MDP of up to 4 states, the last of which may be terminal."""
-    n, actions = draw(st.integers(2, 4)), draw(st.integers(1, 3))
-    weights = draw(arrays(np.int64, (n, actions, n), elements=st.integers(0, 2)))
-    weights[:, :, 0] += weights.sum(axis=2) == 0
-    rewards = draw(arrays(np.int64, (n, actions), elements=st.integers(-3, 1)))
-    terminal = np.arange(n) == (n - 1 if draw(st.booleans()) else n)
-    return cr.FiniteMDP.from_dense(
-        weights / weights.sum(axis=2, keepdims=True),
-        rewards,
-        terminal=terminal,
-        start=~terminal / np.sum(~terminal),
-        discount=draw(st.sampled_from([0.5, 0.9])),
-        time_limit=6,
-    )
-
-
-@given(tasks(), st.data(), st.integers(1, 30), st.sampled_from([None, 1, 7, 60]), st.integers(0, 9))
+@given(mdps(), st.data(), st.integers(1, 30), st.sampled_from([None, 1, 7, 60]), st.integers(0, 9))
 def test_a_calibration_keeps_to_its_steps_and_scales_or_leaves_phi_alone(
-    task, data, episodes, max_steps, seed
+    mdp, data, episodes, max_steps, seed
 ):
+    task = mdp.task(time_limit=6)
     shape = (task.states.size, task.actions.size)
-    phi = cr.StateActionPotential(
-        task, data.draw(arrays(np.float64, shape, elements=st.integers(-9, 2)))
-    )
+    values = data.draw(arrays(np.float64, shape, elements=st.integers(-9, 2)))
+    phi = cr.StateActionPotential(task, values)
     fitted = fit_calibration(phi, Calibrate(episodes, max_steps), seed=seed)
     assert fitted.episodes <= episodes
     assert 0 < fitted.steps <= (6 * episodes if max_steps is None else max_steps)

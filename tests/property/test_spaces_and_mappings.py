@@ -62,15 +62,15 @@ def ring(n_states, n_actions):
 def chains_of_mappings(draw, length):
     """Tasks t_0 .. t_n and random mappings t_i -> t_(i+1)."""
     tasks = [ring(draw(st.integers(2, 4)), draw(st.integers(1, 3))) for _ in range(length + 1)]
-    found = []
+    mappings = []
     for target, source in itertools.pairwise(tasks):
         alive = (source.states.size - 1) * source.actions.size
         shape = (target.states.size, target.actions.size)
         entries = st.integers(ENDED, alive - 1)
         flat = draw(st.lists(entries, min_size=shape[0] * shape[1], max_size=shape[0] * shape[1]))
         value = draw(VALUES)
-        found.append(StateActionMapping(target, source, np.array(flat).reshape(shape), value))
-    return found
+        mappings.append(StateActionMapping(target, source, np.array(flat).reshape(shape), value))
+    return mappings
 
 
 @given(chains_of_mappings(3))

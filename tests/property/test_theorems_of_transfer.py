@@ -24,10 +24,10 @@ def test_a_source_that_teaches_nothing_never_pays(mdp, share, rate):
         shaping={"target": cr.QInitialisation()},
         eval_freq={"target": 10},
     )
-    found = cr.compare(plan, seeds=7, workers=1).contrasts["transfer"]
-    assert found.weak_gain.estimate == 0.0
-    assert found.strong_gain.estimate <= 1e-6
-    assert not found.verdict.startswith("pays")
+    contrast = cr.compare(plan, seeds=7, workers=1).contrasts["transfer"]
+    assert contrast.weak_gain.estimate == 0.0
+    assert contrast.strong_gain.estimate <= 1e-6
+    assert not contrast.verdict.startswith("pays")
 
 
 @given(mdps(), st.data())
@@ -62,8 +62,8 @@ def test_minimum_is_below_mean_is_below_maximum(potentials):
     assert (middle[known] <= high[known] + rounding).all()
     n = np.count_nonzero(~np.isnan(potentials), axis=0)
     np.testing.assert_allclose(summed[known], (n * middle)[known], atol=rounding)
-    for found in low, middle, high, summed:
-        np.testing.assert_array_equal(np.isnan(found), ~known)
+    for potential in low, middle, high, summed:
+        np.testing.assert_array_equal(np.isnan(potential), ~known)
 
 
 @pytest.mark.parametrize("function", AGGREGATES)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import CalibrationError
+from curricle.errors import CalibrationError, CurriculumError, PotentialError, SettingError
 from curricle.learning.record import WarmUp
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer import FunctionValues, ObservationPotential
@@ -14,14 +14,11 @@ from curricle.transfer.calibration import fit_calibration
 from curricle.transfer.potential import mapped_potential
 from curricle.transfer.rollouts import greedy_rollouts
 from curricle.transfer.transfer import Calibrate
+from tests.refusals import check_refusal
 from tests.tasks import predator_edges
 
 LINE = cr.GridWorld("S..T", discount=0.5, time_limit=10)
-
-
 HUNT, CHASE = cr.Pursuit(3, 2, time_limit=30), cr.Pursuit(3, 1, time_limit=30)
-
-
 EDGES = predator_edges(HUNT, CHASE)
 
 
@@ -58,10 +55,9 @@ def test_a_truncated_episode_is_bootstrapped():
 
 @pytest.mark.parametrize("factor", [0.1, 1.0, 3.0])
 def test_a_scaled_optimum_is_scaled_back(factor):
-    found = cr.calibrate(optimum(LINE).rescaled(1 / factor), episodes=5)
-    assert found.scale == pytest.approx(factor)
-    assert found.explained == pytest.approx(1.0)
-    np.testing.assert_allclose(found.potential.values, optimum(LINE).values)
+    fitted = cr.calibrate(optimum(LINE).rescaled(1 / factor), episodes=5)
+    assert (fitted.scale, fitted.explained) == pytest.approx((factor, 1.0))
+    np.testing.assert_allclose(fitted.potential.values, optimum(LINE).values)
 
 
 def test_the_scale_is_the_least_squares_one():
@@ -82,76 +78,73 @@ def test_an_endless_loop_has_its_long_run_cost():
         discount=0.9,
         time_limit=10,
     )
-    found = cr.calibrate(
-        cr.StateActionPotential(ring, cr.solve(ring).action_values / 4), episodes=1
-    )
-    assert found.scale == pytest.approx(4.0)
+    quarter = cr.StateActionPotential(ring, cr.solve(ring).action_values / 4)
+    assert cr.calibrate(quarter, episodes=1).scale == pytest.approx(4.0)
 
 
-def refused(phi):
-    with pytest.raises(cr.errors.CalibrationError) as caught:
-        cr.calibrate(phi)
-    found = fit_calibration(phi, Calibrate())
-    assert found.refusal == str(caught.value)
-    assert found.potential is phi
-    assert found.scale == 1.0
-    assert found.steps > 0  # the steps are charged all the same
-    return found
-
-
-def test_a_potential_that_reaches_nothing_is_refused_early():
-    away = cr.StateActionPotential(LINE, np.tile([0.0, 0.0, 0.0, 8.0], (4, 1)))
-    found = refused(away)
-    assert found.refusal == (
-        "a calibration needs episodes that reach something: none of 20 ended, and each of their "
-        "200 steps had the reward -1"
-    )
-    assert found.episodes == 20
-
-
-def test_a_potential_of_zeros_is_refused():
-    found = refused(cr.StateActionPotential(LINE, np.zeros((4, 4))))
-    assert "phi was 0 in 100% of" in found.refusal
-
-
-def test_a_potential_of_the_opposite_sign_is_refused():
-    found = refused(optimum(LINE).rescaled(1.0, -300.0))  # still towards the treasure
-    assert "a calibration needs a positive scale" in found.refusal
-
-
-def test_a_potential_unrelated_to_the_returns_is_refused():
-    rng = np.random.default_rng(1)
-    phi = cr.StateActionPotential(HUNT, rng.normal(-9, 3, size=(729, 25)))
-    assert "must explain 25% of the returns to go" in refused(phi).refusal
-
-
-def test_values_far_above_those_of_the_rollouts_are_not_raised():
+def high_where_no_episode_leads():
     """The way to the treasure is underestimated; a far corner has values that no episode saw."""
-    values = optimum(LINE).values / 4
     far = cr.GridWorld(["S..T", "####", "...."], discount=0.5, time_limit=10)
-    q = np.zeros((8, 4))
-    q[:4], q[4:] = values, 1000.0
-    found = refused(cr.StateActionPotential(far, q))
-    assert "that its episodes did not come near: a factor of 4" in found.refusal
+    values = np.concatenate([optimum(LINE).values / 4, np.full((4, 4), 1000.0)])
+    return cr.StateActionPotential(far, values)
 
 
-def test_a_state_potential_cannot_be_calibrated():
-    with pytest.raises(cr.errors.PotentialError, match="must be a StateActionPotential"):
-        cr.calibrate(optimum(LINE).to_state())
+def unrelated():
+    values = np.random.default_rng(1).normal(-9, 3, size=(729, 25))
+    return cr.StateActionPotential(HUNT, values)
 
 
-def test_episodes_without_a_near_end_are_refused():
-    long = cr.GridWorld("S..T", time_limit=1_000_000)
-    with pytest.raises(cr.errors.SettingError, match=r"must not exceed 50,000,000 steps in all"):
-        cr.calibrate(optimum(long))
+@pytest.mark.parametrize(
+    ("phi", "says"),
+    [
+        (
+            lambda: cr.StateActionPotential(LINE, np.tile([0.0, 0.0, 0.0, 8.0], (4, 1))),  # away
+            "episodes that reach something: none of 20 ended, and each of their 200 steps had "
+            "the reward -1",
+        ),
+        (lambda: cr.StateActionPotential(LINE, np.zeros((4, 4))), "phi was 0 in 100% of"),
+        # Still towards the treasure.
+        (lambda: optimum(LINE).rescaled(1.0, -300.0), "a calibration needs a positive scale"),
+        (unrelated, "must explain 25% of the returns to go"),
+        (high_where_no_episode_leads, "that its episodes did not come near: a factor of 4"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused_and_charged(phi, says):
+    phi = phi()
+    with pytest.raises(CalibrationError, match=says) as caught:
+        cr.calibrate(phi)
+    refused = fit_calibration(phi, Calibrate())
+    assert (refused.refusal, refused.scale) == (str(caught.value), 1.0)
+    assert refused.potential is phi
+    assert refused.steps > 0
+
+
+@pytest.mark.parametrize(
+    ("error", "call", "says"),
+    [
+        (PotentialError, lambda: cr.calibrate(optimum(LINE).to_state()), "must be a StateActionP"),
+        (
+            SettingError,
+            lambda: cr.calibrate(optimum(cr.GridWorld("S..T", time_limit=1_000_000))),
+            "must not exceed 50,000,000 steps in all",
+        ),
+        (
+            CurriculumError,
+            lambda: cr.Transfer("chase", "hunt", EDGES[0].mapping, calibrate=3),
+            "must be True, False or a Calibrate: got 3",
+        ),
+    ],
+)
+def test_bad_calibrations_are_refused_in_one_sentence(error, call, says):
+    check_refusal(error, call, says)
 
 
 @pytest.mark.parametrize("bad", ["x", {"x": 1}, None, float("nan"), 1e400])
 def test_a_potential_is_rescaled_by_finite_numbers_alone(bad):
     for phi in (mapped(cr.mean), optimum(LINE)):
-        with pytest.raises(cr.errors.PotentialError, match="scale must be"):
+        with pytest.raises(PotentialError, match="scale must be"):
             phi.rescaled(bad)
-        with pytest.raises(cr.errors.PotentialError, match="shift must be"):
+        with pytest.raises(PotentialError, match="shift must be"):
             phi.rescaled(1.0, bad)
 
 
@@ -174,14 +167,9 @@ def test_a_curriculum_calibrates_the_aggregate_of_each_seed():
     raw = curriculum(calibrate=False).train(seeds=[4, 9])
     assert raw.calibrations == {}
     for k, seed in enumerate((4, 9)):
-        found = result.calibrations["hunt"][k]
-        again = fit_calibration(
-            raw.potentials["hunt"][k],
-            Calibrate(max_steps=250),
-            seed=seed,
-            stream="hunt/calibration",
-        )
-        assert found.scale == again.scale > 1.1
+        phi, how = raw.potentials["hunt"][k], {"seed": seed, "stream": "hunt/calibration"}
+        again = fit_calibration(phi, Calibrate(max_steps=250), **how)
+        assert result.calibrations["hunt"][k].scale == again.scale > 1.1
         np.testing.assert_array_equal(result.potentials["hunt"][k].values, again.potential.values)
 
 
@@ -189,13 +177,13 @@ def test_calibration_is_charged_to_the_target():
     result = curriculum().train(seeds=2)
     hunt = result["hunt"]
     assert hunt.steps_used.tolist() == [5000, 5000]
-    for k, found in enumerate(result.calibrations["hunt"]):
-        ends = np.cumsum(found.warm_up.lengths)
-        spent = hunt.steps <= found.steps
+    for k, fitted in enumerate(result.calibrations["hunt"]):
+        ends = np.cumsum(fitted.warm_up.lengths)
+        spent = hunt.steps <= fitted.steps
         np.testing.assert_array_equal(
             hunt.episodes[k, spent], np.searchsorted(ends, hunt.steps[spent], side="right")
         )
-        first = found.warm_up.returns[ends <= 100].mean()
+        first = fitted.warm_up.returns[ends <= 100].mean()
         assert hunt.training_return[k, 1] == pytest.approx(first)
         assert (hunt.greedy_return[k, spent] == hunt.greedy_return[k, 0]).all()
 
@@ -228,14 +216,7 @@ def test_a_refused_seed_is_learnt_uncalibrated_with_a_warning():
     )
     with pytest.warns(UserWarning, match="2 of 2 seeds of 'hunt' take their potential as it is"):
         result = plan.train(seeds=2)
-    assert all(found.refusal for found in result.calibrations["hunt"])
-
-
-def test_calibrate_of_a_transfer_is_a_bool_or_settings():
-    with pytest.raises(
-        cr.errors.CurriculumError, match="must be True, False or a Calibrate: got 3"
-    ):
-        cr.Transfer("chase", "hunt", EDGES[0].mapping, calibrate=3)
+    assert all(fitted.refusal for fitted in result.calibrations["hunt"])
 
 
 @pytest.mark.parametrize(
@@ -243,9 +224,7 @@ def test_calibrate_of_a_transfer_is_a_bool_or_settings():
 )
 def test_a_budget_must_exceed_its_warm_up(budget, n):
     warm_up = WarmUp(np.array([30, 40, 60]), np.zeros(3))
-    with pytest.raises(
-        cr.errors.SettingError, match=r"must exceed what was used|one warm-up a seed"
-    ):
+    with pytest.raises(SettingError, match=r"must exceed what was used|one warm-up a seed"):
         cr.learn(HUNT, budget=budget, warm_up=[warm_up] * n)
 
 
@@ -255,30 +234,20 @@ LOOP = cr.FiniteMDP.from_outcomes(
 )  # fmt: skip
 
 
-def mapped_from(values, function):
-    edges = predator_edges(HUNT, CHASE)
-    return mapped_potential(HUNT, edges, values, function)
-
-
-def partly_high():
-    """Return two sources' values, the first with one of 50 where the other is low."""
-    q = cr.solve(CHASE).action_values
-    high = q.copy()
-    high[CHASE.states.encode(prey=0, predator=1), 0] = 50.0
-    return [high, q]
-
-
 @pytest.mark.parametrize("function", [cr.minimum, cr.mean, cr.maximum, cr.total])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_calibration_does_not_depend_on_how_phi_is_stored(function, sign):
     """The highest of the sources' values, a bound of phi, refused what the array of it allowed."""
-    lazy = mapped_from([sign * q for q in partly_high()], function)
+    q = cr.solve(CHASE).action_values
+    high = q.copy()
+    high[CHASE.states.encode(prey=0, predator=1), 0] = 50.0  # where the other is low
+    lazy = mapped_potential(HUNT, EDGES, [sign * high, sign * q], function)
     array = cr.StateActionPotential(HUNT, lazy.values)
-    one, other = (fit_calibration(phi, Calibrate(50)) for phi in (lazy, array))
-    assert str(one) == str(other)
-    assert (one.scale, one.refusal) == (other.scale, other.refusal)
-    np.testing.assert_array_equal(one.explained, other.explained)
-    np.testing.assert_array_equal(one.potential.values, other.potential.values)
+    by_lookup, by_array = (fit_calibration(phi, Calibrate(50)) for phi in (lazy, array))
+    assert str(by_lookup) == str(by_array)
+    assert (by_lookup.scale, by_lookup.refusal) == (by_array.scale, by_array.refusal)
+    np.testing.assert_array_equal(by_lookup.explained, by_array.explained)
+    np.testing.assert_array_equal(by_lookup.potential.values, by_array.potential.values)
 
 
 def test_a_fit_of_0_over_0_is_refused():
@@ -291,16 +260,16 @@ def test_a_fit_of_0_over_0_is_refused():
 def test_rollouts_stop_at_their_most_steps(cap):
     phi = cr.StateActionPotential(LOOP, [[3.0, 1.0], [2.0, 1.0]])
     whole = greedy_rollouts(phi, episodes=5)
-    found = greedy_rollouts(phi, episodes=5, max_steps=cap)
+    cut = greedy_rollouts(phi, episodes=5, max_steps=cap)
     n = min(cap, 50)
-    assert len(found.states) == found.lengths.sum() == n
-    np.testing.assert_array_equal(found.states, whole.states[:n])
-    assert (found.lengths[:-1] == 10).all()
-    assert not found.ended.any()
+    assert len(cut.states) == cut.lengths.sum() == n
+    np.testing.assert_array_equal(cut.states, whole.states[:n])
+    assert (cut.lengths[:-1] == 10).all()
+    assert not cut.ended.any()
     if n % 10:  # phi of the state in which the last was cut, which is the next one met
-        assert found.bootstrapped_value[-1] == phi.values[whole.states[n]].max()
+        assert cut.bootstrapped_value[-1] == phi.values[whole.states[n]].max()
     else:
-        np.testing.assert_array_equal(found.return_to_go, whole.return_to_go[:n])
+        np.testing.assert_array_equal(cut.return_to_go, whole.return_to_go[:n])
 
 
 def test_rollouts_of_observations_stop_there_too():
@@ -310,13 +279,11 @@ def test_rollouts_of_observations_stop_there_too():
     assert isinstance(phi.task, ObservationTask)
     whole = greedy_rollouts(phi, episodes=3)
     n = int(whole.lengths[0]) + 7
-    found = greedy_rollouts(phi, episodes=3, max_steps=n)
-    assert found.lengths.tolist() == [whole.lengths[0], 7]
-    assert found.ended.tolist() == [True, False]
-    np.testing.assert_array_equal(found.predicted, whole.predicted[:n])
-    assert greedy_rollouts(phi, episodes=3, max_steps=10**6).lengths.tolist() == (
-        whole.lengths.tolist()
-    )
+    cut, uncut = (greedy_rollouts(phi, episodes=3, max_steps=most) for most in (n, 10**6))
+    assert cut.lengths.tolist() == [whole.lengths[0], 7]
+    assert cut.ended.tolist() == [True, False]
+    np.testing.assert_array_equal(cut.predicted, whole.predicted[:n])
+    np.testing.assert_array_equal(uncut.lengths, whole.lengths)
 
 
 def test_a_calibration_stops_at_its_most_steps_and_says_so():
@@ -335,9 +302,7 @@ def test_a_calibration_takes_at_most_a_twentieth_of_what_is_left_to_its_target()
     assert settings.within(10**18, 100).episodes == 5
     assert Calibrate(max_steps=10).within(30_000, 1).max_steps == 10
     assert Calibrate(max_steps=10_000).within(30_000, 1).max_steps == 7_500
-    edge = cr.Transfer(
-        "chase", "hunt", cr.project(HUNT, CHASE, predator="predator_1"), calibrate=True
-    )
+    edge = cr.Transfer("chase", "hunt", EDGES[0].mapping, calibrate=True)
     for budget in (400, cr.Episodes(100)):
         plan = cr.Curriculum(
             {"chase": CHASE, "hunt": HUNT}, [edge], budget={"chase": 5000, "hunt": budget}
@@ -345,21 +310,17 @@ def test_a_calibration_takes_at_most_a_twentieth_of_what_is_left_to_its_target()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of seeds that are refused
             result = plan.train(2)
-        for one in result.calibrations["hunt"]:
-            assert one.steps <= 20 or one.episodes <= 5
-            assert one.steps < result["hunt"].steps_used.max()
+        for fitted in result.calibrations["hunt"]:
+            assert fitted.steps <= 20 or fitted.episodes <= 5
+            assert fitted.steps < result["hunt"].steps_used.max()
 
 
 def test_taxi_is_compared_with_itself_calibrated_within_30_000_steps():
     taxi = cr.from_gymnasium("Taxi-v4", discount=0.99)
     edge = cr.Transfer("source", "taxi", cr.transfer.identity(taxi), calibrate=True)
-    plan = cr.Curriculum(
-        {"source": taxi, "taxi": taxi},
-        [edge],
-        budget={"source": 60_000, "taxi": 30_000},
-        eval_freq=5_000,
-    )
+    budget = {"source": 60_000, "taxi": 30_000}
+    plan = cr.Curriculum({"source": taxi, "taxi": taxi}, [edge], budget=budget, eval_freq=5_000)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of seeds that are refused
-        found = cr.compare({"calibrated": plan}, seeds=2, controls=())
-    assert list(found.arms) == ["scratch", "calibrated"]
+        comparison = cr.compare({"calibrated": plan}, seeds=2, controls=())
+    assert list(comparison.arms) == ["scratch", "calibrated"]

@@ -37,8 +37,8 @@ def test_a_mapping_is_found_again_and_printed_once_a_run(mirror, capsys):
     folder, printed = mirror
     assert printed.count("mapping found for mirrored -> maze") == 1
     arms_from_json.cache_clear()
-    trained, told = again(folder)
-    assert (trained, told) == ([], [])
+    trained, notes = again(folder)
+    assert (trained, notes) == ([], [])
     assert capsys.readouterr().out == printed
 
 
@@ -48,12 +48,12 @@ def other_search(monkeypatch):
     search = found_mappings.find_mappings
 
     def find(*tasks, **settings):
-        found = search(*tasks, **settings)
-        mapping = found[0].mapping
+        candidates = search(*tasks, **settings)
+        mapping = candidates[0].mapping
         index = mapping.index.copy()
         index[1] = UNMAPPED
-        best = replace(found[0], mapping=replace(mapping, index=index))
-        return replace(found, candidates=(best, *found[1:]))
+        best = replace(candidates[0], mapping=replace(mapping, index=index))
+        return replace(candidates, candidates=(best, *candidates[1:]))
 
     def change():
         monkeypatch.setattr(found_mappings, "find_mappings", find)
@@ -67,7 +67,7 @@ def other_search(monkeypatch):
 def test_a_search_that_finds_another_mapping_makes_units_stale(mirror, other_search):
     folder, _ = mirror
     other_search()
-    trained, (told,) = again(folder)
+    trained, (notes,) = again(folder)
     why = "the mapping found for mirrored -> maze changed"
-    assert told == f"transfer: maze, seeds 0-1, is stale and trained again: {why}"
+    assert notes == f"transfer: maze, seeds 0-1, is stale and trained again: {why}"
     assert trained == ["transfer: maze"]

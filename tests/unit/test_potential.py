@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import GridWorld, StateActionPotential, StatePotential, maximum, mean, minimum, total
+from curricle import StateActionPotential, StatePotential, maximum, mean, minimum, total
 from curricle.errors import CurriculumError, PotentialError
 from curricle.learning import linear
 from curricle.planning import Target, target as target_module
@@ -12,7 +12,7 @@ from curricle.tasks.mdp import reachable_states
 from curricle.transfer import rollouts as quality
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.rollouts import potential_quality
-from tests.tasks import dense_of, ring, ring_by_tables
+from tests.tasks import dense_of, random_mdp, ring, ring_by_tables
 
 THREE = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])
 
@@ -23,15 +23,12 @@ def test_any_function_of_the_right_shape_is_an_aggregate():
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_an_aggregate_must_be_finite(value):
+def test_an_aggregate_must_be_finite_and_have_the_targets_shape(value):
     def broken(phi):
         return np.where([[False, True]], value, phi[0])
 
     with pytest.raises(CurriculumError, match=r"finite.*broken returned .* at state 0, action 1"):
         aggregate(broken, THREE)
-
-
-def test_an_aggregate_must_have_the_targets_shape():
     with pytest.raises(CurriculumError, match=r"shape \(1, 2\): <lambda> returned \(3, 1, 2\)"):
         aggregate(lambda phi: phi, THREE)
 
@@ -67,20 +64,21 @@ def test_no_aggregate_is_asked_of_pairs_that_no_source_knows():
     assert chosen[0][0, :2].tolist() == [1, 0]
 
 
-LINE_OF_3 = GridWorld("S.T", discount=0.5)
+LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
+MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
 
 
 def test_the_shaping_reward_is_the_discounted_difference():
-    phi = StatePotential(LINE_OF_3, [4, 6, 9])
+    phi = StatePotential(LINE, [4, 6, 9])
     assert phi.shaping_reward(0, 1) == 0.5 * 6 - 4
     assert phi.shaping_reward([0, 1], [0, 2]).tolist() == [0.5 * 4 - 4, -6]
 
 
 def test_frames_and_weights_change_with_time():
-    phi = StatePotential(LINE_OF_3, [[1, 1, 0], [8, 8, 0]], frame_steps=(0, 10))
+    phi = StatePotential(LINE, [[1, 1, 0], [8, 8, 0]], frame_steps=(0, 10))
     assert [phi.at(t)[0] for t in (0, 9, 10, 99)] == [1, 1, 8, 8]
     assert phi.shaping_reward(0, 1, step=9) == 0.5 * 8 - 1
-    phi = StatePotential(LINE_OF_3, [4, 4, 0], weight=linear(1, 0, steps=4))
+    phi = StatePotential(LINE, [4, 4, 0], weight=linear(1, 0, steps=4))
     assert phi.at(1).tolist() == [3, 3, 0]
     assert phi.shaping_reward(0, 1, step=1) == 0.5 * 2 - 3
 
@@ -101,38 +99,13 @@ def test_where_only_steps_tell_the_ends_they_must_be_given():
 
 
 def test_the_state_potential_of_a_pair_potential_is_its_maximum():
-    phi = StateActionPotential(LINE_OF_3, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4])
-    state = phi.to_state()
-    assert state.values.tolist() == [[2, -1, 0]]
-
-
-LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
-
-
-MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
-
-
-def random_task(seed, *, n_states=8, n_actions=3, discount=0.9, time_limit=20):
-    """Return a task with rewards of both signs, the last two states terminal, few successors."""
-    rng = np.random.default_rng(seed)
-    p = rng.dirichlet(np.full(n_states, 0.3), size=(n_states, n_actions))
-    return cr.FiniteMDP.from_dense(
-        np.where(p < 0.05, 0.0, p) / np.where(p < 0.05, 0.0, p).sum(axis=2, keepdims=True),
-        rng.normal(-0.5, 1.0, size=p.shape),
-        terminal=np.arange(n_states) >= n_states - 2,
-        start=[0.5, 0.5] + [0.0] * (n_states - 2),
-        discount=discount,
-        time_limit=time_limit,
-    )
+    phi = StateActionPotential(LINE, [[1, -5, 2, 0], [-3, -1, -2, -9], [7] * 4])
+    assert phi.to_state().values.tolist() == [[2, -1, 0]]
 
 
 def random_potential(task, seed):
     shape = task.mdp.outcome_row.shape
     return cr.StateActionPotential(task, np.random.default_rng([seed, 1]).normal(size=shape))
-
-
-def optimum(task, shift=0.0):
-    return cr.StateActionPotential(task, cr.solve(task, tolerance=1e-6).action_values + shift)
 
 
 def naive_optimum(mdp):
@@ -168,22 +141,18 @@ def naive_quality(phi, mdp):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_every_measure_agrees_with_a_plain_loop(seed):
-    task = random_task(seed) if seed else MAZE
+    task = random_mdp(seed, n_states=8, time_limit=20) if seed else MAZE
     phi = random_potential(task, seed)
     if seed % 2:
         phi = phi.rescaled(1.0, -2.0)
-    found = potential_quality(phi, Target.of(task))
+    judged = potential_quality(phi, Target.of(task))
     optimistic, excess, size, right, below, where = naive_quality(phi.values, task.mdp)
-    assert found.exact
-    assert (found.optimistic, found.greedy_agreement, found.most_underestimated_state) == (
-        optimistic,
-        right,
-        where,
-    )
+    assert judged.exact
+    assert (judged.optimistic, judged.greedy_agreement) == (optimistic, right)
+    assert judged.most_underestimated_state == where
     # Both Q* are within the tolerance that a target is solved to, 1e-6, of the truth.
-    assert (found.excess, found.mean_absolute_value, found.largest_underestimate) == pytest.approx(
-        (excess, size, below), abs=2e-6
-    )
+    near = judged.excess, judged.mean_absolute_value, judged.largest_underestimate
+    assert near == pytest.approx((excess, size, below), abs=2e-6)
 
 
 def test_an_underestimate_counts_only_where_optimal_policies_lead():
@@ -194,27 +163,23 @@ def test_an_underestimate_counts_only_where_optimal_policies_lead():
     q[0] = -1000.0
     assert potential_quality(cr.StateActionPotential(maze, q), target).largest_underestimate == 0.0
     q[3:5] = [[-40.0], [-50.0]]  # worth 98.5 and 199, but only values below 0 count
-    found = potential_quality(cr.StateActionPotential(maze, q), target)
-    assert (found.largest_underestimate, found.most_underestimated_state) == (50.0, 4)
-
-
-def test_an_underestimate_must_be_below_zero_too():
-    """Where the truth is 98.5, values of 10 and 0 do not count; -10 does."""
+    judged = potential_quality(cr.StateActionPotential(maze, q), target)
+    assert (judged.largest_underestimate, judged.most_underestimated_state) == (50.0, 4)
+    # Where the truth is 98.5, values of 10 and 0 do not count; -10 does.
     for value, expected in ((10.0, 0.0), (0.0, 0.0), (-10.0, 10.0)):
         phi = cr.StateActionPotential(LINE, np.full((3, 4), value))
         assert potential_quality(phi, Target.of(LINE)).largest_underestimate == expected
 
 
-@pytest.mark.parametrize("task", [LINE, MAZE, cr.Pursuit(3, 2), *map(random_task, range(20))])
+@pytest.mark.parametrize("task", [LINE, MAZE, cr.Pursuit(3, 2), *map(random_mdp, range(20))])
 def test_the_optimum_has_no_error(task):
     target = Target.of(task)
     phi = cr.StateActionPotential(task, target.solution.action_values)
-    found = potential_quality(phi, target)
-    assert (found.optimistic, found.excess) == (0.0, 0.0)
-    assert (found.greedy_agreement, found.largest_underestimate) == (1.0, 0.0)
-    assert found.rank == pytest.approx(1.0)
-    assert found.most_underestimated_state == -1
-    assert found.start == pytest.approx(target.optimum)
+    judged = potential_quality(phi, target)
+    assert (judged.optimistic, judged.excess) == (0.0, 0.0)
+    assert (judged.greedy_agreement, judged.largest_underestimate) == (1.0, 0.0)
+    assert (judged.rank, judged.start) == pytest.approx((1.0, target.optimum))
+    assert judged.most_underestimated_state == -1
 
 
 def test_a_difference_within_the_proven_error_is_not_optimistic():
@@ -223,8 +188,8 @@ def test_a_difference_within_the_proven_error_is_not_optimistic():
     assert 0 < error <= 1e-6
     values = target.solution.action_values
     for shift, share in ((error / 2, 0.0), (error * 2 + 1e-9, 1.0)):
-        found = potential_quality(cr.StateActionPotential(MAZE, values + shift), target)
-        assert found.optimistic == share
+        phi = cr.StateActionPotential(MAZE, values + shift)
+        assert potential_quality(phi, target).optimistic == share
 
 
 def test_optimum_and_random_return_of_a_target():
@@ -248,13 +213,13 @@ def test_the_typical_reward_is_the_median_of_those_not_0():
 def naive_rank(phi, target):
     """Return Pearson's correlation of the mean ranks."""
     alive = ~target.task.mdp.terminal
-    each = [phi.values[alive].ravel(), target.solution.action_values[alive].ravel()]
-    ranks = [np.searchsorted(np.sort(x), x) + np.searchsorted(np.sort(x), x, "right") for x in each]
+    both = [phi.values[alive].ravel(), target.solution.action_values[alive].ravel()]
+    ranks = [np.searchsorted(np.sort(x), x) + np.searchsorted(np.sort(x), x, "right") for x in both]
     return np.corrcoef(ranks)[0, 1]
 
 
 @pytest.mark.parametrize("levels", [2, 5, 1000])
-@pytest.mark.parametrize("task", [MAZE, random_task(3)])
+@pytest.mark.parametrize("task", [MAZE, random_mdp(3, time_limit=20)])
 def test_ranks_with_ties(task, levels):
     """With 2 levels nearly all of phi is tied; in the maze Q* has ties of its own."""
     target = Target.of(task)
@@ -262,16 +227,16 @@ def test_ranks_with_ties(task, levels):
     noisy = target.solution.action_values + rng.normal(size=target.solution.action_values.shape)
     edges = np.quantile(noisy, np.linspace(0, 1, levels + 1)[1:-1])
     phi = cr.StateActionPotential(task, np.searchsorted(edges, noisy).astype(float))
-    found = potential_quality(phi, target).rank
-    assert found == pytest.approx(naive_rank(phi, target), abs=1e-12)
-    assert 0.2 < abs(found) < 0.9999
+    rank = potential_quality(phi, target).rank
+    assert rank == pytest.approx(naive_rank(phi, target), abs=1e-12)
+    assert 0.2 < abs(rank) < 0.9999
 
 
 def test_a_constant_potential_has_no_rank_and_is_right_nowhere():
     phi = cr.StateActionPotential(MAZE, np.full((11, 4), -3.0))
-    found = potential_quality(phi, Target.of(MAZE))
-    assert np.isnan(found.rank)
-    assert found.greedy_agreement == 0.0  # wrong actions are greedy too
+    judged = potential_quality(phi, Target.of(MAZE))
+    assert np.isnan(judged.rank)
+    assert judged.greedy_agreement == 0.0  # wrong actions are greedy too
 
 
 def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
@@ -281,53 +246,42 @@ def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
     full = potential_quality(phi, target).rank
     assert full == pytest.approx(naive_rank(phi, target), abs=1e-12)
     monkeypatch.setattr(quality, "MAX_RANKED", 2000)
-    one, same, other = (potential_quality(phi, target, seed=seed).rank for seed in (0, 0, 1))
-    assert one == same != other
+    sampled, same, other = (potential_quality(phi, target, seed=seed).rank for seed in (0, 0, 1))
+    assert sampled == same != other
     # The standard error of a correlation of 2,000 pairs is below 1 / sqrt(2000) = 0.022.
-    assert one == pytest.approx(full, abs=0.09)
+    assert sampled == pytest.approx(full, abs=0.09)
 
 
 @pytest.mark.parametrize("discounted", [True, False])
 @pytest.mark.parametrize("largest", [target_module.LARGEST_EVALUATED, 0], ids=["exact", "rollouts"])
-@pytest.mark.parametrize("task", [MAZE, random_task(5)])
+@pytest.mark.parametrize("task", [MAZE, random_mdp(5, time_limit=20)])
 def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted, monkeypatch):
     monkeypatch.setattr(target_module, "LARGEST_EVALUATED", largest)
     target = Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
     assert target.evaluation.method == ("exact" if largest else "rollouts")
     for seed in (0, 3):
         phi = random_potential(task, seed)
-        learnt = cr.learn(
-            task,
-            budget=1,
-            seeds=[seed],
-            shaping=cr.QInitialisation(phi),
-            evaluation=target.evaluation,
-        )
+        how = {"shaping": cr.QInitialisation(phi), "evaluation": target.evaluation}
+        learnt = cr.learn(task, budget=1, seeds=[seed], **how)
         assert potential_quality(phi, target, seed=seed).start == learnt.greedy_return[0, 0]
 
 
-@pytest.fixture
-def unsolved(monkeypatch):
-    monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
-
-
-@pytest.mark.usefixtures("unsolved")
 @pytest.mark.parametrize("shift", [0.0, 2.0, -2.0])
-def test_the_estimate_of_a_deterministic_optimum_is_exact(shift):
+def test_the_estimate_of_a_deterministic_optimum_is_exact(shift, monkeypatch):
     """The returns of its own policy are Q* then, and a shift of phi is the excess."""
-    target = Target.of(MAZE)
+    monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
+    target, best = Target.of(MAZE), cr.solve(MAZE, tolerance=1e-6)
     assert target.solution is None
     assert target.evaluation.method == "rollouts"
-    found = potential_quality(optimum(MAZE, shift), target)
-    assert not found.exact
-    assert found.excess == pytest.approx(shift, abs=1e-5)
-    assert found.rank == pytest.approx(1.0, abs=0.01)  # pairs equal but for rounding may swap
+    phi = cr.StateActionPotential(MAZE, best.action_values + shift)
+    judged = potential_quality(phi, target)
+    assert not judged.exact
+    assert (judged.excess, judged.start) == pytest.approx((shift, best.start_value), abs=1e-5)
+    assert judged.rank == pytest.approx(1.0, abs=0.01)  # pairs equal but for rounding may swap
     if shift:
-        assert found.optimistic == (shift > 0)
-    best = cr.solve(MAZE, tolerance=1e-6)
-    assert found.start == pytest.approx(best.start_value, abs=1e-5)
-    assert np.isnan([found.greedy_agreement, found.largest_underestimate, target.optimum]).all()
-    assert found.most_underestimated_state == -1
+        assert judged.optimistic == (shift > 0)
+    assert np.isnan([judged.greedy_agreement, judged.largest_underestimate, target.optimum]).all()
+    assert judged.most_underestimated_state == -1
 
 
 def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkeypatch):
@@ -335,11 +289,11 @@ def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkey
     transfer = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
     plan = cr.Curriculum({"chase": chase, "hunt": hunt}, [transfer], budget=1000)
     (phi,) = plan.potentials("hunt", plan.train(seeds=1, only="chase").sources)
-    found = []
+    kinds = []
     for largest in (0, 10**6):
         monkeypatch.setattr(quality, "LARGEST_ARRAY", largest)
         rollouts = quality.greedy_rollouts(phi, episodes=20)
         start = quality.greedy_start(phi, cr.GreedyEvaluation(method="rollouts"))
-        found.append((*vars(rollouts).values(), start))
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, other)
+        kinds.append((*vars(rollouts).values(), start))
+    for by_lookup, by_array in zip(*kinds, strict=True):
+        np.testing.assert_array_equal(by_lookup, by_array)

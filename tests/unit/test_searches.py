@@ -22,9 +22,8 @@ from curricle.transfer.warping import path_order, paths, warp
 from tests.renumbering import nameless, renumbered
 
 MAZE = maze(-5)
-
-
 CROP = MAZE.crop(rows=(0, 5), columns=(5, 10), start="uniform")
+ROOM, SMALLER = cr.tasks.KeyLockPit.room(8), cr.tasks.KeyLockPit.room(6)
 
 
 def renumbered_crop(seed):
@@ -50,18 +49,36 @@ def test_a_renumbered_crop_is_found_in_its_maze(seed):
     assert (state[inside] == truth[inside, None]).all()
 
 
-def test_what_has_no_common_part_is_refused():
-    with pytest.raises(MappingError, match="deterministic tasks: one is random"):
-        list(by_common_part(TaskPair(MAZE, cr.Pursuit(2, 1))))
-    poor = cr.GridWorld("S.T", rewards=cr.Rewards(step=-7, treasure=3, pit=-8))
-    with pytest.raises(MappingError, match="no reward in common"):
-        list(by_common_part(TaskPair(MAZE, poor)))
-    large = cr.GridWorld(["." * 20] * 20 + ["S" + "." * 18 + "T"])
-    with pytest.raises(MappingError, match="sources of up to 250 states: got 420"):
-        list(by_common_part(TaskPair(large, large)))
+POOR = cr.GridWorld("S.T", rewards=cr.Rewards(step=-7, treasure=3, pit=-8))
+LARGE = cr.GridWorld(["." * 20] * 20 + ["S" + "." * 18 + "T"])
 
 
-ROOM, SMALLER = cr.tasks.KeyLockPit.room(8), cr.tasks.KeyLockPit.room(6)
+@pytest.mark.parametrize(
+    ("search", "tasks", "says"),
+    [
+        (by_common_part, lambda: (MAZE, cr.Pursuit(2, 1)), "deterministic tasks: one is random"),
+        (by_common_part, lambda: (MAZE, POOR), "no reward in common"),
+        (by_common_part, lambda: (LARGE, LARGE), "sources of up to 250 states: got 420"),
+        (
+            by_component_warping,
+            lambda: (cr.GridWorld("S..T"), cr.Pursuit(3, 1)),
+            "those of the source's 'prey' do not",
+        ),
+        (
+            by_component_warping,
+            lambda: (cr.GridWorld("S..T"), SMALLER),
+            "the source has 4 and 1 of actions, the target 2",
+        ),
+        (
+            by_component_warping,
+            lambda: (cr.tasks.KeyLockPit.room(69), SMALLER),
+            "tasks of up to 50,000 pairs: one has 57,138",
+        ),
+    ],
+)
+def test_a_search_that_does_not_apply_says_why(search, tasks, says):
+    with pytest.raises(MappingError, match=says):
+        list(search(TaskPair(*tasks())))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9))
@@ -112,20 +129,15 @@ def test_a_nameless_room_reads_a_smaller_one_by_its_key_lock_and_pits(seed):
     cells = SMALLER.states.decode()
     read = {name: cells[name][np.argsort(there)[state]] for name in cells}
     action = np.argsort(moves)[action]
-    live, own = ~ROOM.mdp.terminal, ROOM.states.decode()
+    live, decoded = ~ROOM.mdp.terminal, ROOM.states.decode()
     assert (index[live] >= 0).all()
     assert (action[live] == np.arange(6)).all()
     for name in ("key", "lock"):
-        assert (read[name] == own[name][:, None])[live].all()
-    for place, name, cell in (((1, 1), "key", (1, 1)), ((7, 7), "lock", (5, 5))):
-        (one,) = np.flatnonzero(
-            (own["row"] == place[0])
-            & (own["column"] == place[1])
-            & (own["key"] == (name == "lock"))
-            & (own["lock"] == 0)
-        )
-        assert (read["row"][one, 0], read["column"][one, 0]) == cell
-    beside = live & np.isin(own["column"], (3, 5)) & (own["row"] >= 2)
+        assert (read[name] == decoded[name][:, None])[live].all()
+    for (row, column), key, cell in (((1, 1), 0, (1, 1)), ((7, 7), 1, (5, 5))):
+        at = ROOM.states.encode(row=row, column=column, key=key, lock=0)
+        assert (read["row"][at, 0], read["column"][at, 0]) == cell
+    beside = live & np.isin(decoded["column"], (3, 5)) & (decoded["row"] >= 2)
     assert set(read["column"][beside].ravel()) == {2, 4}  # of the pits' column, 4 and there 3
 
 
@@ -141,26 +153,16 @@ def test_a_nameless_part_of_a_random_task_is_found(seed):
     truth = np.empty_like(by_hand)
     truth[np.ix_(new, moved)] = by_hand
     q = solve(source).action_values
-    found = list(by_component_warping(TaskPair(target, source)))
-    assert all(one.how.startswith("components in order, window") for one in found)
-    read = [one.mapping.read(q) for one in found]
+    proposals = list(by_component_warping(TaskPair(target, source)))
+    assert all(proposal.how.startswith("components in order, window") for proposal in proposals)
+    read = [proposal.mapping.read(q) for proposal in proposals]
     assert any(np.allclose(phi, truth, equal_nan=True) for phi in read)
 
 
 def same_cells(target, source):
     """Return the mapping of a lake to its part that has the cell, unmapped where it ends."""
-    own, other = target.states.decode(), source.states
-    state = other.encode(row=own["row"], column=own["column"])
+    cells = target.states.decode()
+    state = source.states.encode(row=cells["row"], column=cells["column"])
     ends = source.mdp.terminal[state] & ~target.mdp.terminal
     state = np.where(ends, -1, state)
     return cr.transfer.mapping.pair_mapping(target, source, state[:, None], np.arange(4))
-
-
-def test_what_does_not_lie_on_paths_is_refused():
-    corridor, hunt = cr.GridWorld("S..T"), cr.Pursuit(3, 1)
-    with pytest.raises(MappingError, match="those of the source's 'prey' do not"):
-        list(by_component_warping(TaskPair(corridor, hunt)))
-    with pytest.raises(MappingError, match="the source has 4 and 1 of actions, the target 2"):
-        list(by_component_warping(TaskPair(corridor, SMALLER)))
-    with pytest.raises(MappingError, match="tasks of up to 50,000 pairs: one has 57,138"):
-        list(by_component_warping(TaskPair(cr.tasks.KeyLockPit.room(69), SMALLER)))

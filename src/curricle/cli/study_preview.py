@@ -111,7 +111,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
             cover = f"; {edge.mapping.coverage()}" if edge.mapping.countable else ""
-            yield wrapped(f"{label}: {edge.mapping.words}{cover}", 4)
+            yield wrapped(f"{label}: {edge.mapping.description}{cover}", 4)
 
 
 def traffic(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:

@@ -47,8 +47,7 @@ from curricle.tasks.spaces import state_name
 from curricle.text import brief_repr, counted, folded, or_dash, shortened, text_table
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
-from curricle.transfer.mapping import Coverage, coverage_table
-from curricle.transfer.observation_mapping import ObservationCoverage
+from curricle.transfer.mapping import Coverage, ObservationCoverage, coverage_table
 from curricle.transfer.rollouts import (
     ObservationTarget,
     PotentialQuality,

@@ -43,7 +43,7 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_value, counted, shortened
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
-from curricle.transfer.observation_mapping import TableValues, ValueSource
+from curricle.transfer.mapping import TableValues, ValueSource
 from curricle.transfer.pair import search_steps
 from curricle.transfer.potential import ObservationPotential, combined_potential
 from curricle.transfer.search import with_mapping

@@ -13,7 +13,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.tabulated_task import needs_of
-from curricle.transfer.observation_mapping import no_actions
+from curricle.transfer.mapping import no_actions
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import Policy
 

@@ -18,7 +18,7 @@ from curricle.checks import one_of
 from curricle.deep.networks import NetworkValues, plain_layers
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
-from curricle.transfer.observation_mapping import no_actions
+from curricle.transfer.mapping import no_actions
 from curricle.transfer.potential import ObservationPotential
 
 # Prefixes of the critic's parameters in an actor-critic.

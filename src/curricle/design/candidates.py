@@ -41,8 +41,13 @@ from curricle.tasks.start_states import goal_distance
 from curricle.text import brief_repr, counted
 from curricle.transfer.bisimulation import model_for_refinement, refined
 from curricle.transfer.by_components import member_mappings
-from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
-from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.mapping import (
+    ENDED,
+    UNMAPPED,
+    ObservationMapping,
+    StateActionMapping,
+    terminal_states,
+)
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "member": family_members,

@@ -29,8 +29,13 @@ from curricle.tasks.start_states import GoalDistance, goal_distance, goal_states
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 from curricle.text import counted
 from curricle.transfer.bisimulation import merged_outcomes
-from curricle.transfer.by_components import ComponentMapping, family_mappings, project
-from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping, same_position
+from curricle.transfer.by_components import (
+    ComponentMapping,
+    family_mappings,
+    project,
+    same_position,
+)
+from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping
 
 MOST_LISTED = 10_000  # easier members: addresses alone, of which few are built
 MOST_GOALS = 4  # cells of a goal around which parts are taken

@@ -32,7 +32,7 @@ from curricle.tasks.observation_task import stack
 from curricle.tasks.spaces import Space, whole
 from curricle.transfer import aggregate as aggregation
 from curricle.transfer.aggregate import Aggregate
-from curricle.transfer.observation_mapping import ValueSource
+from curricle.transfer.mapping import ValueSource
 from curricle.transfer.potential import MappedPotential, ObservationPotential
 
 if TYPE_CHECKING:

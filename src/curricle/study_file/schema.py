@@ -79,9 +79,9 @@ from curricle.learning.storage import Storage
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.study_file.own_code import load, suggestion, users_code
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer import aggregate, by_components, mapping
+from curricle.transfer import aggregate, by_components
 from curricle.transfer.by_components import check_same_observations, identity
-from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.mapping import ObservationMapping, from_function
 from curricle.transfer.search import announced
 from curricle.transfer.transfer import Transfer
 
@@ -684,13 +684,13 @@ class _TransferTable(ObjectTable):
         if self.mapping == "identity":
             return identity(target, source)
         if self.mapping is not None:
-            return getattr(mapping, self.mapping)(target, source, unmapped_value=value)
+            return getattr(by_components, self.mapping)(target, source, unmapped_value=value)
         reference = str(self.factory or self.function)
         function = load(reference, folder)
         with users_code(reference):
             if self.factory is not None:
                 return function(target, source)
-            return mapping.from_function(target, source, function, unmapped_value=value)
+            return from_function(target, source, function, unmapped_value=value)
 
 
 if TYPE_CHECKING:

@@ -1,5 +1,5 @@
 from .aggregate import maximum as maximum, mean as mean, minimum as minimum, total as total
-from .by_bisimulation import (
+from .bisimulation import (
     by_homomorphism as by_homomorphism,
     by_lax_bisimulation as by_lax_bisimulation,
     lax_bisimulation as lax_bisimulation,
@@ -12,23 +12,21 @@ from .by_components import (
     find_projections as find_projections,
     identity as identity,
     project as project,
+    relative_objects as relative_objects,
+    same_position as same_position,
 )
 from .calibration import Calibration as Calibration, calibrate as calibrate
 from .common_part import by_common_part as by_common_part
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
-    StateActionMapping as StateActionMapping,
-    compose as compose,
-    from_function as from_function,
-    relative_objects as relative_objects,
-    same_position as same_position,
-)
-from .observation_mapping import (
     FunctionValues as FunctionValues,
     ObservationMapping as ObservationMapping,
+    StateActionMapping as StateActionMapping,
     TableValues as TableValues,
     ValueSource as ValueSource,
+    compose as compose,
+    from_function as from_function,
 )
 from .pair import Proposal as Proposal, TaskPair as TaskPair
 from .potential import (

@@ -1,13 +1,13 @@
 """Aggregates of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6).
 
 A source that knows nothing of a pair (its mapping leaves it unmapped) has NaN there, which an
-aggregate skips. Where none knows anything phi is one stated value. A new aggregate is one decorated
-function here: forecasts and study files know it by its name.
+aggregate skips. Where none knows anything phi is one stated value. A new aggregate is a function
+here and a line of ``BUILT_IN``: forecasts and study files know it by its name.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,40 +22,6 @@ Where all sources are NaN its result does not count; it is never called with suc
 """
 
 
-AnAggregate = TypeVar("AnAggregate", bound=Aggregate)
-
-
-class BuiltIn(NamedTuple):
-    """An aggregate of the library's own; that of a single potential must be the potential."""
-
-    function: Aggregate
-    code: int | None  # by which compiled loops know it; None if they do not
-    of_numbers: Callable[[Sequence[float]], float] | None  # the same of N finite numbers, quicker
-
-
-BUILT_IN: dict[str, BuiltIn] = {}
-"""The library's aggregates by name, in the order in which they are compared."""
-
-
-def _built_in(
-    code: int | None = None, of_numbers: Callable[[Sequence[float]], float] | None = None
-) -> Callable[[AnAggregate], AnAggregate]:
-    """Return a decorator that enters an aggregate into ``BUILT_IN``."""
-
-    def enter(function: AnAggregate) -> AnAggregate:
-        BUILT_IN[function.__name__] = BuiltIn(function, code, of_numbers)
-        return function
-
-    return enter
-
-
-def built_in(function: Aggregate) -> BuiltIn | None:
-    """Return what the library knows of one of its own aggregates; None of any other function."""
-    # By identity: an aggregate may be any object that can be called, also one without a hash.
-    return next((known for known in BUILT_IN.values() if known.function is function), None)
-
-
-@_built_in(MINIMUM, min)
 def minimum(potentials: FloatArray) -> FloatArray:
     """Return min_i phi_i(s, a), the most pessimistic source. (N, S, A) -> (S, A).
 
@@ -69,7 +35,6 @@ def minimum(potentials: FloatArray) -> FloatArray:
     return np.asarray(np.fmin.reduce(_checked(potentials), axis=0))
 
 
-@_built_in(MEAN, lambda numbers: sum(numbers) / len(numbers))
 def mean(potentials: FloatArray) -> FloatArray:
     """Return the mean of phi_i(s, a) over the sources. (N, S, A) -> (S, A).
 
@@ -82,7 +47,6 @@ def mean(potentials: FloatArray) -> FloatArray:
     return np.asarray(total(potentials) / np.maximum(known, 1))
 
 
-@_built_in(MAXIMUM, max)
 def maximum(potentials: FloatArray) -> FloatArray:
     """Return max_i phi_i(s, a), the most optimistic source. (N, S, A) -> (S, A).
 
@@ -94,7 +58,6 @@ def maximum(potentials: FloatArray) -> FloatArray:
     return np.asarray(np.fmax.reduce(_checked(potentials), axis=0))
 
 
-@_built_in(TOTAL, sum)
 def total(potentials: FloatArray) -> FloatArray:
     """Return sum_i phi_i(s, a), Svetlik's aggregate (paper E4). (N, S, A) -> (S, A).
 
@@ -109,6 +72,29 @@ def total(potentials: FloatArray) -> FloatArray:
         return np.asarray(potentials.sum(axis=0))
     known = np.where(unknown, 0.0, potentials).sum(axis=0)
     return np.where(unknown.all(axis=0), np.nan, known)
+
+
+class BuiltIn(NamedTuple):
+    """An aggregate of the library's own; that of a single potential must be the potential."""
+
+    function: Aggregate
+    code: int | None = None  # by which compiled loops know it; None if they do not
+    of_numbers: Callable[[Sequence[float]], float] | None = None  # of N finite ones, quicker
+
+
+BUILT_IN = {
+    "minimum": BuiltIn(minimum, MINIMUM, min),
+    "mean": BuiltIn(mean, MEAN, lambda numbers: sum(numbers) / len(numbers)),
+    "maximum": BuiltIn(maximum, MAXIMUM, max),
+    "total": BuiltIn(total, TOTAL, sum),
+}
+"""The library's aggregates by name, in the order in which they are compared."""
+
+
+def built_in(function: Aggregate) -> BuiltIn | None:
+    """Return what the library knows of one of its own aggregates; None of any other function."""
+    # By identity: an aggregate may be any object that can be called, also one without a hash.
+    return next((known for known in BUILT_IN.values() if known.function is function), None)
 
 
 def _checked(values: FloatArray) -> FloatArray:
@@ -139,8 +125,7 @@ def aggregate(
     if bad.any():
         state, action = np.argwhere(bad)[0]
         asked = f"{name} returned {result[state, action]} at state {state}, action {action}"
-        skipped = int(unknown[:, state, action].sum())
-        if skipped:
+        if skipped := int(unknown[:, state, action].sum()):
             raise CurriculumError(
                 "an aggregate must skip NaN, which stands for a source that knows nothing of a "
                 f"pair: {asked}, of which {skipped} of {len(potentials)} sources know nothing; "

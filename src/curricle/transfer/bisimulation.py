@@ -2,24 +2,29 @@
 
 A partition of the states is refined until all states of a block have the same rewards and the same
 chance of each block (Givan, Dean, Greig 2003). As in MDP homomorphisms (Ravindran, Barto 2004), the
-actions of every state may be relabelled: two states are equivalent if each action of either has an
-action of the other with the same expected reward and the same chance of each block. Equivalent
-pairs then have the same Q*, also in several tasks that are refined jointly.
+actions of a state may be relabelled: each action of two equivalent states has one of the other with
+the same expected reward and chance of each block. Equivalent pairs then have the same Q*, also in
+several tasks that are refined jointly.
 
 Lax bisimulation needs no exact correspondence: it gives distances between the states of two tasks
 that bound how far their values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray
-from curricle.progress import SILENT, Bars
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
+from curricle.errors import MappingError
+from curricle.progress import SILENT, Bars, Progress, shown
 from curricle.tasks.kernel import compiled_once
+from curricle.tasks.mdp import Task, tables
+from curricle.text import brief_repr
+from curricle.transfer.mapping import ENDED, UNMAPPED
+from curricle.transfer.pair import Proposal, TaskPair, apart
 
 # -- partition refinement --------------------------------------------------------------------------
 
@@ -48,6 +53,18 @@ def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Mod
     """Return what refinement reads of a FiniteMDP; `mean_reward`, (Y,), may replace its own."""
     rewards = (mdp.probability * mdp.reward).sum(axis=1) if mean_reward is None else mean_reward
     return Model(mdp.outcome_row, mdp.probability, mdp.next_state, rewards, mdp.terminal)
+
+
+def joint_models(tasks: TaskPair) -> tuple[Model, Model]:
+    """Return a target and a source for refinement, both with the target's discount."""
+    # V* of the source solves V = max_a r' + gamma_t P V, too, r' = r + (gamma_s - gamma_t) P V.
+    target, source = tasks.target_mdp, tasks.source_mdp
+    rewards = (source.probability * source.reward).sum(axis=1)
+    if target.discount != source.discount:
+        values = tasks.source_solution.values[source.next_state]
+        after = (source.probability * values).sum(axis=1)
+        rewards = rewards + (source.discount - target.discount) * after
+    return model_for_refinement(target), model_for_refinement(source, rewards)
 
 
 def refined(models: Sequence[Model]) -> list[Blocks]:
@@ -133,6 +150,69 @@ def _joined(models: Sequence[Model]) -> Model:
             )
         )
     return Model(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+LARGEST_REFINED = 20_000_000  # state-action pairs of both tasks up to which they are refined
+
+
+def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
+
+    Equivalent pairs have the same Q*, as closely as both are known. A target state reads an
+    equivalent source state, if there is one; else its pairs read pairs from which both tasks go on
+    alike. Of several the first is taken.
+
+    Raises
+    ------
+    MappingError
+        When no pair has an equivalent one, or the tasks have more than 20 million pairs.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> maze = GridWorld(["S.P", "..T"])
+    >>> tasks = TaskPair(maze, GridWorld(["T..", "P.S"]))  # turned by 180 degrees
+    >>> next(by_homomorphism(tasks)).how
+    'exact homomorphism: 100% of pairs have a source pair of the same Q*'
+    """
+    sizes = [mdp.outcome_row.size for mdp in (tasks.target_mdp, tasks.source_mdp)]
+    if sum(sizes) > LARGEST_REFINED:
+        raise MappingError(
+            f"tasks are refined together up to {LARGEST_REFINED:,} pairs: these have {sum(sizes):,}"
+        )
+    target, source = refined(joint_models(tasks))
+    index = equivalent_pairs(target, source)
+    solutions = tasks.target_solution, tasks.source_solution
+    error = 2 * sum(solution.error_bound for solution in solutions)
+    index = np.where(apart(index, *solutions) <= error, index, UNMAPPED)
+    live = ~tasks.target_mdp.terminal
+    share = float((index[live] >= 0).mean())
+    if share == 0:
+        raise MappingError("no pair of the target is equivalent to one of the source")
+    how = f"exact homomorphism: {share:.0%} of pairs have a source pair of the same Q*"
+    yield tasks.proposal(index, how)
+
+
+def equivalent_pairs(target: Blocks, source: Blocks) -> IntArray:
+    """Return for each target pair an equivalent source pair, or `UNMAPPED`, (S, A) int64."""
+    most = int(max(target.pairs.max(), source.pairs.max())) + 2
+
+    def keys(blocks: Blocks) -> IntArray:
+        key = blocks.states[:, None] * most + blocks.pairs
+        return np.where(blocks.pairs < 0, -1, key).ravel()
+
+    index = _first_of(keys(source), keys(target))
+    elsewhere = _first_of(source.pairs.ravel(), target.pairs.ravel())
+    index = np.where(index == UNMAPPED, elsewhere, index)
+    return np.where(target.pairs.ravel() < 0, UNMAPPED, index).reshape(target.pairs.shape)
+
+
+def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
+    """Return where each wanted key is found first, `UNMAPPED` where it is not or is negative."""
+    known, first = np.unique(keys, return_index=True)
+    place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
+    there = (known[place] == wanted) & (wanted >= 0)
+    return np.where(there, first[place], UNMAPPED).astype(np.int64)
 
 
 # -- the Kantorovich distance ----------------------------------------------------------------------
@@ -284,7 +364,14 @@ MOST_WORK = 20_000_000_000
 """Pairs of outcomes that are coupled at most, in all rounds: some minutes of one core."""
 
 Numbers = npt.NDArray[np.int32]
-Flags = npt.NDArray[np.uint8]
+
+
+class Couplings(NamedTuple):
+    """How the outcomes of the pairs that d of states rests on are coupled, one after the other."""
+
+    first: IntArray  # (B B' + 1,)
+    cell: IntArray  # (n,) s * B' + u of two outcomes
+    mass: FloatArray  # (n,) of the coupling there
 
 
 class Quotient(NamedTuple):
@@ -292,30 +379,25 @@ class Quotient(NamedTuple):
 
     pairs: Numbers  # (B, A) the kinds of a block's pairs, -1 where there are no more
     reward: FloatArray  # (Y,)
-    value: FloatArray  # (Y,) Q*
     chance: FloatArray  # (Y, O)
     after: Numbers  # (Y, O) blocks
     width: Numbers  # (Y,) outcomes
     best: FloatArray  # (B,) V*
 
 
-def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotient, Blocks]:
+def quotient(model: Model, values: FloatArray) -> tuple[Quotient, Blocks]:
     """Return a task up to bisimulation, and the block and kind of each of its states and pairs."""
     (blocks,) = refined([model])
     live = np.flatnonzero(blocks.pairs.ravel() >= 0)
-    kinds, first, kind = np.unique(
-        blocks.pairs.ravel()[live], return_index=True, return_inverse=True
-    )
+    of_live = blocks.pairs.ravel()[live]
+    kinds, first, kind = np.unique(of_live, return_index=True, return_inverse=True)
     row = model.outcome_row.ravel()[live[first]]
     after, chance = merged_outcomes(blocks.states[model.next_state[row]], model.probability[row])
     reward = model.mean_reward[row]
-    pairs = np.full(blocks.pairs.size, -1)
-    pairs[live] = kind.ravel()
-    kinds_of = Blocks(blocks.states, pairs.reshape(blocks.pairs.shape))
-    n_blocks = int(blocks.states.max()) + 1
+    pairs = np.full(blocks.pairs.shape, -1)
+    pairs.ravel()[live] = kind.ravel()
     _, state = np.unique(blocks.states, return_index=True)
-    of_block = [np.unique(kinds_of.pairs[s]) for s in state]
-    best = values[state]
+    of_block = [np.unique(pairs[s]) for s in state]
     if model.terminal.any():
         end = int(blocks.states[model.terminal][0])
         after = np.concatenate([after, np.full((1, after.shape[1]), -1)])
@@ -323,58 +405,36 @@ def quotient(model: Model, discount: float, values: FloatArray) -> tuple[Quotien
         after[-1, 0], chance[-1, 0] = end, 1.0
         reward = np.append(reward, 0.0)
         of_block[end] = np.array([len(kinds)])
-    listed = np.full((n_blocks, max(map(len, of_block))), -1, np.int32)
-    for block, some in enumerate(of_block):
-        listed[block, : len(some)] = some
-    kept = max(1, int((after >= 0).sum(axis=1).max()))
-    after, chance = after[:, :kept], chance[:, :kept]
-    value = reward + discount * (chance * np.where(after >= 0, best[after], 0.0)).sum(axis=1)
-    width = (after >= 0).sum(axis=1)
-    small = np.ascontiguousarray(after, np.int32), width.astype(np.int32)
-    return Quotient(listed, reward, value, np.ascontiguousarray(chance), *small, best), kinds_of
-
-
-class Distances(NamedTuple):
-    """What iteration works on."""
-
-    states: FloatArray  # (B, B')
-    pairs: FloatArray  # (Y, Y')
-    tree: Flags  # (Y, Y', 2, O + O') bases of the transports; (1, 1, 2, 1) where none is needed
-
-
-class Choices(NamedTuple):
-    """The pair that each d of states rests on, and how its outcomes are coupled, in a list."""
-
-    first: IntArray  # (B B' + 1,)
-    cell: IntArray  # (n,) s * B' + u of two outcomes
-    mass: FloatArray  # (n,) of the coupling there
-    difference: FloatArray  # (B B',) of the rewards
-
-
-def work_of_a_round(target: Quotient, source: Quotient) -> int:
-    """Return how many pairs of outcomes a backup of all pairs couples, at most."""
-    return target.chance.size * source.chance.size
+    listed = np.full((len(state), max(map(len, of_block))), -1, np.int32)
+    for block, kinds_of_block in enumerate(of_block):
+        listed[block, : len(kinds_of_block)] = kinds_of_block
+    width = (after >= 0).sum(axis=1).astype(np.int32)
+    kept = max(1, int(width.max()))
+    reached = np.ascontiguousarray(after[:, :kept], np.int32)
+    chance = np.ascontiguousarray(chance[:, :kept])
+    kinds_of = Blocks(blocks.states, pairs)
+    return Quotient(listed, reward, chance, reached, width, values[state]), kinds_of
 
 
 def fixed_point(
     target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
-) -> tuple[Distances, float]:
-    """Return the distances, and how far from the fixed point they may be."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return d of states (B, B') and of pairs (Y, Y'), and how far they may be off."""
     # Iteration ends where the error is at most `tolerance` times the largest distance, or after the
     # most rounds: the distances are then further off, by no more than is said.
     nodes = target.chance.shape[1] + source.chance.shape[1]
     random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
     pairs = np.empty((len(target.reward), len(source.reward)))
-    shape = (*pairs.shape, 2, nodes) if random else (1, 1, 2, 1)
+    # The bases of the transports; hardly any array where none is needed.
+    tree = np.full((*pairs.shape, 2, nodes) if random else (1, 1, 2, 1), UNSET, np.uint8)
     states = abs(target.best[:, None] - source.best)
-    distances = Distances(states, pairs, np.full(shape, UNSET, np.uint8))
     rests_on = np.empty((states.size, 2), np.int64)
     most = float(max(states.max(), 1e-300))
     last, helps = np.inf, True
-    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // work_of_a_round(target, source)))
+    rounds = max(1, min(MOST_ROUNDS, MOST_WORK // (target.chance.size * source.chance.size)))
     for left in reversed(range(rounds)):
-        back_up_pairs(target, source, distances, discount)
-        change = back_up_states(target.pairs, source.pairs, distances.pairs, states, rests_on)
+        back_up_pairs(target, source, states, pairs, tree, discount)
+        change = back_up_states(target.pairs, source.pairs, pairs, states, rests_on)
         error = discount / (1 - discount) * change
         most = max(most, float(states.max()))
         bars.at("rounds", rounds - left)
@@ -388,18 +448,16 @@ def fixed_point(
             both = (target.width[y] > 1) & (source.width[z] > 1)
             counts = np.where(both, target.width[y] + source.width[z] - 1, counts)
             first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-            cell, mass = np.empty(first[-1], np.int64), np.empty(first[-1])
-            n_source = states.shape[1]
-            fill_couplings(target, source, distances.tree, rests_on, n_source, first, cell, mass)
-            chosen = Choices(first, cell, mass, abs(target.reward[y] - source.reward[z]))
-            follow(chosen, states.reshape(-1), discount, SWEEPS)
-    return distances, error
+            couplings = Couplings(first, np.empty(first[-1], np.int64), np.empty(first[-1]))
+            fill_couplings(target, source, tree, rests_on, states.shape[1], couplings)
+            difference = abs(target.reward[y] - source.reward[z])
+            follow(couplings, difference, states.reshape(-1), discount, SWEEPS)
+    return states, pairs, error
 
 
 @compiled_once
-def back_up_pairs(target, source, distances, discount):
+def back_up_pairs(target, source, states, pairs, tree, discount):
     """Compute d of all pairs from d of states."""
-    states, pairs, tree = distances
     space = scratch(target.chance.shape[1], source.chance.shape[1])
     for y in range(len(target.reward)):
         n = target.width[y]
@@ -466,8 +524,9 @@ def hausdorff(some, others, pairs, least):
 
 
 @compiled_once
-def fill_couplings(target, source, tree, rests_on, n_source, first, cell, mass):
+def fill_couplings(target, source, tree, rests_on, n_source, couplings):
     """Write the coupling of each pair that a distance rests on."""
+    first, cell, mass = couplings
     space = scratch(target.chance.shape[1], source.chance.shape[1])
     for k in range(len(rests_on)):
         y, z = rests_on[k, 0], rests_on[k, 1]
@@ -492,9 +551,9 @@ def fill_couplings(target, source, tree, rests_on, n_source, first, cell, mass):
 
 
 @compiled_once
-def follow(choices, states, discount, times):
+def follow(couplings, difference, states, discount, times):
     """Back up d of states, flat, with fixed choices and couplings, upwards and downwards."""
-    first, cell, mass, difference = choices
+    first, cell, mass = couplings
     for time in range(times):
         for k in range(len(states)):
             at = k if time % 2 == 0 else len(states) - 1 - k
@@ -502,3 +561,124 @@ def follow(choices, states, discount, times):
             for entry in range(first[at], first[at + 1]):
                 total += mass[entry] * states[cell[entry]]
             states[at] = difference[at] + discount * total
+
+
+# -- nearest pairs ---------------------------------------------------------------------------------
+
+TOLERANCE = 1e-3  # how far below the fixed point distances may be, in units of the largest
+LARGEST_PAIRS = 8_000_000
+"""Pairs of a target's and a source's kinds of pairs up to which distances are computed."""
+
+LARGEST_ROUND = MOST_WORK // 10
+"""Pairs of their outcomes, so that there is time for ten rounds at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class LaxBisimulation(Frozen):
+    """Distances between two tasks that bound the difference of their values, in return units."""
+
+    states: FloatArray  # (S, S') abs(V*(s) - V*(u)) is at most this
+    nearest: IntArray  # (S, A) source pair s' * A' + a', `ENDED` at its end and in terminal states
+    pairs: FloatArray  # (S, A) abs(Q*(s, a) - Q*(nearest pair)) is at most this, 0 in terminal ones
+    error: float  # how far the distances may be above those of the fixed point: a part of them
+
+    __repr__ = brief_repr
+
+
+def lax_bisimulation(
+    target: Task, source: Task, *, tolerance: float = TOLERANCE, progress: Progress = None
+) -> LaxBisimulation:
+    """Return the distances of lax bisimulation between two tasks with tables.
+
+    The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
+    Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
+    nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
+    solves the equation of the target's discount.
+
+    Iteration ends at most `tolerance` below the fixed point, in units of the largest distance, and
+    after some minutes at most; what is missing is added, so that the bounds hold in any case.
+    `progress` counts the rounds if it is True; a function is called after each with the error.
+
+    Raises
+    ------
+    TaskError
+        When a task has no tables.
+    MappingError
+        When a discount is 1, the tasks are too large, or a pair has more than 120 outcomes.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> distances = lax_bisimulation(GridWorld("S.T"), GridWorld("T.S"))
+    >>> float(distances.pairs.max()) < 1e-6
+    True
+    """
+    tasks = TaskPair(target, source)
+    if 1 in (tables(target).discount, tables(source).discount):
+        raise MappingError(
+            "distances need a discount below 1 in both tasks, at which they have a bound: got 1; "
+            "FoundMapping.bound of find_mappings holds at 1 too"
+        )
+    with shown(progress) as bars:
+        return _nearest(tasks, tolerance, bars)[0]
+
+
+def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the mapping to the nearest pair, and that to the nearest state and its nearest pair.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> tasks = TaskPair(GridWorld("S...T"), GridWorld("S.T"))
+    >>> [proposal.how for proposal in by_lax_bisimulation(tasks)]
+    ['lax bisimulation: nearest pair', 'lax bisimulation: nearest pair of the nearest state']
+    """
+    lax, by_state = _nearest(tasks, TOLERANCE)
+    yield tasks.proposal(lax.nearest, "lax bisimulation: nearest pair")
+    yield tasks.proposal(by_state, "lax bisimulation: nearest pair of the nearest state")
+
+
+def _nearest(
+    tasks: TaskPair, tolerance: float, bars: Bars = SILENT
+) -> tuple[LaxBisimulation, IntArray]:
+    """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
+    solutions, discount = (tasks.target_solution, tasks.source_solution), tasks.target_mdp.discount
+    (target, blocks), (source, source_blocks) = (
+        quotient(model, solution.values)
+        for model, solution in zip(joint_models(tasks), solutions, strict=True)
+    )
+    if (size := len(target.reward) * len(source.reward)) > LARGEST_PAIRS:
+        raise MappingError(
+            f"lax bisimulation compares up to {LARGEST_PAIRS:,} pairs with pairs: these tasks have "
+            f"{size:,}"
+        )
+    if (work := target.chance.size * source.chance.size) > LARGEST_ROUND:
+        raise MappingError(
+            f"lax bisimulation couples up to {LARGEST_ROUND:,} pairs of outcomes in a round: "
+            f"these tasks have {work:,}"
+        )
+    if (widest := max(target.chance.shape[1], source.chance.shape[1])) > WIDEST:
+        raise MappingError(
+            f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
+        )
+    of_states, of_pairs, error = fixed_point(target, source, discount, tolerance, bars)
+    error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
+    known, at = np.unique(source_blocks.pairs.ravel(), return_index=True)
+    first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's
+    first[known[known >= 0]] = at[known >= 0]
+    live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
+
+    kind, distance = of_pairs.argmin(axis=1), of_pairs.min(axis=1)
+    index = np.where(live, first[kind[pairs]], ENDED)
+    bound = np.where(live, distance[pairs] + error, 0.0)
+    bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
+    states = of_states[blocks.states][:, source_blocks.states]
+    apart_at_least = np.subtract.outer(*(solution.values for solution in solutions))
+    states = np.maximum(states, abs(apart_at_least)) + error
+
+    choices = source.pairs[of_states.argmin(axis=1)[blocks.states]]  # (S, A'')
+    distances = of_pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
+    distances = np.where(choices[:, None, :] >= 0, distances, np.inf)
+    by_state = first[np.take_along_axis(choices, distances.argmin(axis=2), axis=1)]
+    lax = LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
+    return lax, np.where(live, by_state, ENDED)

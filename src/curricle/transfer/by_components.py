@@ -1,4 +1,4 @@
-"""Mappings by components: the identity, by name (paper E7), by every assignment of them."""
+"""Mappings by components: the identity, by name (paper E7), by position, by every assignment."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,17 +14,19 @@ from curricle.arrays import IntArray
 from curricle.checks import brief, instance, one_of
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, tables
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.mdp import Task, generative_model, tables
 from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.text import brief_repr
 from curricle.transfer.mapping import (
+    ObservationMapping,
     StateActionMapping,
+    TaskMapping,
     check_unmapped_value,
     from_function,
     pair_mapping,
 )
-from curricle.transfer.observation_mapping import ObservationMapping
 from curricle.transfer.pair import Proposal, TaskPair
 from curricle.transfer.scores import total_variation
 
@@ -36,18 +38,9 @@ UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 class ComponentMapping(StateActionMapping):
     """A mapping given by names of components; made by :func:`project`.
 
-    The index array is made only when it is asked for; learning reads the source through
-    :meth:`lookups`, so that the mapping serves targets of any size.
-
-    Parameters
-    ----------
-    target, source : Task
-    renaming : dict of str to str
-        Source component -> target component, where the names differ.
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`.
-    unequal : {"unmapped", "clip", "scale"}
-        As in :class:`ComponentsByName`.
+    It serves targets of any size: the index array is made only when it is asked for, and learning
+    reads the source through :meth:`lookups`. `renaming` gives the target component of each source
+    component whose name differs; `unequal` is that of :class:`ComponentsByName`.
 
     Examples
     --------
@@ -81,10 +74,8 @@ class ComponentMapping(StateActionMapping):
         for ours, theirs in ((target.states, source.states), (target.actions, source.actions)):
             for component in theirs.components:
                 _origin(ours, component, renaming)
-        fields = {"target": target, "source": source, "renaming": dict(renaming)}
-        fields |= {"unmapped_value": unmapped_value, "unequal": unequal}
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(target=target, source=source, renaming=dict(renaming))
+        vars(self).update(unmapped_value=unmapped_value, unequal=unequal)
 
     def __reduce__(self) -> Any:
         """Pickle what the mapping was made from: names, and no index array."""
@@ -98,13 +89,13 @@ class ComponentMapping(StateActionMapping):
         return {name: self.renaming.get(name, name) for name in names}
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The mapping in words, such as "predator is predator_2, prey by name"."""
         kept = " and ".join(name for name, origin in self._read.items() if name == origin)
-        words = [f"{name} is {origin}" for name, origin in self._read.items() if name != origin]
-        words += [f"{kept} by name"] if kept else []
+        phrases = [f"{name} is {origin}" for name, origin in self._read.items() if name != origin]
+        phrases += [f"{kept} by name"] if kept else []
         unequal = "" if self.unequal == "unmapped" else f"; {UNEQUAL[self.unequal]}"
-        return ", ".join(words) + unequal
+        return ", ".join(phrases) + unequal
 
     @property
     def parts(self) -> tuple[Any, ...]:
@@ -124,11 +115,9 @@ class ComponentMapping(StateActionMapping):
                 f"a mapping has an index array for up to {LARGEST_INDEX:,} target pairs: got "
                 f"{pairs:,}, which learners read one by one"
             )
-        state = source_points(self.target.states, self.source.states, self.renaming, self.unequal)[
-            :, None
-        ]
-        target, source, unmapped_value = self.target, self.source, self.unmapped_value
-        return pair_mapping(target, source, state, self.actions, unmapped_value).index
+        target, source = self.target, self.source
+        state = source_points(target.states, source.states, self.renaming, self.unequal)
+        return pair_mapping(target, source, state[:, None], self.actions).index
 
     @cached_property
     def actions(self) -> IntArray:
@@ -163,17 +152,9 @@ def project(
 ) -> ComponentMapping:
     """Return the mapping that reads the source's components off the target's by name (paper E7).
 
-    Each component of the source's states and actions takes its value from the target component of
-    the same name, or the one named in `renaming`, label by label where both have labels; a value
-    that the source does not have leaves the pair unmapped.
-
-    Parameters
-    ----------
-    target, source : Task
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`.
-    **renaming : str
-        ``source_component="target_component"``.
+    Components of states and of actions have the same name, or are named in `renaming`, as
+    ``source_component="target_component"``. They are read label by label where both have labels.
+    Values that the source lacks leave a pair unmapped (see :class:`StateActionMapping`).
 
     Raises
     ------
@@ -249,13 +230,8 @@ def identity(target: Task, source: Task | None = None) -> StateActionMapping: ..
 def identity(target: Any, source: Any = None) -> Any:
     """Return the mapping of each state and action to the same one of a task of the same shape.
 
-    Of one shape are tasks whose components have the same values in the same order, whatever they
-    are called. Observations must have the same shape. The source is the target by default.
-
-    Parameters
-    ----------
-    target, source : Task or ObservationTask
-        Both with numbered states, or both seen through observations.
+    Tasks have one shape if their components have the same values in the same order, whatever they
+    are called; or if their observations have the same shape. The source is the target by default.
 
     Raises
     ------
@@ -264,7 +240,6 @@ def identity(target: Any, source: Any = None) -> Any:
 
     Examples
     --------
-    >>> from curricle import GridWorld
     >>> easy, hard = GridWorld("S.T"), GridWorld("SPT")
     >>> identity(hard, easy).index[0]
     array([0, 1, 2, 3])
@@ -277,50 +252,42 @@ def identity(target: Any, source: Any = None) -> Any:
     if isinstance(target, ObservationTask):
         check_same_observations(target, source)
         return ObservationMapping(target, source)
-    model = generative_model(target)
-    for what in ("states", "actions"):
-        _check_same_points(what, getattr(model, what), getattr(generative_model(source), what))
-    states, actions = np.arange(model.states.size), np.arange(model.actions.size)
+    models = generative_model(target), generative_model(source)
+    for kind in ("states", "actions"):
+        difference = _difference(kind, *(getattr(model, kind) for model in models))
+        if difference:
+            raise MappingError(f"{IDENTITY}: {difference}; project maps by name what both have")
+    states, actions = np.arange(models[0].states.size), np.arange(models[0].actions.size)
     return pair_mapping(target, source, states[:, None], actions)
 
 
-def _check_same_points(what: str, target: Space, source: Space) -> None:
-    """Raise MappingError unless two spaces have the same points."""
-    hint = "project maps by name what both have"
+def _difference(kind: str, target: Space, source: Space) -> str:
+    """Return how the points of two spaces differ, "" if they do not."""
+    names, other_names = ", ".join(target.names), ", ".join(source.names)
     if len(target.components) != len(source.components):
-        raise MappingError(
-            f"{IDENTITY}: the target's {what} have {', '.join(target.names)}, the source's "
-            f"{', '.join(source.names)}; {hint}"
-        )
+        return f"the target's {kind} have {names}, the source's {other_names}"
     for ours, theirs in zip(target.components, source.components, strict=True):
-        mine, yours = _values(ours), _values(theirs)
-        if mine != yours:
-            raise MappingError(
-                f"{IDENTITY}: the target's {what} have {ours.name}{mine}, the source's "
-                f"{theirs.name}{yours}; {hint}"
+        mine, yours = (
+            f"{part.name}[{part.size}{f' from {part.low}' if part.low else ''}]"
+            for part in (ours, theirs)
+        )
+        if (ours.size, ours.low) != (theirs.size, theirs.low):
+            return f"the target's {kind} have {mine}, the source's {yours}"
+        labels, other_labels = ours.labels or (), theirs.labels or ()
+        if labels != other_labels and set(labels) == set(other_labels):
+            return (
+                f"values of {ours.name} are {', '.join(labels)} in the target and "
+                f"{', '.join(other_labels)} in the source"
             )
-        labels = ours.labels or (), theirs.labels or ()
-        if labels[0] != labels[1] and set(labels[0]) == set(labels[1]):
-            raise MappingError(
-                f"{IDENTITY}: values of {ours.name} are {', '.join(labels[0])} in the target and "
-                f"{', '.join(labels[1])} in the source; {hint}"
-            )
-    if (target.is_box and source.is_box) or np.array_equal(_points(target), _points(source)):
-        return
-    raise MappingError(
-        f"{IDENTITY}: {what} of {', '.join(target.names)} are {target.size:,} in the target and "
-        f"{source.size:,} in the source, not the same ones in the same order; {hint}"
+    if target.is_box and source.is_box:
+        return ""
+    points, others = (np.stack([*space.decode().values()]) for space in (target, source))
+    if np.array_equal(points, others):
+        return ""
+    return (
+        f"{kind} of {names} are {target.size:,} in the target and {source.size:,} in the source, "
+        "not the same ones in the same order"
     )
-
-
-def _points(space: Space) -> IntArray:
-    return np.stack(list(space.decode().values()), axis=1)
-
-
-def _values(component: Component) -> str:
-    """Return a component's values in short: how many, and from which if not from 0."""
-    low = f" from {component.low}" if component.low else ""
-    return f"[{component.size}{low}]"
 
 
 def check_same_observations(target: ObservationTask, source: Any) -> None:
@@ -353,16 +320,8 @@ def family_mappings(
 ) -> tuple[Any, ...]:
     """Return how a member of a family maps onto another, as the family declares it.
 
-    Several mappings, one at least, stand for several transfers: each predator of a pursuit can read
-    the only one of its source.
-
-    Parameters
-    ----------
-    target, source : FamilyMember
-        Of one family; their tasks are built.
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`. It is not given to mappings that a family's function made
-        itself.
+    Several mappings stand for several transfers: each predator of a pursuit can read the only one
+    of its source. Mappings that the family's function made itself keep their `unmapped_value`.
 
     Raises
     ------
@@ -402,31 +361,82 @@ def member_mappings(
             declared = declared(target, source)
         except CurricleError as error:
             raise MappingError(str(error)) from error
-    mappings = tuple(declared) if isinstance(declared, list | tuple | Iterator) else (declared,)
+    mappings = [*declared] if isinstance(declared, list | tuple | Iterator) else [declared]
     if not mappings:
         raise MappingError(
             f"a family must declare at least one mapping: {target} <- {source} has none"
         )
-    return tuple(
-        _made(mapping, target_task, source_task, unmapped_value, target) for mapping in mappings
-    )
+    tasks = target_task, source_task
+    for i, mapping in enumerate(mappings):
+        if isinstance(mapping, ComponentsByName):
+            renaming = dict(mapping.renaming)
+            mappings[i] = ComponentMapping(*tasks, renaming, unmapped_value, mapping.unequal)
+        elif not isinstance(mapping, TaskMapping):
+            if not callable(mapping):
+                raise MappingError(
+                    f"the mapping of {target.family.name} must return a ComponentsByName, a "
+                    "function of states and actions, a mapping, or a list of them: got "
+                    f"{brief(mapping)}"
+                )
+            mappings[i] = from_function(*tasks, mapping, unmapped_value=unmapped_value)
+    return tuple(mappings)
 
 
-def _made(
-    declared: Any, target: Task, source: Task, unmapped_value: float | None, member: FamilyMember
-) -> Any:
-    """Return one declared mapping as the library checks it."""
-    if isinstance(declared, ComponentsByName):
-        renaming = dict(declared.renaming)
-        return ComponentMapping(target, source, renaming, unmapped_value, declared.unequal)
-    if isinstance(declared, StateActionMapping | ObservationMapping):
-        return declared
-    if callable(declared):
-        return from_function(target, source, declared, unmapped_value=unmapped_value)
-    raise MappingError(
-        f"the mapping of {member.family.name} must return a ComponentsByName, a function of "
-        f"states and actions, a mapping, or a list of them: got {brief(declared)}"
-    )
+# -- mazes, by position and by objects -------------------------------------------------------------
+
+
+def same_position(
+    target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
+) -> StateActionMapping:
+    """Return the mapping of each cell of a maze to the same cell of another (paper F2, F3).
+
+    Cells are compared in map coordinates, which a crop keeps.
+
+    Examples
+    --------
+    >>> maze = GridWorld("S..T")
+    >>> same_position(maze, maze.crop(rows=(0, 1), columns=(2, 4))).index[:3, 0]
+    array([-1, -1,  0])
+    """
+    _check_mazes("same_position", target, source)
+    state = source.states_at(target.cells[:, 0], target.cells[:, 1])
+    moves = np.arange(target.actions.size)
+    return pair_mapping(target, source, state[:, None], moves, unmapped_value)
+
+
+def relative_objects(
+    target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
+) -> StateActionMapping:
+    """Return Svetlik's mapping: states whose objects lie alike around the agent (paper E4, F1).
+
+    A target state matches a source state if every object of the source lies, relative to the agent,
+    where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
+    the source's map that fit, the smallest (upwards, then to the left) is taken.
+
+    Examples
+    --------
+    >>> source = GridWorld("S.T")
+    >>> relative_objects(GridWorld(["S....", "....T"]), source).index[:, 0].reshape(2, 5)
+    array([[-1, -1, -1, -1, -1],
+           [-1, -1,  0,  4, -2]])
+    """
+    _check_mazes("relative_objects", target, source)
+    objects = set(target.objects)
+    name, row, column = source.objects[0]
+    shifts = sorted((r - row, c - column) for n, r, c in target.objects if n == name)
+    state = np.full(target.states.size, MISSING)
+    for down, right in shifts:
+        if all((n, r + down, c + right) in objects for n, r, c in source.objects):
+            shifted = source.states_at(target.cells[:, 0] - down, target.cells[:, 1] - right)
+            state = np.where(state == MISSING, shifted, state)
+    moves = np.arange(target.actions.size)
+    return pair_mapping(target, source, state[:, None], moves, unmapped_value)
+
+
+def _check_mazes(mapping: str, target: Task, source: Task) -> None:
+    for role, task in (("target", target), ("source", source)):
+        if not isinstance(task, GridWorld):
+            raise MappingError(f"{mapping} maps a GridWorld to a GridWorld: the {role} is {task}")
 
 
 # -- every assignment of components ----------------------------------------------------------------
@@ -452,8 +462,8 @@ class Projection:
 def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     """Return every assignment of target components to the source's, best prediction first.
 
-    Rewards are not compared: two tasks with different rewards may have the same dynamics. Of more
-    than 5,000 state-action pairs of the target the prediction is compared on as many at random.
+    Rewards are not compared: two tasks with different rewards may have the same dynamics. The
+    prediction is compared on all state-action pairs of the target, or on 5,000 at random.
 
     Raises
     ------
@@ -464,8 +474,8 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     --------
     >>> from curricle import Pursuit
     >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
-    >>> for found in find_projections(hunt, chase)[:2]:
-    ...     print(found.states, found.actions, round(found.error, 2))
+    >>> for best in find_projections(hunt, chase)[:2]:
+    ...     print(best.states, best.actions, round(best.error, 2))
     {'prey': 'prey', 'predator': 'predator_1'} {'predator': 'predator_1'} 0.0
     {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
     """
@@ -480,6 +490,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
     n_drawn = min(COMPARED, len(alive))
     drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
+    s, a = np.divmod(drawn, mdp.actions.size)
     choices = [
         product([c.name for c in mine.components if not c.arbitrary], repeat=len(other.names))
         for mine, other in spaces
@@ -490,36 +501,20 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
         actions = dict(zip(source.actions.names, action_names, strict=True))
         state = source_points(target.states, source.states, states)
         action = source_points(target.actions, source.actions, actions)
-        error = _prediction_error(mdp, source_mdp, state, action, drawn)
+        mapped = (state[s] != MISSING) & (action[a] != MISSING)
+        mapped &= ~source_mdp.terminal[np.maximum(state[s], 0)]
+        row = mdp.outcome_row[s[mapped], a[mapped]]
+        source_row = source_mdp.outcome_row[state[s[mapped]], action[a[mapped]]]
+        predicted = source_mdp, source_row, np.arange(source.states.size)
+        error = total_variation((mdp, row, state), predicted) if len(row) else float("nan")
         mapping = pair_mapping(target, source, state[:, None], action)
         projections.append(Projection(states, actions, error, mapping))
     return tuple(sorted(projections, key=lambda tried: (np.isnan(tried.error), tried.error)))
 
 
-def _prediction_error(
-    target: FiniteMDP, source: FiniteMDP, state: IntArray, action: IntArray, drawn: IntArray
-) -> float:
-    """Return the mean total variation distance of the next source states over the pairs drawn."""
-    s, a = np.divmod(drawn, target.actions.size)
-    usable = (state[s] != MISSING) & (action[a] != MISSING)
-    usable &= ~source.terminal[np.maximum(state[s], 0)]
-    s, a = s[usable], a[usable]
-    if not len(s):
-        return float("nan")
-    row, source_row = target.outcome_row[s, a], source.outcome_row[state[s], action[a]]
-    return float(
-        total_variation(
-            state[target.next_state[row]],
-            target.probability[row],
-            source.next_state[source_row].astype(np.int64),
-            source.probability[source_row],
-        ).mean()
-    )
-
-
 # -- searches by name ------------------------------------------------------------------------------
 
-WORDS: dict[Unequal, str] = {
+BY_NAME: dict[Unequal, str] = {
     "unmapped": "components by name",
     "scale": "components by name, unequal ranges scaled",
     "clip": "components by name, unequal ranges clipped",
@@ -530,8 +525,7 @@ MOST_UNEQUAL = 3  # components of unequal ranges that are aligned in all ways
 def by_name(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mappings that :func:`project` makes without renaming.
 
-    Where ranges of a component differ, values that the source lacks are left unmapped, scaled or
-    clipped; these are three candidates.
+    There are three: values that the source lacks are left unmapped, scaled or clipped.
 
     Examples
     --------
@@ -541,7 +535,7 @@ def by_name(tasks: TaskPair) -> Iterator[Proposal]:
     Traceback (most recent call last):
     curricle.errors.MappingError: source component 'predator' must be read from a target ...
     """
-    for unequal, how in WORDS.items():
+    for unequal, how in BY_NAME.items():
         yield Proposal(ComponentMapping(tasks.target, tasks.source, {}, unequal=unequal), how)
 
 
@@ -558,7 +552,6 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
 
     Examples
     --------
-    >>> from curricle import GridWorld
     >>> tasks = TaskPair(GridWorld("S....T"), GridWorld("S.T"))
     >>> [proposal.how for proposal in by_alignment(tasks)]
     ['components by name, last column aligned', 'components by name, last column aligned, clipped']
@@ -579,17 +572,14 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
     for ends in product(("first", "last"), repeat=len(unequal)):
         aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(theirs.names, 0)
         for name, end in aligned.items():
-            ending = "low" if end == "first" else "high"
-            there, here = (getattr(space.component(name), ending) for space in (theirs, ours))
-            offsets[name] = there - here
+            there, here = theirs.component(name), ours.component(name)
+            offsets[name] = there.low - here.low if end == "first" else there.high - here.high
         if set(ends) == {"first"} and not any(offsets.values()):
             continue  # as by name
-        words = " and ".join(f"{end} {name}" for name, end in aligned.items())
-        for clipped in (False, True):
-            read = {name: values[name] + offset for name, offset in offsets.items()}
-            if clipped:
-                read = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
-            state = theirs.encode(**read)
-            how = f"components by name, {words} aligned{', clipped' if clipped else ''}"
+        read = {name: values[name] + offset for name, offset in offsets.items()}
+        inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
+        how = f"components by name, {' and '.join(f'{e} {name}' for name, e in aligned.items())}"
+        for points, ending in ((read, "aligned"), (inside, "aligned, clipped")):
+            state = theirs.encode(**points)
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
-            yield tasks.proposal(index, how)
+            yield tasks.proposal(index, f"{how} {ending}")

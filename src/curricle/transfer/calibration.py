@@ -22,8 +22,7 @@ from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import GreedyRollouts, greedy_rollouts
 from curricle.transfer.transfer import CALIBRATION_EPISODES, Calibrate
 
-AnyPotential = Any
-"""The potential of a task: a StateActionPotential, MappedPotential or ObservationPotential."""
+AnyPotential = Any  # of a task: a StateActionPotential, MappedPotential or ObservationPotential
 FIRST_EPISODES = 20  # episodes after which a calibration stops if they reached nothing
 MIN_NONZERO = 0.5  # least share of the steps in which phi is not 0
 MIN_EXPLAINED = 0.25  # least share of the squares of the returns that the fit explains
@@ -105,23 +104,16 @@ def calibrate(
 
     With G_t the discounted return from step t, c minimises sum_t (G_t - c phi(s_t, a_t))^2. Where
     an episode is truncated, G_t goes on with c max_a phi(s, a) of the last state: truncation is
-    not termination, and the fit stays linear in c.
-
-    Parameters
-    ----------
-    potential : StateActionPotential, MappedPotential or ObservationPotential
-    episodes, max_steps
-        As in :class:`Calibrate`.
-    seed, stream : int, str
-        Of the random stream of the episodes, as in :func:`learn`.
+    not termination, and the fit stays linear in c. `episodes` and `max_steps` are those of
+    :class:`Calibrate`; `seed` and `stream` decide the random stream of the episodes.
 
     Raises
     ------
     CalibrationError
-        When the episodes carry no information (phi was 0 in most of their steps, or they reached
-        nothing, or `max_steps` ended the first), when no positive scale explains the returns, or
-        when the scale would raise values of phi well above those it was fitted to, as is common
-        where rewards have both signs. The last is not judged for observations.
+        When the episodes carry no information (phi was 0 in most of their steps, they reached
+        nothing, or `max_steps` ended the first); when no positive scale explains the returns; or
+        when it would raise values of phi well above those it was fitted to, which is common where
+        rewards have both signs, and is not judged for observations.
 
     Examples
     --------
@@ -132,8 +124,7 @@ def calibrate(
     >>> round(fitted.scale, 3), fitted.steps
     (3.0, 400)
     """
-    settings = Calibrate(episodes, max_steps)
-    fitted = fit_calibration(potential, settings, seed=seed, stream=stream)
+    fitted = fit_calibration(potential, Calibrate(episodes, max_steps), seed=seed, stream=stream)
     if fitted.refusal:
         raise CalibrationError(fitted.refusal)
     return fitted
@@ -154,17 +145,19 @@ def fit_calibration(
     # are the first of the rest.
     few = min(FIRST_EPISODES, settings.episodes)
     rollouts: GreedyRollouts = roll(episodes=few)
-    stopped = rollouts.predicted.size == cap
-    if few < settings.episodes and not stopped and not _nothing_reached(rollouts):
+    if (
+        few < settings.episodes
+        and rollouts.predicted.size != cap
+        and not _nothing_reached(rollouts)
+    ):
         rollouts = roll(episodes=settings.episodes)
-        stopped = rollouts.predicted.size == cap
+    stopped = rollouts.predicted.size == cap
     scale, explained = 1.0, math.nan
     refusal = _uninformative(rollouts, cap if stopped else None)
     if not refusal:
         scale, explained = fitted_scale(rollouts)
         refusal = _poor_fit(potential, rollouts, scale, explained)
-    if refusal:
-        scale = 1.0
+        scale = 1.0 if refusal else scale
     bootstrapped = scale * rollouts.bootstrapped_value
     return_to_go = rollouts.return_to_go + rollouts.bootstrap_discount * bootstrapped
     return Calibration(
@@ -239,8 +232,7 @@ def _poor_fit(
             f"a calibration must be determined by its episodes: {len(rollouts.lengths)} of them, "
             f"{int(rollouts.ended.sum())} of which ended, leave the scale at 0 / 0"
         )
-    observed = isinstance(potential, ObservationPotential)
-    highest = -math.inf if observed else _highest(potential)
+    highest = -math.inf if isinstance(potential, ObservationPotential) else _highest(potential)
     highest_seen = float(rollouts.predicted.max())
     if scale > 1 and highest > 0 and highest_seen < highest / 2:
         return (
@@ -269,8 +261,7 @@ def _highest(potential: PairPotential) -> float:
     """Return the highest phi(s, a), terminal states aside."""
     model = generative_model(potential.task)
     n_states, n_actions = model.states.size, model.actions.size
-    searched = min(n_states, max(1, LARGEST_SEARCHED // n_actions))
-    states = np.arange(searched)
+    states, searched = np.arange(n_states), max(1, LARGEST_SEARCHED // n_actions)
     if searched < n_states:
         states = np.random.default_rng(0).integers(n_states, size=searched)
     if model.terminal is not None:

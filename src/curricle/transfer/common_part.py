@@ -9,13 +9,15 @@ the part knows are settled first, then the one whose next states have the most r
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
 from curricle.arrays import BoolArray, IntArray
 from curricle.errors import MappingError
+from curricle.tasks.mdp import FiniteMDP
 from curricle.text import counted
-from curricle.transfer.bisimulation import levels
+from curricle.transfer.bisimulation import joint_models, levels
 from curricle.transfer.mapping import UNMAPPED, pair_mapping
 from curricle.transfer.pair import Proposal, TaskPair
 
@@ -51,11 +53,11 @@ class Part:
     of: dict[int, int] = field(default_factory=dict)  # the other way round
     move: dict[tuple[int, int], int] = field(default_factory=dict)  # (s, a) -> b
     taken: set[tuple[int, int]] = field(default_factory=set)  # (u, b)
-    wrong: int = 0  # moves of the source within the part that have no counterpart
+    size: int = 0  # moves that correspond, less those of the source that should and do not
 
     def grow(self, s: int, u: int) -> None:
         """Grow the part from a pair of states."""
-        self._meet(s, u)
+        self.state[s], self.of[u] = u, s
         unsettled = [(s, u)]
         while unsettled:
             met = self._settle(unsettled, guess=False)
@@ -63,19 +65,15 @@ class Part:
                 met = self._settle(unsettled, guess=True)
             if met is None:
                 met = self._enclosed()
+            for to, there in met:
+                self.state[to], self.of[there] = there, to
             unsettled += met
-        for u in self.of:
-            for b in range(self.source.after.shape[1]):
-                if (u, b) not in self.taken and self.source.after[u, b] != STAYS:
-                    self.wrong += 1
-
-    @property
-    def size(self) -> int:
-        """Moves that correspond, less those of the source that should and do not."""
-        return len(self.move) - self.wrong
-
-    def _meet(self, s: int, u: int) -> None:
-        self.state[s], self.of[u] = u, s
+        wrong = sum(
+            (u, b) not in self.taken and there != STAYS
+            for u in self.of
+            for b, there in enumerate(self.source.after[u])
+        )
+        self.size = len(self.move) - wrong
 
     def _settle(
         self, unsettled: list[tuple[int, int]], guess: bool
@@ -90,10 +88,7 @@ class Part:
                 fits = [a for a in range(self.target.after.shape[1]) if self._fits(s, a, u, b)]
                 open_moves |= bool(fits)
                 to = {int(self.target.after[s, a]) for a in fits}
-                known = (
-                    there == STAYS or self.target.terminal[there] or there in self.state
-                    for there in to
-                )
+                known = (self._ends(there) or there in self.state for there in to)
                 if len(to) == 1 and all(known):  # all that fit lead to a state of the part
                     return self._take(s, fits[0], u, b)
                 for a in fits if guess else ():
@@ -116,13 +111,14 @@ class Part:
                 )
             ]
             votes.update((to, there) for to in ahead[0] for there in ahead[1])
-        if not votes:
-            return []
-        (best, most), *others = votes.most_common(2)
-        if most < 2 or (others and others[0][1] == most):
-            return []
-        self._meet(*best)
-        return [best]
+        best = votes.most_common(2)
+        counts = [count for _, count in best]
+        clear = counts and counts[0] > 1 and counts[1:] != counts[:1]
+        return [best[0][0]] if clear else []
+
+    def _ends(self, to: int) -> bool:
+        """Return whether a move of the target goes no further: it stays, or ends the episode."""
+        return to == STAYS or bool(self.target.terminal[to])
 
     def _fits(self, s: int, a: int, u: int, b: int) -> bool:
         """Return whether a move may stand for another."""
@@ -133,14 +129,12 @@ class Part:
             return to == there
         if self.target.terminal[to] or self.source.terminal[there]:
             return bool(self.target.terminal[to] and self.source.terminal[there])
-        if to in self.state or there in self.of:
-            return self.state.get(to) == there
-        return True
+        return self.state.get(to, there) == there and self.of.get(there, to) == to
 
     def _likely(self, s: int, a: int, u: int, b: int) -> float:
         """Return the share of rewards that the next states have in common."""
         to, there = int(self.target.after[s, a]), int(self.source.after[u, b])
-        if to == STAYS or self.target.terminal[to]:
+        if self._ends(to):
             return 0.0
         ahead, source_ahead = self.target.around[to], self.source.around[there]
         shared = sum((ahead & source_ahead).values()) - sum((source_ahead - ahead).values())
@@ -151,10 +145,7 @@ class Part:
         self.move[s, a] = b
         self.taken.add((u, b))
         to, there = int(self.target.after[s, a]), int(self.source.after[u, b])
-        if to == STAYS or self.target.terminal[to] or to in self.state:
-            return []
-        self._meet(to, there)
-        return [(to, there)]
+        return [] if self._ends(to) or to in self.state else [(to, there)]
 
 
 def by_common_part(tasks: TaskPair) -> Iterator[Proposal]:
@@ -209,38 +200,36 @@ def by_common_part(tasks: TaskPair) -> Iterator[Proposal]:
 
 def _moves(tasks: TaskPair) -> tuple[Moves, Moves]:
     """Return both tasks, their rewards numbered together."""
-    mdps = tasks.target_mdp, tasks.source_mdp
-    rewards = levels(np.concatenate([model.mean_reward for model in tasks.models]))
-    both, first = [], 0
-    for mdp in mdps:
+    target, source = tasks.target_mdp, tasks.source_mdp
+    rewards = levels(np.concatenate([model.mean_reward for model in joint_models(tasks)]))
+    of_rows = np.split(rewards, [len(target.probability)])
+
+    def moves(mdp: FiniteMDP, of_row: IntArray) -> Moves:
         likely = mdp.probability.argmax(axis=1)[:, None]
         after = np.take_along_axis(mdp.next_state, likely, axis=1)[:, 0][mdp.outcome_row]
         after = np.where(after == np.arange(len(after))[:, None], STAYS, after).astype(np.int64)
-        reward = rewards[first : first + len(mdp.probability)][mdp.outcome_row]
-        first += len(mdp.probability)
-        around = tuple(
-            Counter(row[there != STAYS].tolist()) for row, there in zip(reward, after, strict=True)
-        )
-        both.append(Moves(after, reward, mdp.terminal, around))
-    return both[0], both[1]
+        reward = of_row[mdp.outcome_row]
+        around = (row[to != STAYS].tolist() for row, to in zip(reward, after, strict=True))
+        return Moves(after, reward, mdp.terminal, tuple(map(Counter, around)))
+
+    return moves(target, of_rows[0]), moves(source, of_rows[1])
 
 
 def _beginnings(target: Moves, source: Moves) -> list[tuple[int, int]]:
     """Return pairs of states with a transition of a reward that is rare, the rarest first."""
-    counts = []
-    for task in (target, source):
-        going = (task.after != STAYS) & ~task.terminal[:, None]
-        counts.append(Counter(task.reward[going].tolist()))
-    common = sorted(set(counts[0]) & set(counts[1]), key=lambda r: counts[0][r] * counts[1][r])
+    going = [(task.after != STAYS) & ~task.terminal[:, None] for task in (target, source)]
+    counts, other_counts = (
+        Counter(task.reward[moves].tolist())
+        for task, moves in zip((target, source), going, strict=True)
+    )
+    common = sorted(set(counts) & set(other_counts), key=lambda r: counts[r] * other_counts[r])
     pairs: dict[tuple[int, int], None] = {}
     for reward in common:
-        states = [
-            np.flatnonzero(
-                ((task.reward == reward) & (task.after != STAYS)).any(axis=1) & ~task.terminal
-            )
-            for task in (target, source)
-        ]
-        pairs |= dict.fromkeys((int(s), int(u)) for s in states[0] for u in states[1])
+        states, others = (
+            np.flatnonzero(((task.reward == reward) & moves).any(axis=1)).tolist()
+            for task, moves in zip((target, source), going, strict=True)
+        )
+        pairs |= dict.fromkeys(product(states, others))
         if len(pairs) >= MOST_BEGINNINGS:
             break
     return list(pairs)[:MOST_BEGINNINGS]
@@ -249,13 +238,14 @@ def _beginnings(target: Moves, source: Moves) -> list[tuple[int, int]]:
 def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | None:
     """Take and return one of the source's moves left for a move without a counterpart."""
     to = int(part.target.after[s, a])
-    ends = to != STAYS and bool(part.target.terminal[to])
     for b in left:
         there = int(part.source.after[u, b])
         if there == STAYS:
             fits = to not in part.state
+        elif part.source.terminal[there]:
+            fits = to != STAYS and bool(part.target.terminal[to])
         else:
-            fits = ends if part.source.terminal[there] else part.state.get(to) == there
+            fits = part.state.get(to) == there
         if fits:
             left.remove(b)
             return b
@@ -265,8 +255,7 @@ def _left_over(part: Part, s: int, a: int, u: int, left: list[int]) -> int | Non
 def _proposal(tasks: TaskPair, part: Part) -> Proposal:
     """Return the mapping of a part."""
     n_actions, n_others = part.target.after.shape[1], part.source.after.shape[1]
-    state = np.full(part.target.after.shape, UNMAPPED)
-    action = np.full(part.target.after.shape, UNMAPPED)
+    state, action = np.full((2, *part.target.after.shape), UNMAPPED)
     for s, u in part.state.items():
         left = [b for b in range(n_others) if (u, b) not in part.taken]
         for a in range(n_actions):

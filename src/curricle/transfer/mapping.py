@@ -1,32 +1,156 @@
-"""Inter-task mappings f(s, a): the source pair that each target pair reads (paper E5)."""
+"""Inter-task mappings f(s, a): the source pair that each target pair reads (paper E5).
+
+A mapping maps batches: states by their numbers through an index, observations by functions.
+"""
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.vector.utils import batch_space, iterate
 from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
-from curricle.checks import brief, number, numbers
+from curricle.checks import brief, instance, number, numbers
 from curricle.display import block, table
-from curricle.errors import MappingError
-from curricle.tasks.gridworld import GridWorld
+from curricle.errors import MappingError, PotentialError
 from curricle.tasks.mdp import Task, generative_model, same_task
+from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
 from curricle.tasks.spaces import MISSING, Decoded
-from curricle.text import counted
+from curricle.text import brief_repr, counted
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
 UNMAPPED = -1
 """Entry of a mapping for a target pair without a source pair: of it the source knows nothing."""
-MOST_LISTED = 1_000_000_000
-"""Pairs of a target that a mapping by a function may list: its array takes 8 GB."""
 ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
+MOST_LISTED = 1_000_000_000
+"""Pairs of a target that a mapping by a function may list: its array takes 8 GB."""
+
+# -- the values of a source ------------------------------------------------------------------------
+
+
+@runtime_checkable
+class ValueSource(Protocol):
+    """The values of a task, of n observations at once.
+
+    Observations are stacked as the task's space stacks them: an array (n, ...), or a dict or tuple
+    of such. Those of a task with tables are its states' numbers, (n,) int64.
+    """
+
+    @property
+    def of_actions(self) -> bool:
+        """Whether it has action values, so that :meth:`q` can be called."""
+
+    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+        """Return Q(s, a), of the shape of `actions`: (n,), or (n, m) for m actions in each."""
+
+    def v(self, observations: Any) -> FloatArray:
+        """Return V(s), (n,) float64."""
+
+
+@dataclass(frozen=True, eq=False)
+class TableValues:
+    """The values of a tabular learner: Q(s, a) by the numbers of states and actions, (S, A).
+
+    Examples
+    --------
+    >>> values = TableValues(np.array([[1.0, 2.0], [3.0, 0.0]]))
+    >>> values.q(np.array([0, 1]), np.array([1, 0])), values.v(np.array([0, 1]))
+    (array([2., 3.]), array([2., 3.]))
+    """
+
+    table: FloatArray
+    of_actions: ClassVar[bool] = True
+
+    __repr__ = brief_repr
+
+    def __post_init__(self) -> None:
+        table = numbers("a table of values", self.table, PotentialError)
+        if table.ndim != 2 or not np.isfinite(table).all():
+            raise PotentialError(
+                f"a table of values must be finite and have shape (S, A): got {table.shape}"
+            )
+        object.__setattr__(self, "table", table)
+
+    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+        """Return Q(s, a), of the shape of `actions`."""
+        states = np.asarray(observations)
+        return np.asarray(self.table[states[:, None] if np.ndim(actions) == 2 else states, actions])
+
+    def v(self, observations: Any) -> FloatArray:
+        """Return max_a Q(s, a), (n,) float64."""
+        return np.asarray(self.table[np.asarray(observations)].max(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionValues:
+    """Values that a user's functions compute; at least one of the two functions is needed.
+
+    `action_values` is (observations, actions) -> (n,) or (n, m), as :meth:`ValueSource.q`,
+    `state_values` is observations -> (n,). Where only the first is given, V(s) = max_a Q(s, a) is
+    taken over the number of `actions`.
+
+    Examples
+    --------
+    >>> height = FunctionValues(state_values=lambda cars: np.sin(3 * cars[:, 0]))
+    >>> height.v(np.zeros((2, 2))), height.of_actions
+    (array([0., 0.]), False)
+    """
+
+    action_values: Callable[[Any, Any], Any] | None = None
+    state_values: Callable[[Any], Any] | None = None
+    actions: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.state_values is None and (self.action_values is None or self.actions is None):
+            got = "neither" if self.action_values is None else "action_values without actions"
+            raise PotentialError(
+                f"values need state_values, or action_values and the number of actions: got {got}"
+            )
+
+    @property
+    def of_actions(self) -> bool:
+        """Whether `action_values` is given."""
+        return self.action_values is not None
+
+    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+        """Return Q(s, a), of the shape of `actions`."""
+        if self.action_values is None:
+            raise no_actions(self)
+        return _checked(self.action_values(observations, actions), np.shape(actions))
+
+    def v(self, observations: Any) -> FloatArray:
+        """Return V(s), (n,) float64."""
+        n = batch_size(observations)
+        if self.state_values is not None:
+            return _checked(self.state_values(observations), (n,))
+        every_action = np.broadcast_to(np.arange(self.actions or 0), (n, self.actions or 0))
+        return np.asarray(self.q(observations, every_action).max(axis=1))
+
+
+def no_actions(values: Any) -> PotentialError:
+    """Return the error that these are state values, without action values."""
+    return PotentialError(
+        "state values cannot tell actions apart, as QInitialisation and LookAheadAdvice need: "
+        f"{type(values).__name__} has no action values; use StateShaping"
+    )
+
+
+def _checked(returned: Any, shape: tuple[int, ...]) -> FloatArray:
+    values = numbers("what a function of values returns", returned, PotentialError)
+    if values.shape != shape:
+        raise PotentialError(f"a function of values must return shape {shape}: got {values.shape}")
+    return values
+
+
+# -- mappings --------------------------------------------------------------------------------------
 
 
 class TaskMapping(ABC):
@@ -43,7 +167,7 @@ class TaskMapping(ABC):
 
     @property
     @abstractmethod
-    def words(self) -> str:
+    def description(self) -> str:
         """The mapping in words, such as "predator is predator_2, prey by name"."""
 
     @property
@@ -55,6 +179,9 @@ class TaskMapping(ABC):
     def countable(self) -> bool:
         """Whether the pairs of both tasks are numbered, and few enough to count."""
         return False
+
+    def _repr_html_(self) -> str:
+        return block(repr(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +196,10 @@ class StateActionMapping(Frozen, TaskMapping):
         ``s' * A' + a'`` of the source pair, `UNMAPPED`, or `ENDED`. Rows of terminal target
         states do not count.
     unmapped_value : float, optional
-        A value that the source is to state for unmapped pairs. By default it states none: they are
-        NaN, and aggregates skip them. 0 is optimistic where rewards are negative.
+        What the source states of unmapped pairs. By default nothing: they are NaN, which
+        aggregates skip. 0 is optimistic where rewards are negative.
     how : str
-        How a search found it; empty for others.
+        How a search found it.
     steps : int
         Steps that the search took in tasks without tables.
 
@@ -152,7 +279,7 @@ class StateActionMapping(Frozen, TaskMapping):
         return transferred(q, index, self.unmapped_value, scale, shift)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """How the mapping was found, in words."""
         return f"found: {self.how}" if self.how else "state by state and action by action"
 
@@ -211,66 +338,13 @@ def check_unmapped_value(value: float | None) -> None:
         number("unmapped_value", value, MappingError)
 
 
-def number_or_nan(unmapped_value: float | None) -> float:
-    """Return an unmapped value; NaN, for nothing known, where it is None."""
-    return math.nan if unmapped_value is None else unmapped_value
-
-
 def transferred(
     values: FloatArray, index: IntArray, unmapped_value: float | None, scale: float, shift: float
 ) -> FloatArray:
-    """Return scale Q + shift where mapped, shift where ended, and `unmapped_value` elsewhere."""
-    unmapped_value = number_or_nan(unmapped_value)
+    """Return scale Q + shift where mapped, shift where ended, `unmapped_value` or NaN elsewhere."""
+    unmapped_value = math.nan if unmapped_value is None else unmapped_value
     fixed = np.where(index == UNMAPPED, unmapped_value, shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
-
-
-def same_position(
-    target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
-) -> StateActionMapping:
-    """Return the mapping of each cell of a maze to the same cell of another (paper F2, F3).
-
-    Cells are compared in map coordinates, which a crop keeps.
-
-    Examples
-    --------
-    >>> maze = GridWorld("S..T")
-    >>> same_position(maze, maze.crop(rows=(0, 1), columns=(2, 4))).index[:3, 0]
-    array([-1, -1,  0])
-    """
-    _check_mazes("same_position", target, source)
-    state = source.states_at(target.cells[:, 0], target.cells[:, 1])
-    moves = np.arange(target.actions.size)
-    return pair_mapping(target, source, state[:, None], moves, unmapped_value)
-
-
-def relative_objects(
-    target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
-) -> StateActionMapping:
-    """Return Svetlik's mapping: states whose objects lie alike around the agent (paper E4, F1).
-
-    A target state matches a source state if every object of the source lies, relative to the agent,
-    where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
-    the source's map that fit, the smallest (upwards, then to the left) is taken.
-
-    Examples
-    --------
-    >>> source = GridWorld("S.T")
-    >>> relative_objects(GridWorld(["S....", "....T"]), source).index[:, 0].reshape(2, 5)
-    array([[-1, -1, -1, -1, -1],
-           [-1, -1,  0,  4, -2]])
-    """
-    _check_mazes("relative_objects", target, source)
-    objects = set(target.objects)
-    name, row, column = source.objects[0]
-    shifts = sorted((r - row, c - column) for n, r, c in target.objects if n == name)
-    state = np.full(target.states.size, MISSING)
-    for down, right in shifts:
-        if all((n, r + down, c + right) in objects for n, r, c in source.objects):
-            shifted = source.states_at(target.cells[:, 0] - down, target.cells[:, 1] - right)
-            state = np.where(state == MISSING, shifted, state)
-    moves = np.arange(target.actions.size)
-    return pair_mapping(target, source, state[:, None], moves, unmapped_value)
 
 
 def from_function(
@@ -278,15 +352,9 @@ def from_function(
 ) -> StateActionMapping:
     """Return the mapping that a function on decoded components computes.
 
-    Parameters
-    ----------
-    target, source : Task
-    function : callable
-        Takes the target's decoded states (name -> (S, 1) int64) and actions (name -> (1, A)) and
-        returns the source's as two dicts of arrays that broadcast to (S, A). Values that are no
-        point of the source's space leave the pair unmapped.
-    unmapped_value : float, optional
-        As in :class:`StateActionMapping`.
+    The function takes the target's decoded states (name -> (S, 1) int64) and actions (name ->
+    (1, A)) and returns the source's as two dicts of arrays that broadcast to (S, A). Values that
+    are no point of the source's space leave the pair unmapped.
 
     Raises
     ------
@@ -296,6 +364,7 @@ def from_function(
 
     Examples
     --------
+    >>> from curricle import GridWorld
     >>> line, half = GridWorld("S...T"), GridWorld("S.T")
     >>> coarse = from_function(line, half, lambda state, action: (
     ...     {"row": state["row"], "column": state["column"] // 2}, action))
@@ -335,13 +404,13 @@ def from_function(
 class _Components(dict[str, IntArray]):
     """The values of components by name, which tells the names that there are."""
 
-    def __init__(self, values: Decoded, what: str):
+    def __init__(self, values: Decoded, points: str):
         super().__init__(values)
-        self._what = what
+        self._points = points
 
     def __missing__(self, name: str) -> IntArray:
         raise MappingError(
-            f"a mapping's function must ask for components of the target's {self._what}, "
+            f"a mapping's function must ask for components of the target's {self._points}, "
             f"{', '.join(self)}: got {name!r}"
         )
 
@@ -354,7 +423,8 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
 
     Examples
     --------
-    >>> from curricle.transfer import identity
+    >>> from curricle import GridWorld
+    >>> from curricle.transfer import identity, same_position
     >>> maze = GridWorld("S..T")
     >>> crop = maze.crop(rows=(0, 1), columns=(2, 4))
     >>> both = compose(same_position(maze, crop), identity(crop))
@@ -392,10 +462,244 @@ def pair_mapping(
     return StateActionMapping(target, source, np.where(missing, UNMAPPED, pair), unmapped_value)
 
 
-def _check_mazes(mapping: str, target: Task, source: Task) -> None:
-    for role, task in (("target", target), ("source", source)):
-        if not isinstance(task, GridWorld):
-            raise MappingError(f"{mapping} maps a GridWorld to a GridWorld: the {role} is {task}")
+# -- of observations -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationMapping(TaskMapping):
+    """A mapping of a target's observations and actions to a source's, n of them at once.
+
+    Parameters
+    ----------
+    target : ObservationTask
+    source : ObservationTask or Task
+    observations : callable, optional
+        The target's stacked observations -> the source's, as many; of a source with tables its
+        states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default the same.
+    actions : (A,) int array or callable, optional
+        The source's action for each of the target's, `UNMAPPED` where none; or observations ->
+        (n, A) of them. By default the same numbers.
+    status : callable, optional
+        observations -> (n,) bool, whether there is a counterpart; or ints, `UNMAPPED` or `ENDED`
+        where there is none. The counterparts returned for these are not read.
+    unmapped_value : float, optional
+        As in :class:`StateActionMapping`.
+    description : str
+        Printed in reports; by default the names of the functions.
+
+    Raises
+    ------
+    MappingError
+        When the tasks do not fit, or a function returns a wrong shape or values out of range.
+
+    Examples
+    --------
+    A car without a speedometer reads the values of one that stands still.
+
+    >>> from curricle import observation_task
+    >>> car = observation_task("MountainCar-v0")
+    >>> still = ObservationMapping(car, car, lambda cars: cars * [1, 0])
+    >>> height = FunctionValues(state_values=lambda cars: cars.sum(axis=1))
+    >>> still.states(height, np.array([[0.25, 0.07], [-0.5, 0.01]]))
+    array([ 0.25, -0.5 ])
+    """
+
+    target: ObservationTask
+    source: Any
+    observations: Callable[[Any], Any] | None = None
+    actions: Any = None
+    status: Callable[[Any], Any] | None = None
+    unmapped_value: float | None = None
+    description: str = ""
+
+    __repr__ = brief_repr
+
+    def __post_init__(self) -> None:
+        if not self.description:
+            phrases = []
+            for part in ("observations", "actions", "status"):
+                how = getattr(self, part)
+                name = getattr(how, "__name__", "<lambda>")
+                if how is None:
+                    phrases += [] if part == "status" else [f"{part} as they are"]
+                elif callable(how):
+                    phrases.append(f"{part} by {'a function' if name == '<lambda>' else name}")
+                else:
+                    phrases.append(f"{part} as {' '.join(map(str, how))}")
+            object.__setattr__(self, "description", ", ".join(phrases))
+        instance("target of an observation mapping", self.target, ObservationTask, MappingError)
+        check_unmapped_value(self.unmapped_value)
+        if self.observations is None and not is_observation_task(self.source):
+            raise MappingError(
+                "a mapping into a task with tables needs a function from observations to its "
+                "states' numbers: got none"
+            )
+        if self.actions is None:
+            n_target, n_source = self.target.n_actions, self._source_actions
+            if n_target is not None and n_source is not None and n_target > n_source:
+                raise MappingError(
+                    f"a mapping that leaves actions as they are needs as many of them: the target "
+                    f"has {n_target}, the source {n_source}"
+                )
+        elif not callable(self.actions):
+            table = self._checked_actions(self.actions, (self.target.n_actions,))
+            object.__setattr__(self, "actions", table)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether observations and actions are left as they are, all of them mapped."""
+        return self.observations is None and self.actions is None and self.status is None
+
+    @property
+    def _source_actions(self) -> int | None:
+        """The number of the source's actions; None where they are not numbered."""
+        source = self.source
+        n: int | None = source.n_actions if is_observation_task(source) else source.actions.size
+        return n
+
+    @property
+    def parts(self) -> tuple[Any, ...]:
+        """The functions and numbers that make the mapping."""
+        actions = self.actions if callable(self.actions) else repr(self.actions)
+        return self.observations, actions, self.status, self.unmapped_value
+
+    def pairs(
+        self, values: ValueSource, batch: Any, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
+        """Return phi(s, a) of n stacked observations, (n, A) float64."""
+        if self.target.n_actions is None:
+            raise MappingError(f"pairs need actions that are numbered: got {self.target.actions}")
+        if not values.of_actions:
+            raise no_actions(values)
+        counterparts, status = self._counterparts(batch)
+        n = batch_size(batch)
+        if callable(self.actions):
+            table = self._actions(batch, n)
+            q = values.q(counterparts, np.maximum(table, 0))
+            phi = self._transferred("Q", q, status, scale, shift)
+        else:
+            table, distinct, column = self._fixed_actions
+            q = values.q(counterparts, distinct.repeat(n, axis=0))
+            phi = self._transferred("Q", q, status, scale, shift).take(column, axis=1)
+        # An action without a counterpart is unmapped in every state; all others are ready.
+        missing = table == UNMAPPED
+        if not missing.any():
+            return phi
+        return transferred(phi, np.where(missing, UNMAPPED, 0), self.unmapped_value, 1.0, 0.0)
+
+    @cached_property
+    def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
+        """The source's action for each of the target's; those to read, (1, n); their columns."""
+        table = self._actions(None, 1)[0]
+        distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
+        return table, distinct[None], column
+
+    def states(
+        self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
+    ) -> FloatArray:
+        """Return Phi(s) = scale V_source(f(s)) + shift, (n,) float64; else as :meth:`pairs`."""
+        counterparts, status = self._counterparts(observations)
+        return self._transferred("V", values.v(counterparts), status, scale, shift)
+
+    def coverage(self, observations: Any) -> "ObservationCoverage":
+        """Return how much of a sample of n stacked observations is reached."""
+        counterparts, status = self._counterparts(observations)
+        n = batch_size(observations)
+        status = np.zeros(n, np.int64) if status is None else status
+        mapped = status >= 0
+        index = np.broadcast_to(status[:, None], (n, self.target.n_actions or 1))
+        if self.target.n_actions is not None:
+            index = np.where(self._actions(observations, n) == UNMAPPED, UNMAPPED, index)
+        outside = float("nan")
+        if is_observation_task(self.source) and mapped.any():
+            space = self.source.observations
+            inside = [space.contains(seen) for seen in iterate(batch_space(space, n), counterparts)]
+            outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
+        return ObservationCoverage(
+            observations=n,
+            mapped=float((index >= 0).mean()),
+            ended=float((index == ENDED).mean()),
+            unmapped=float((index == UNMAPPED).mean()),
+            outside=outside,
+        )
+
+    def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
+        """Return a source observation or state for each, and the status: None if all are mapped."""
+        n = batch_size(observations)
+        seen = observations if self.observations is None else self.observations(observations)
+        status = None
+        if self.status is not None:
+            status = np.asarray(self.status(observations))
+            if status.dtype == np.bool_:
+                status = np.where(status, 0, UNMAPPED)
+            status = _integers("status", status)
+        if not is_observation_task(self.source):
+            seen = _integers("states", seen)
+            n_states = self.source.states.size
+            if not (seen.view(np.uint64) < n_states).all():  # both bounds at once
+                bad = np.flatnonzero((seen < ENDED) | (seen >= n_states))
+                if bad.size:
+                    raise MappingError(
+                        f"a mapping's states must lie in 0..{n_states - 1}, or be UNMAPPED or "
+                        f"ENDED: observation {bad[0]} gives {seen[bad[0]]}"
+                    )
+                status = seen if status is None else np.where(seen < 0, seen, status)
+                seen = np.maximum(seen, 0)
+        if batch_size(seen) != n or (status is not None and status.shape != (n,)):
+            shape = (n,) if status is None else status.shape
+            raise MappingError(
+                f"a mapping must return as many as it was given, {n}: got {batch_size(seen)} "
+                f"counterparts and status of shape {shape}"
+            )
+        return seen, status
+
+    def _actions(self, observations: Any, n: int) -> IntArray:
+        """Return the source's action for each pair, (n, A)."""
+        n_actions = self.target.n_actions
+        if callable(self.actions):
+            return self._checked_actions(self.actions(observations), (n, n_actions))
+        row = np.arange(n_actions or 0) if self.actions is None else self.actions
+        return np.broadcast_to(row, (n, len(row)))
+
+    def _checked_actions(self, actions: Any, shape: tuple[int | None, ...]) -> IntArray:
+        if self.target.n_actions is None:
+            raise MappingError(
+                "a mapping of actions needs a target with numbered actions: got "
+                f"{self.target.actions}"
+            )
+        table, n_source = _integers("actions", actions), self._source_actions
+        if table.shape != shape:
+            raise MappingError(f"a mapping's actions must have shape {shape}: got {table.shape}")
+        bad = table[(table < UNMAPPED) | (table >= (n_source or np.inf))]
+        if bad.size:
+            allowed = "be 0 or more" if n_source is None else f"lie in 0..{n_source - 1}"
+            raise MappingError(f"a mapping's actions must {allowed}, or be UNMAPPED: got {bad[0]}")
+        return table
+
+    def _transferred(
+        self, name: str, values: FloatArray, status: IntArray | None, scale: float, shift: float
+    ) -> FloatArray:
+        """Return what source values, (n,) or (n, m), are for the target."""
+        if not np.isfinite(values).all():
+            place = np.argwhere(~np.isfinite(values))[0]
+            raise MappingError(
+                f"a source's values must be finite: {name} is {values[tuple(place)]} at the "
+                f"counterpart of observation {place[0]}"
+            )
+        if status is None:
+            return rescale(values, scale, shift)
+        index = status.reshape(-1, *[1] * (values.ndim - 1))
+        return transferred(values, index, self.unmapped_value, scale, shift)
+
+
+def _integers(name: str, array: Any) -> IntArray:
+    if isinstance(array, np.ndarray) and array.dtype == np.int64:
+        return array
+    values = numbers(f"a mapping's {name}", array, MappingError)
+    broken = values[values != values // 1]
+    if broken.size:
+        raise MappingError(f"a mapping's {name} must be whole numbers: got {broken[0]:g}")
+    return np.asarray(array).astype(np.int64)
 
 
 # -- coverage --------------------------------------------------------------------------------------
@@ -426,21 +730,47 @@ class Coverage:
         )
 
     def _repr_html_(self) -> str:
-        readers = ["source pairs", "never used", "read on average by", "at most by"]
-        used = (self.source_pairs, self.never_used, self.mean_readers, self.most_readers)
-        return block("Coverage", coverage_table({"": self}), table(readers, [used]))
+        head = ["source pairs", "never used", "read on average by", "at most by"]
+        readers = (self.source_pairs, self.never_used, self.mean_readers, self.most_readers)
+        return block("Coverage", coverage_table({"": self}), table(head, [readers]))
+
+
+@dataclass(frozen=True)
+class ObservationCoverage:
+    """Coverage of a mapping of observations, over a sample of them; shares sum to 1."""
+
+    observations: int
+    mapped: float  # of all pairs (s, a)
+    ended: float
+    unmapped: float
+    # Of the mapped observations those whose counterpart lies outside the source's space, where its
+    # values are extrapolated; NaN where nothing is mapped, or the source has numbered states.
+    outside: float
+
+    def __str__(self) -> str:
+        text = (
+            f"{self.mapped:.1%} of the pairs of "
+            f"{counted(self.observations, 'observation')} mapped, "
+            f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped"
+        )
+        if math.isnan(self.outside):
+            return text
+        return f"{text}; {self.outside:.1%} of the counterparts outside the source's space"
+
+    def _repr_html_(self) -> str:
+        return block("Coverage", coverage_table({"": self}))
 
 
 def coverage_table(covers: Mapping[str, Any]) -> Markup:
     """Return the coverage of mappings as a table, name -> Coverage or ObservationCoverage."""
-    rows = []
+    rows, counts = [], "pairs"
     for name, cover in covers.items():
-        pairs = cover.target_pairs if isinstance(cover, Coverage) else cover.observations
-        parts = (cover.mapped, cover.ended, cover.unmapped)
-        rows.append((name, pairs, *(f"{part:.1%}" for part in parts)))
-    pairs = (
-        "pairs" if all(isinstance(cover, Coverage) for cover in covers.values()) else "observations"
-    )
-    head = ["mapping", pairs, "mapped", "at the source's end", "unmapped"]
+        if isinstance(cover, Coverage):
+            size = cover.target_pairs
+        else:
+            size, counts = cover.observations, "observations"
+        shares = (f"{share:.1%}" for share in (cover.mapped, cover.ended, cover.unmapped))
+        rows.append((name, size, *shares))
+    head = ["mapping", counts, "mapped", "at the source's end", "unmapped"]
     named = int(not any(covers))  # the first column is left out where the names are empty
     return table(head[named:], [row[named:] for row in rows])

@@ -1,7 +1,7 @@
 """What searches for mappings read, two tasks with their exact values, and what they propose."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -23,7 +23,6 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.text import brief_repr
-from curricle.transfer.bisimulation import Model, model_for_refinement, refined
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
 NOT_PROVEN = float("nan")
@@ -35,22 +34,13 @@ class TaskPair:
     """A target and a source with tables; what searches need of them is computed once.
 
     A discount of 1 is taken as 1 - 1/L, L the time limit (1,000 steps without one), so that values
-    are bounded and distances between states contract.
-
-    Parameters
-    ----------
-    target, source : Task
-    samples : int, optional
-        Steps of the random policy from which tables are estimated, of each task that has none.
-    seed : int
-        Of these steps.
+    are bounded and distances between states contract. Tables of a task that has none are estimated
+    from `samples` steps of the random policy, drawn with `seed`.
 
     Raises
     ------
-    SettingError
-        When `samples` is less than 1.
     TaskError
-        When one of them has no tables and is not to be sampled.
+        When a task has no tables and is not to be sampled.
 
     Examples
     --------
@@ -63,46 +53,35 @@ class TaskPair:
     source: Task
     samples: int | None = None
     seed: int = 0
+    target_mdp: FiniteMDP = field(init=False, repr=False)
+    source_mdp: FiniteMDP = field(init=False, repr=False)
+    sampled: "dict[str, SampledTables]" = field(init=False, repr=False)  # of tasks without tables
 
     __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         if self.samples is not None:
             whole_number("samples", self.samples, 1, SettingError)
+        object.__setattr__(self, "sampled", {})
         for role, task in (("target", self.target), ("source", self.source)):
             if self.samples is None and not has_tables(task) and hasattr(task, "model"):
                 raise TaskError(
                     f"the {role} has no tables, which find_mappings(..., samples=20_000) estimates "
                     f"from steps: {brief(task)}"
                 )
-        _ = self.target_mdp, self.source_mdp
-
-    @cached_property
-    def sampled(self) -> "tuple[SampledTables | None, ...]":
-        """What was estimated of the target and of the source; None of those with tables."""
-        return tuple(
-            None
-            if self.samples is None or has_tables(task)
-            else sampled_tables(task, self.samples, seed=self.seed)
-            for task in (self.target, self.source)
-        )
-
-    @cached_property
-    def target_mdp(self) -> FiniteMDP:
-        """The target's tables."""
-        estimate = self.sampled[0]
-        return discounted(tables(self.target) if estimate is None else estimate.mdp)
-
-    @cached_property
-    def source_mdp(self) -> FiniteMDP:
-        """The source's tables."""
-        estimate = self.sampled[1]
-        return discounted(tables(self.source) if estimate is None else estimate.mdp)
+            if self.samples is None or has_tables(task):
+                mdp = tables(task)
+            else:
+                self.sampled[role] = sampled_tables(task, self.samples, seed=self.seed)
+                mdp = self.sampled[role].mdp
+            if mdp.discount == 1:
+                mdp = replace(mdp, discount=1 - 1 / max(2, mdp.time_limit or ENDLESS))
+            object.__setattr__(self, f"{role}_mdp", mdp)
 
     @property
     def steps(self) -> int:
         """Steps that were taken in both tasks to estimate their tables."""
-        return sum(estimate.steps for estimate in self.sampled if estimate is not None)
+        return sum(estimate.steps for estimate in self.sampled.values())
 
     @cached_property
     def target_solution(self) -> Solution:
@@ -128,30 +107,12 @@ class TaskPair:
         """The target's states that an episode can be in and that do not end it, (S,) bool."""
         # Of a target that was sampled, those in which every action was tried.
         live = reachable_states(self.target_mdp) & ~self.target_mdp.terminal
-        return live if self.sampled[0] is None else live & self.sampled[0].tried
-
-    @cached_property
-    def models(self) -> tuple[Model, Model]:
-        """Both tasks for refinement, with the target's discount."""
-        # V* of the source solves V = max_a r' + gamma_t P V, too, r' = r + (gamma_s - gamma_t) P V.
-        target, source = self.target_mdp, self.source_mdp
-        rewards = (source.probability * source.reward).sum(axis=1)
-        if target.discount != source.discount:
-            after = (source.probability * self.source_solution.values[source.next_state]).sum(
-                axis=1
-            )
-            rewards = rewards + (source.discount - target.discount) * after
-        return model_for_refinement(target), model_for_refinement(source, rewards)
-
-    @cached_property
-    def source_blocks(self) -> IntArray:
-        """The block of each source state, (S',) int64; states of a block behave alike."""
-        return refined([model_for_refinement(self.source_mdp)])[0].states
+        return live & self.sampled["target"].tried if "target" in self.sampled else live
 
     @cached_property
     def own_solutions(self) -> tuple[Solution, Solution] | None:
         """Both at their own discounts; None where one is sampled or has no finite Q*."""
-        if any(self.sampled):
+        if self.sampled:
             return None
         judged = (self.target, self.target_solution), (self.source, self.source_solution)
         try:
@@ -183,13 +144,6 @@ def apart(index: IntArray, of_target: Solution, of_source: Solution) -> FloatArr
     return np.asarray(abs(of_target.action_values - np.where(index == UNMAPPED, np.nan, read)))
 
 
-def discounted(mdp: FiniteMDP) -> FiniteMDP:
-    """Return tables with a discount below 1: their own, or 1 - 1/L at a discount of 1."""
-    if mdp.discount < 1:
-        return mdp
-    return replace(mdp, discount=1 - 1 / max(2, mdp.time_limit or ENDLESS))
-
-
 # -- what a search proposes ------------------------------------------------------------------------
 
 
@@ -211,11 +165,11 @@ class Proposal(NamedTuple):
 
 def search_steps(transfers: Iterable[Any]) -> int:
     """Return the steps that the searches for the mappings of transfers took."""
-    most: dict[tuple[str, str], int] = {}
+    of_edge: dict[tuple[str, str], int] = {}
     for transfer in transfers:
         edge = transfer.source, transfer.target
-        most[edge] = max(most.get(edge, 0), transfer.mapping.steps)
-    return sum(most.values())
+        of_edge[edge] = max(of_edge.get(edge, 0), transfer.mapping.steps)
+    return sum(of_edge.values())
 
 
 # -- tables estimated from steps -------------------------------------------------------------------
@@ -238,54 +192,47 @@ def sampled_tables(task: Task, steps: int, *, seed: int = 0) -> SampledTables:
     steps = whole_number("steps to sample", steps, 1, SettingError)
     generative = generative_model(task)
     n_states, n_actions = generative.states.size, generative.actions.size
-    of_pair = n_states * n_actions
-    if of_pair > LARGEST:
+    n_pairs = n_states * n_actions
+    if n_pairs > LARGEST:
         raise TaskError(
-            f"tables are estimated for up to {LARGEST:,} pairs: the task has {of_pair:,}"
+            f"tables are estimated for up to {LARGEST:,} pairs: the task has {n_pairs:,}"
         )
     states, actions, rewards, after, ended, starts = _transitions(generative, steps, seed)
-    entered, ends = (
-        np.bincount(after, weights=weight, minlength=n_states)
-        for weight in (np.ones(len(after)), ended)
+    left, entered, ends = (
+        np.bincount(visits, minlength=n_states) for visits in (states, after, after[ended])
     )
-    terminal = (ends > entered / 2) & (np.bincount(states, minlength=n_states) == 0)
-    pairs = states * n_actions + actions
-    keys, place, counts = np.unique(
-        np.stack([pairs, after], axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    mean = np.bincount(place.ravel(), weights=rewards) / counts
-    first = np.concatenate([[0], np.flatnonzero(np.diff(keys[:, 0])) + 1])
-    order = np.arange(len(keys)) - np.repeat(first, np.diff(np.append(first, len(keys))))
-    width = int(order.max()) + 1
-    chance, reward = np.zeros((of_pair, width)), np.full((of_pair, width), float(rewards.min()))
-    reached = np.repeat(np.arange(of_pair) // n_actions, width).reshape(of_pair, width)
-    chance[keys[:, 0], order] = counts
-    reward[keys[:, 0], order], reached[keys[:, 0], order] = mean, keys[:, 1]
+    terminal = (ends > entered / 2) & (left == 0)
+    outcomes = (states * n_actions + actions) * n_states + after
+    distinct, place, counts = np.unique(outcomes, return_inverse=True, return_counts=True)
+    pair, reached = np.divmod(distinct, n_states)
+    at = pair, np.arange(len(pair)) - np.searchsorted(pair, pair)  # numbered within each pair
+    shape = n_pairs, int(at[1].max()) + 1
+    chance, reward = np.zeros(shape), np.full(shape, float(rewards.min()))
+    next_state = np.repeat(np.arange(n_pairs) // n_actions, shape[1]).reshape(shape)
+    chance[at], next_state[at] = counts, reached
+    reward[at] = np.bincount(place, weights=rewards) / counts
     tried = chance.sum(axis=1) > 0
     chance[~tried, 0] = 1.0
-    start = np.bincount(starts, minlength=n_states) / len(starts)
     mdp = FiniteMDP(
         states=generative.states,
         actions=generative.actions,
-        outcome_row=np.arange(of_pair).reshape(n_states, n_actions),
+        outcome_row=np.arange(n_pairs).reshape(n_states, n_actions),
         probability=chance / chance.sum(axis=1, keepdims=True),
-        next_state=reached,
+        next_state=next_state,
         reward=reward,
         terminal=terminal,
-        start=start,
+        start=np.bincount(starts, minlength=n_states) / len(starts),
         discount=min(generative.discount, 1 - 1 / max(2, generative.time_limit or LONGEST)),
         time_limit=generative.time_limit,
     )
     return SampledTables(mdp, tried.reshape(n_states, n_actions).all(axis=1), len(states))
 
 
-def _transitions(
-    task: Any, steps: int, seed: int
-) -> tuple[IntArray, IntArray, FloatArray, IntArray, BoolArray, IntArray]:
+def _transitions(task: Any, steps: int, seed: int) -> tuple[Any, ...]:
     """Return states, actions, rewards, next states, which ended, and the starts of episodes."""
     first = stream_start(seed, "sampled_tables")
     policy, stream = UniformPolicy(np.uint64(task.actions.size)), np.array([first], np.uint64)
-    parts, starts, left = [], [], steps
+    episodes, left = list[tuple[Any, ...]](), steps
     with open_model(task, first) as model:
         while left > 0:
             limit = min(left, task.time_limit or LONGEST)
@@ -294,11 +241,7 @@ def _transitions(
             if n == 0:  # the environment failed; leaving the context says why
                 break
             after = np.append(record.states[1:], ends.last_states[0])
-            ended = np.zeros(n, bool)
-            ended[-1] = ends.terminated[0]
-            parts.append((record.states, record.actions, record.rewards, after, ended))
-            starts.append(int(record.states[0]))
+            ended = np.append(np.zeros(n - 1, bool), ends.terminated[0])
+            episodes.append((*record, after, ended, record.states[:1]))
             left -= n
-    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
-    states, actions, rewards, after, ended = columns
-    return states, actions, rewards, after, ended, np.array(starts)
+    return tuple(map(np.concatenate, zip(*episodes, strict=True)))

@@ -27,8 +27,16 @@ from curricle.tasks.spaces import MISSING, Space
 from curricle.text import brief_repr
 from curricle.transfer.aggregate import Aggregate, aggregate, built_in, mean
 from curricle.transfer.by_components import ComponentMapping
-from curricle.transfer.mapping import ENDED, UNMAPPED, rescale, terminal_states, transferred
-from curricle.transfer.observation_mapping import ObservationMapping, ValueSource, no_actions
+from curricle.transfer.mapping import (
+    ENDED,
+    UNMAPPED,
+    ObservationMapping,
+    ValueSource,
+    no_actions,
+    rescale,
+    terminal_states,
+    transferred,
+)
 from curricle.transfer.transfer import Transfer
 
 MOST_SOURCES = 64  # sources of a lookup, at most: each has a bit of a number
@@ -41,23 +49,20 @@ class MappedPotential(PairPotential):
     """phi(s, a) computed from the sources' values one state at a time, without an array.
 
     :class:`Curriculum` makes it of transfers whose mappings go by name (:func:`project`) and an
-    aggregate of the library's own.
+    aggregate of the library's own. The lookup holds the sources' values and how states and actions
+    of the task are looked up in them.
 
-    Parameters
-    ----------
-    task : Task
-        The task to be shaped.
-    lookup : ValueLookup
-        The sources' values and how target states and actions are looked up in them.
+    Raises
+    ------
+    PotentialError
+        When the lookup does not fit the task, or values are larger than 1e15 in size.
 
     Examples
     --------
     >>> from curricle import Curriculum, Pursuit, Transfer, project
     >>> hunt, chase = Pursuit(3, 2), Pursuit(3, 1)
-    >>> curriculum = Curriculum(
-    ...     tasks={"chase": chase, "hunt": hunt},
-    ...     transfers=[Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))],
-    ...     budget=1000)
+    >>> edge = Transfer("chase", "hunt", project(hunt, chase, predator="predator_1"))
+    >>> curriculum = Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=1000)
     >>> phi = curriculum.train().potentials["hunt"][0]
     >>> type(phi).__name__, phi.values.shape
     ('MappedPotential', (729, 25))
@@ -87,12 +92,7 @@ class MappedPotential(PairPotential):
     @cached_property
     def values(self) -> FloatArray:
         """phi(s, a) as an array, (S, A) float64, computed at first use."""
-        generative = generative_model(self.task)
-        phi = np.empty((generative.states.size, generative.actions.size))
-        read_table(self.lookup, phi)
-        if generative.terminal is not None:
-            phi[generative.terminal] = 0.0
-        return frozen(phi)
+        return frozen(self.pairs(np.arange(generative_model(self.task).states.size)))
 
     def fill(self, q: FloatTable, initial: float) -> None:
         """Write initial + phi(s, a) into a table, (S, A)."""
@@ -124,29 +124,27 @@ def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
         return lookup.action.shape == (0, n_actions)
     shapes = lookup.strides_at.shape, lookup.action.shape, lookup.unmapped_row.shape
     sizes = states.shape[::-1]
-    inverses = [inverse_of(size, states.size) for size in sizes]
+    inverses = tuple(inverse_of(size, states.size) for size in sizes)
     if shapes != ((n, c), (n, n_actions), (n,)):
         return False
-    if (*lookup.size,) != sizes or (*lookup.inverse,) != (*inverses,):
+    if (*lookup.size, *lookup.inverse) != (*sizes, *inverses):
         return False
     ends = lookup.strides_at + np.array(sizes)
     if lookup.strides_at.min() < 0 or ends.max() > len(lookup.strides):
         return False
-    for source in range(n):
-        reach = [lookup.strides[first:end].max() for first, end in
-                 zip(lookup.strides_at[source], ends[source], strict=True)]  # fmt: skip
-        mapped = lookup.first[source] + sum(max(int(stride), 0) for stride in reach)
-        last = max(mapped, lookup.unmapped_row[source]) + lookup.action[source].max()
-        lowest = min(lookup.first[source], lookup.unmapped_row[source], lookup.action[source].min())
-        if lowest < 0 or last >= len(lookup.values):
-            return False
-    return True
+    last = lookup.first.copy()  # where the values of each source's last mapped state start
+    for source, component in np.ndindex(n, c):
+        at, end = lookup.strides_at[source, component], ends[source, component]
+        last[source] += max(int(lookup.strides[at:end].max()), 0)
+    last = np.maximum(last, lookup.unmapped_row) + lookup.action.max(axis=1)
+    lowest = min(part.min() for part in (lookup.first, lookup.unmapped_row, lookup.action))
+    return bool(lowest >= 0 and last.max() < len(lookup.values))
 
 
 @compiled_once
 def read_table(lookup, q):
     """Write initial value + phi into every row of a table, (S, A)."""
-    row = np.empty(q.shape[1])
+    row = np.empty(q.shape[1])  # a table may have float32: numbers are rounded once, at the end
     for state in range(np.uint64(q.shape[0])):
         read_row(lookup, state, row)
         for action in range(row.shape[0]):
@@ -190,10 +188,12 @@ def mapped_potential(
     by_name = [edge.mapping for edge in transfers if isinstance(edge.mapping, ComponentMapping)]
     offsets = [parts for parts in (mapping.lookups() for mapping in by_name) if parts is not None]
     known = built_in(function)
-    combine = None if known is None else known.code
-    if combine is None or len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
+    if known is None or known.code is None:
+        return None
+    if len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
     tables, actions, strides = list[FloatArray](), list[IntArray](), list[IntArray]()
+    partial = False
     for edge, values, of_components in zip(transfers, source_values, offsets, strict=True):
         # What the target reads of a source, (S' + 1, A' + 1).
         q = np.pad(np.asarray(values, dtype=np.float64), (0, 1))
@@ -204,18 +204,13 @@ def mapped_potential(
         tables.append(transferred(q, index, unmapped_value, edge.scale, edge.shift))
         width, action = q.shape[1], edge.mapping.actions
         actions.append(np.where(action == MISSING, width - 1, action))
-        strides += [
-            np.where(offset == MISSING, -1, offset * width) for offset in reversed(of_components)
-        ]
+        strides += [np.where(at == MISSING, -1, at * width) for at in reversed(of_components)]
+        # In tables, a row and a column are for unmapped pairs also where no pair is.
+        missing = any((part == MISSING).any() for part in (action, *of_components))
+        partial |= missing and unmapped_value is None
     first = _starts(tables)
     states = generative_model(task).states
-    sizes = [part.size for part in reversed(states.components)]
-    # In tables, a row and a column are for unmapped pairs also where no pair is.
-    complete = all(
-        edge.mapping.unmapped_value is not None
-        or not any((part == MISSING).any() for part in (edge.mapping.actions, *of_components))
-        for edge, of_components in zip(transfers, offsets, strict=True)
-    )
+    sizes = states.shape[::-1]
     lookup = ValueLookup(
         values=frozen(np.concatenate([table.ravel() for table in tables])),
         first=frozen(first),
@@ -225,8 +220,8 @@ def mapped_potential(
         strides_at=frozen(_starts(strides).reshape(len(transfers), -1)),
         strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
-        combine=combine,
-        partial=not complete,
+        combine=known.code,
+        partial=partial,
         unknown=float(unknown_value),
         scale=1.0,
         shift=0.0,
@@ -255,15 +250,18 @@ class ObservationPotential:
     ----------
     task : ObservationTask
         The target.
-    edges : sequence of N Transfer
-        With an :class:`ObservationMapping` each.
-    values : sequence of N ValueSource
-        Of the source of each.
+    edges, values : sequences of N Transfer and N ValueSource
+        Each with an :class:`ObservationMapping`, and the values of its source.
     function : callable
-        g, (N, S, A) -> (S, A) as everywhere; called with n observations as S, of states with A = 1.
+        g, (N, S, A) -> (S, A), of n observations as S; of state values A = 1.
     scale, shift : float
     unknown_value : float
         g where no source knows anything.
+
+    Raises
+    ------
+    PotentialError
+        When transfers, values and task do not fit each other.
 
     Examples
     --------

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,6 +64,10 @@ class GreedyRollouts(Frozen):
 
     __repr__ = brief_repr
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            object.__setattr__(self, name, frozen(value) if name != "one_reward" else value)
+
 
 def greedy_rollouts(
     potential: PairPotential | ObservationPotential,
@@ -75,9 +79,7 @@ def greedy_rollouts(
 ) -> GreedyRollouts:
     """Return episodes of a potential's greedy policy in its task, at most `max_steps` in all."""
     if isinstance(potential, ObservationPotential):
-        seen = greedy_episodes(
-            potential, episodes=episodes, seed=seed, stream=stream, max_steps=max_steps
-        )
+        seen = greedy_episodes(potential, episodes, seed, stream, max_steps)
         return _of_episodes(potential, seen)
     if not isinstance(potential, PairPotential):
         raise SettingError(f"rollouts need a potential of state-action pairs: got {potential!r}")
@@ -86,24 +88,23 @@ def greedy_rollouts(
     start, view = stream_start(seed, stream), acting_view(potential)
     draws = np.array([start], dtype=np.uint64)
     with open_model(task, start) as model:
-        policy = GreedyPolicy(view)
-        steps, ends = simulate(model, policy, draws, episodes=episodes, limit=horizon)
+        steps, ends = simulate(model, GreedyPolicy(view), draws, episodes=episodes, limit=horizon)
     if max_steps is not None:
         steps, ends = _first_of(steps, ends, max_steps)
     first = np.cumsum(ends.lengths) - ends.lengths
     predicted, *following = (np.empty(len(steps.states)) for _ in range(4))
     compiled(_predict, False)(view, task.discount, steps, ends, predicted, tuple(following))
-    return_to_go, bootstrap_discount, bootstrapped_value = map(frozen, following)
+    return_to_go, bootstrap_discount, bootstrapped_value = following
     return GreedyRollouts(
-        states=frozen(steps.states),
-        actions=frozen(steps.actions),
-        predicted=frozen(predicted),
+        states=steps.states,
+        actions=steps.actions,
+        predicted=predicted,
         return_to_go=return_to_go,
         bootstrap_discount=bootstrap_discount,
         bootstrapped_value=bootstrapped_value,
-        lengths=frozen(ends.lengths),
-        ended=frozen(ends.terminated),
-        returns=frozen(np.add.reduceat(steps.rewards, first)),
+        lengths=ends.lengths,
+        ended=ends.terminated,
+        returns=np.add.reduceat(steps.rewards, first),
         one_reward=bool((steps.rewards == steps.rewards[0]).all()),
     )
 
@@ -114,8 +115,7 @@ def _first_of(steps: StepRecord, ends: EpisodeEnds, n: int) -> tuple[StepRecord,
     if after[-1] <= n:
         return steps, ends
     last = int(np.searchsorted(after, n))
-    kept: list[Any] = [array[: last + 1].copy() for array in ends]
-    cut = EpisodeEnds(*kept)
+    cut = EpisodeEnds(*(array[: last + 1].copy() for array in ends))  # type: ignore[arg-type]
     if after[last] > n:
         cut.lengths[last] -= after[last] - n
         cut.last_states[last] = steps.states[n]
@@ -224,27 +224,21 @@ class Environments:
             for k, environment in enumerate(self.environments)
         ]
         rewards, predicted, observations = ([list[Any]() for _ in range(n)] for _ in range(3))
-        terminated, running = [False] * n, list(range(n))
+        terminated, truncated, running = [False] * n, [False] * n, list(range(n))
         for _ in range(self.max_steps):
             rows = [current[k] for k in running]
             actions, values = policy(stack(self.task.observations, rows), running)
-            still_running = []
             for k, row, action, value in zip(running, rows, actions, values, strict=True):
-                current[k], reward, terminated[k], truncated, _ = self.environments[k].step(action)
+                step = self.environments[k].step(action)
+                current[k], reward, terminated[k], truncated[k], _ = step
                 rewards[k].append(float(reward))
                 predicted[k].append(value)
                 observations[k].append(row)
-                if not (terminated[k] or truncated):
-                    still_running.append(k)
-            running = still_running
+            running = [k for k in running if not (terminated[k] or truncated[k])]
             if not running:
                 break
-        return [
-            ObservationEpisode(np.array(r), np.array(p, float), *others)
-            for r, p, *others in zip(
-                rewards, predicted, terminated, current, observations, strict=True
-            )
-        ]
+        columns = map(np.array, rewards), (np.array(values, float) for values in predicted)
+        return [*map(ObservationEpisode, *columns, terminated, current, observations)]
 
     def close(self) -> None:
         """Close the environments."""
@@ -265,7 +259,6 @@ def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float)
 
 def greedy_episodes(
     potential: ObservationPotential,
-    *,
     episodes: int,
     seed: int = 0,
     stream: str = "greedy_rollouts",
@@ -286,23 +279,22 @@ def greedy_episodes(
 def _first_steps(rolled: Sequence[ObservationEpisode], n: int) -> Iterator[ObservationEpisode]:
     """Yield the episodes of the first n steps; one that goes on is truncated there."""
     for episode in rolled:
-        if n == 0:
-            return
-        if len(episode.rewards) > n:
-            yield ObservationEpisode(
-                episode.rewards[:n],
-                episode.predicted[:n],
+        if 0 < n < len(episode.rewards):
+            yield replace(
+                episode,
+                rewards=episode.rewards[:n],
+                predicted=episode.predicted[:n],
                 terminated=False,
                 last_observation=episode.observations[n],
                 observations=episode.observations[:n],
             )
-            return
-        yield episode
+        elif n > 0:
+            yield episode
         n -= len(episode.rewards)
 
 
 def random_episodes(
-    task: ObservationTask, *, episodes: int, seed: int = 0
+    task: ObservationTask, episodes: int, seed: int = 0
 ) -> list[ObservationEpisode]:
     """Return episodes of a policy that samples its actions from the task's space."""
     start, space = stream_start(seed, "random"), deepcopy(task.actions)
@@ -336,21 +328,19 @@ def _of_episodes(
             value = float(potential.v(stack(task.observations, [episode.last_observation]))[0])
             bootstrap_discount = task.discount ** np.arange(n, 0, -1.0)
         columns.append((return_to_go, bootstrap_discount, np.full(n, value)))
-    return_to_go, bootstrap_discount, bootstrapped_value = map(
-        np.concatenate, zip(*columns, strict=True)
-    )
+    joined = map(np.concatenate, zip(*columns, strict=True))
+    return_to_go, bootstrap_discount, bootstrapped_value = joined
     rewards = np.concatenate([episode.rewards for episode in seen])
-    empty = frozen(np.zeros(0, np.int64))
     return GreedyRollouts(
-        states=empty,
-        actions=empty,
-        predicted=frozen(np.concatenate([episode.predicted for episode in seen])),
-        return_to_go=frozen(return_to_go),
-        bootstrap_discount=frozen(bootstrap_discount),
-        bootstrapped_value=frozen(bootstrapped_value),
-        lengths=frozen(np.array([len(episode.rewards) for episode in seen])),
-        ended=frozen(np.array([episode.terminated for episode in seen])),
-        returns=frozen(np.array([episode.rewards.sum() for episode in seen])),
+        states=np.zeros(0, np.int64),
+        actions=np.zeros(0, np.int64),
+        predicted=np.concatenate([episode.predicted for episode in seen]),
+        return_to_go=return_to_go,
+        bootstrap_discount=bootstrap_discount,
+        bootstrapped_value=bootstrapped_value,
+        lengths=np.array([len(episode.rewards) for episode in seen]),
+        ended=np.array([episode.terminated for episode in seen]),
+        returns=np.array([episode.rewards.sum() for episode in seen]),
         one_reward=bool((rewards == rewards[0]).all()),
     )
 
@@ -362,10 +352,9 @@ def _of_episodes(
 class ObservationTarget:
     """A target whose optimum is unknown; as :class:`Target` is for tasks with tables."""
 
-    # `evaluation` is by rollouts, also where that of its learner is exact: tables of the
-    # environment pay its own rewards, so that both are in the same units.
-
     task: ObservationTask
+    # By rollouts, also where that of its learner is exact: tables of the environment pay its own
+    # rewards, so that both are in the same units.
     evaluation: GreedyEvaluation
     solution: None = None
     typical_reward: float = float("nan")
@@ -373,7 +362,7 @@ class ObservationTarget:
 
     @cached_property
     def _random_returns(self) -> FloatArray:
-        rolled = random_episodes(self.task, episodes=self.episodes)
+        rolled = random_episodes(self.task, self.episodes)
         return episode_returns(rolled, self.evaluation.discount(self.task))
 
     @property
@@ -395,9 +384,9 @@ class ObservationTarget:
     def observations(self, potential: ObservationPotential) -> Any:
         """Return stacked observations of greedy rollouts, of random ones without action values."""
         if potential.of_actions:
-            rolled = greedy_episodes(potential, episodes=COVERAGE_EPISODES)
+            rolled = greedy_episodes(potential, COVERAGE_EPISODES)
         else:
-            rolled = random_episodes(self.task, episodes=COVERAGE_EPISODES)
+            rolled = random_episodes(self.task, COVERAGE_EPISODES)
         rows = [row for episode in rolled for row in episode.observations]
         return stack(self.task.observations, rows)
 
@@ -408,9 +397,9 @@ def target_of(
     """Return a task of either kind as a target."""
     if not is_observation_task(task):
         return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
-    evaluation = GreedyEvaluation() if evaluation is None else evaluation
     number = OBSERVATION_ROLLOUTS if episodes is None else episodes
-    return ObservationTarget(task, replace(evaluation, method="rollouts", episodes=number))
+    evaluation = replace(evaluation or GreedyEvaluation(), method="rollouts", episodes=number)
+    return ObservationTarget(task, evaluation)
 
 
 # -- how far a potential is from the truth ---------------------------------------------------------
@@ -443,12 +432,11 @@ def potential_quality(
     seed: int = 0,
 ) -> PotentialQuality:
     """Return how a potential compares with the values of its target."""
+    roll = partial(greedy_rollouts, potential, seed=seed, stream=STREAM)
     if isinstance(target, ObservationTarget):
-        assert isinstance(potential, ObservationPotential)
         if not potential.of_actions:
             return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
-        episodes = target.episodes
-        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+        rollouts = roll(episodes=target.episodes)
         first = np.cumsum(rollouts.lengths) - rollouts.lengths
         discounted = target.evaluation.discounted
         returns = rollouts.return_to_go[first] if discounted else rollouts.returns
@@ -456,8 +444,7 @@ def potential_quality(
     assert not isinstance(potential, ObservationPotential)
     start = greedy_start(potential, target.evaluation, seed=seed)
     if target.solution is None:
-        episodes = target.evaluation.rollouts(target.task)
-        rollouts = greedy_rollouts(potential, episodes=episodes, seed=seed, stream=STREAM)
+        rollouts = roll(episodes=target.evaluation.rollouts(target.task))
         return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
     alive, solution = ~mdp.terminal, target.solution

@@ -7,19 +7,24 @@ pairs: the cost of one bad action does not say what a state is worth.
 """
 
 from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.display import printed
 from curricle.planning.solution import evaluate, greedy_policy
-from curricle.tasks.mdp import steps_to
+from curricle.tasks.mdp import FiniteMDP, steps_to
 from curricle.text import brief_repr
+from curricle.transfer.bisimulation import model_for_refinement, refined
 from curricle.transfer.mapping import ENDED, UNMAPPED, StateActionMapping, terminal_states
 from curricle.transfer.pair import TaskPair
 
 NAN = float("nan")
 TIED = 1e-9  # values this close, in units of the largest, are tied for a greedy policy
+_BLOCKS = WeakKeyDictionary[TaskPair, IntArray]()  # of source states: those that behave alike
 LARGEST_SAMPLE = 20_000  # pairs on which next states are compared at most; a sample of more
 
 
@@ -73,13 +78,8 @@ def score_mapping(
 ) -> MappingScores:
     """Return how a mapping fits its tasks, from their tables.
 
-    Parameters
-    ----------
-    mapping : StateActionMapping
-    seed : int
-        Of the sample of pairs whose next states are compared, where there are more than 20,000.
-    tasks : TaskPair, optional
-        The mapping's tasks, where they have been solved already.
+    Next states are compared on at most 20,000 pairs, a sample drawn with `seed`. `tasks` are the
+    mapping's, where they have been solved already.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def score_mapping(
     """
     tasks = TaskPair(mapping.target, mapping.source) if tasks is None else tasks
     phi = mapping.read(tasks.source_solution.action_values)
-    inconsistency, unexplained = bellman_inconsistency(phi, tasks)
+    inconsistency, unexplained = _bellman_inconsistency(phi, tasks)
     start_value, regained, regained_where_known = _greedy_values(phi, tasks)
     known = ~np.isnan(phi[tasks.judged])
     excess = phi[tasks.judged] - tasks.target_solution.action_values[tasks.judged]
@@ -108,7 +108,7 @@ def score_mapping(
     )
 
 
-def bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
+def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
     """Return the mean of abs(T phi - phi), and what share it is of abs(T phi - its median)."""
     mdp = tasks.target_mdp
     best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
@@ -156,34 +156,30 @@ def _dynamics_error(
         return NAN
     s, a = mapped.T
     # Blocks of the source; 0 is its end (where the target's is too), -1 has no counterpart.
-    block = np.where(terminal_states(source), 0, 1 + tasks.source_blocks)
+    if tasks not in _BLOCKS:
+        _BLOCKS[tasks] = refined([model_for_refinement(source)])[0].states
+    block = np.where(terminal_states(source), 0, 1 + _BLOCKS[tasks])
     known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
     pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
     stands_for = np.where(pair >= 0, pair // mapping.source.actions.size, pair)  # (S,)
     after = np.where(stands_for >= 0, block[np.maximum(stands_for, 0)], -1)
     after[mdp.terminal | (stands_for == ENDED)] = 0
-    row = mdp.outcome_row[s, a]
-    source_row = source.outcome_row.ravel()[mapping.index[s, a]]
-    return float(
-        total_variation(
-            after[mdp.next_state[row]],
-            mdp.probability[row],
-            block[source.next_state[source_row]],
-            source.probability[source_row],
-        ).mean()
-    )
+    row, source_row = mdp.outcome_row[s, a], source.outcome_row.ravel()[mapping.index[s, a]]
+    return total_variation((mdp, row, after), (source, source_row, block))
 
 
-def total_variation(
-    outcomes_p: IntArray, p: FloatArray, outcomes_q: IntArray, q: FloatArray
-) -> FloatArray:
-    """Return the total variation distance of two distributions in each row, (n,) float64."""
-    outcomes = np.concatenate([outcomes_p, outcomes_q], axis=1)
+def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
+    """Return the mean total variation distance of the next states of n rows of two tasks.
+
+    What counts as the same next state has the same number in the last array of both, (S,).
+    """
+    outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
+    (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
     masses = np.concatenate([p, -q], axis=1)
     # Equal outcomes add up before their difference counts, once.
-    same: BoolArray = outcomes[:, :, None] == outcomes[:, None, :]
+    same: BoolArray = joined[:, :, None] == joined[:, None, :]
     totals = (same * masses[:, None, :]).sum(axis=2)
-    return np.asarray((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2)
+    return float(((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2).mean())
 
 
 # -- the value of unmapped pairs -------------------------------------------------------------------
@@ -218,18 +214,12 @@ def fitted_unmapped_value(
     """Return the value of unmapped pairs that fits the mapped ones best, or None.
 
     It is the constant u at which the expectile of max_a (T phi)(s, a) - max_a phi(s, a), over the
-    states of the target that can be reached, is 0; phi being the source's exact values where the
-    mapping has any and u elsewhere, T the target's Bellman operator. It is not below what the worst
-    reward for ever is worth. It is None where all is mapped, where u would not be below 0, and
-    where no way leads from some state to what is mapped.
+    target's reachable states, is 0. T is the target's Bellman operator, phi the source's exact
+    values where the mapping has any and u elsewhere. It is not below what the worst reward for ever
+    is worth. It is None where all is mapped, where u would not be below 0, and where no way leads
+    from some state to what is mapped.
 
-    Parameters
-    ----------
-    mapping : StateActionMapping
-    scale, shift : float
-        Of the transfer.
-    tasks : TaskPair, optional
-        The mapping's tasks, where they have been solved already.
+    `scale` and `shift` are the transfer's; `tasks` as in :func:`score_mapping`.
 
     Examples
     --------
@@ -264,13 +254,10 @@ def _residuals(
     """Return the residuals for what is greedy at this constant, before and after a step."""
     mdp, states = tasks.target_mdp, np.arange(len(phi))
     action = np.where(unmapped, constant, phi).argmax(axis=1)
-    live = ~mdp.terminal
-    at_constant = unmapped[states, action] & live
-    best = np.where(live & ~at_constant, phi[states, action], 0.0)
+    at_constant = unmapped[states, action] & ~mdp.terminal
+    best = np.where(mdp.terminal | at_constant, 0.0, phi[states, action])
     after = rewards + mdp.discount * (mdp.probability * best[mdp.next_state]).sum(axis=1)
     share = mdp.discount * (mdp.probability * at_constant[mdp.next_state]).sum(axis=1)
-    row = np.take_along_axis(
-        mdp.outcome_row, (after + constant * share)[mdp.outcome_row].argmax(axis=1)[:, None], axis=1
-    )[:, 0]
-    kept = tasks.judged
+    greedy = (after + constant * share)[mdp.outcome_row].argmax(axis=1)
+    row, kept = mdp.outcome_row[states, greedy], tasks.judged
     return (after[row] - best)[kept], (at_constant - share[row])[kept]

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from curricle.arrays import FloatArray
 from curricle.checks import brief, whole_number
 from curricle.display import block, printed, table
 from curricle.errors import CurriculumError, MappingError, SettingError, TaskError
-from curricle.progress import SILENT, Bars, Progress, check_progress, shown
+from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.mdp import Task, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
-from curricle.transfer.by_bisimulation import by_homomorphism, by_lax_bisimulation
+from curricle.transfer.bisimulation import by_homomorphism, by_lax_bisimulation
 from curricle.transfer.by_components import by_alignment, by_name
 from curricle.transfer.common_part import by_common_part
-from curricle.transfer.mapping import StateActionMapping, check_unmapped_value
-from curricle.transfer.observation_mapping import ObservationMapping
+from curricle.transfer.mapping import ObservationMapping, StateActionMapping, check_unmapped_value
 from curricle.transfer.pair import NOT_PROVEN, Proposal, TaskPair
 from curricle.transfer.scores import MappingScores, fitted_unmapped_value, score_mapping
 from curricle.transfer.transfer import Transfer
@@ -95,16 +95,12 @@ class FoundMappings:
 
     def _repr_html_(self) -> str:
         head = ["mapping", "coverage", "regained", "dynamics error", "Bellman inconsistency"]
-        rows = [
-            (
-                candidate.how,
-                f"{candidate.scores.coverage:.0%}",
-                f"{candidate.scores.regained:.0%}",
-                candidate.scores.dynamics_error,
-                candidate.scores.bellman_inconsistency,
-            )
-            for candidate in self.candidates
-        ]
+        rows = []
+        for candidate in self.candidates:
+            scores = candidate.scores
+            shares = f"{scores.coverage:.0%}", f"{scores.regained:.0%}"
+            errors = scores.dynamics_error, scores.bellman_inconsistency
+            rows.append((candidate.how, *shares, *errors))
         refused = [f"{name}: {why}" for name, why in self.refused.items()]
         return block("Mappings found, best first", table(head, rows, wide=head[:1]), *refused)
 
@@ -122,13 +118,12 @@ def find_mappings(
 ) -> FoundMappings:
     """Return mappings between two tasks, best first.
 
-    Candidates of all searches are scored by :func:`score_mapping`, from the tables of both tasks;
-    no step is taken in either, unless `samples` asks for it. Those that clear the bar of
-    :func:`auto_mapping` come first, and of these the ones that are as good as exact where they know
-    anything and have a value that fits elsewhere. Then they are ordered by their worth, which is
-    what the greedy policy of the source's values regains of the optimum, times the share that the
-    values explain; by the dynamics error; and by the Bellman inconsistency. Of candidates that read
-    the source's values alike, the first is kept.
+    Candidates of all searches are scored by :func:`score_mapping` from the tables of both tasks.
+    Those that clear the bar of :func:`auto_mapping` come first, and of these the ones that are as
+    good as exact where they know anything and have a value that fits elsewhere. Then they are
+    ordered by their worth, which is what the greedy policy of the source's values regains of the
+    optimum, times the share that the values explain; by the dynamics error; and by the Bellman
+    inconsistency. Of candidates that read the source's values alike, the first is kept.
 
     Parameters
     ----------
@@ -157,10 +152,8 @@ def find_mappings(
     Examples
     --------
     >>> from curricle import GridWorld
-    >>> for candidate in find_mappings(GridWorld("S....T"), GridWorld("S.T"))[:2]:
-    ...     print(candidate.how)
-    components by name, last column aligned, clipped
-    components by name, last column aligned
+    >>> find_mappings(GridWorld("S....T"), GridWorld("S.T"))[0].how
+    'components by name, last column aligned, clipped'
     """
     whole_number("keep", keep, 1, SettingError)
     whole_number("seed", seed, 0, SettingError)
@@ -173,73 +166,56 @@ def find_mappings(
     tasks = TaskPair(target, source, samples, seed)
     if not tasks.judged.any():
         raise TaskError(f"no state was met in which every action was tried, in {tasks.steps} steps")
-    refused: dict[str, str] = {}
+    q, refused = tasks.source_solution.action_values, dict[str, str]()
+    slack = SAME * max(1.0, float(abs(q).max()))
+    read, candidates = list[FloatArray](), list[FoundMapping]()
     with shown(progress) as bars:
-        proposed = proposals(tasks, searches, unmapped_value, refused, bars)
-        candidates = [
-            FoundMapping(
-                mapping,
-                how,
-                score_mapping(mapping, seed=seed, tasks=tasks),
-                tasks.bound(mapping.index),
-                fitted_unmapped_value(mapping, tasks=tasks),
-            )
-            for mapping, how, _ in different(proposed, tasks)
-        ]
+        for mapping, how in proposed(tasks, searches, unmapped_value, refused, bars):
+            phi = mapping.read(q)
+            if any(np.allclose(phi, other, rtol=0, atol=slack, equal_nan=True) for other in read):
+                continue
+            read.append(phi)
+            scores = score_mapping(mapping, seed=seed, tasks=tasks)
+            fits = fitted_unmapped_value(mapping, tasks=tasks)
+            candidates.append(FoundMapping(mapping, how, scores, tasks.bound(mapping.index), fits))
     return FoundMappings(tuple(sorted(candidates, key=rank)[:keep]), refused, tasks.steps)
 
 
-def proposals(
+def proposed(
     tasks: TaskPair,
     searches: Sequence[Search],
     unmapped_value: float | None,
     refused: dict[str, str],
-    bars: Bars = SILENT,
-) -> Iterator[Proposal]:
-    """Yield what the searches propose; the reasons of those that do not apply go to `refused`."""
-    target, source = tasks.target, tasks.source
+    bars: Bars,
+) -> Iterator[tuple[StateActionMapping, str]]:
+    """Yield the mappings of searches; the reasons of those that do not apply go to `refused`."""
     grow = bars.bar("searches", len(searches))
     for search in searches:
         name = getattr(search, "__name__", repr(search))
         try:
             for proposal in search(tasks):
-                _check_proposal(name, proposal, tasks)
+                if not isinstance(proposal, Proposal):
+                    raise SettingError(
+                        f"a search must yield a Proposal: {name} yielded {brief(proposal)}"
+                    )
                 mapping = proposal.mapping
+                for role in ("target", "source"):
+                    task = getattr(mapping, role)
+                    if not same_task(task, getattr(tasks, role)):
+                        raise SettingError(
+                            "a search must propose mappings of the tasks that it is given: "
+                            f"{name} proposed the {role} {brief(task)}"
+                        )
                 if unmapped_value is not None:
                     mapping = mapping.with_unmapped_value(unmapped_value)
                 if tasks.steps:  # the mapping is charged with what its search took
-                    made_of = target, source, mapping.index, mapping.unmapped_value
+                    made_of = tasks.target, tasks.source, mapping.index, mapping.unmapped_value
                     mapping = StateActionMapping(*made_of, proposal.how, tasks.steps)
-                yield proposal._replace(mapping=mapping)
+                yield mapping, proposal.how
         except MappingError as error:
             refused[name] = str(error)
         grow()
         bars.tell(name)
-
-
-def _check_proposal(search: str, proposal: Any, tasks: TaskPair) -> None:
-    """Raise SettingError unless a search yielded a proposal for these tasks."""
-    if not isinstance(proposal, Proposal):
-        raise SettingError(f"a search must yield a Proposal: {search} yielded {brief(proposal)}")
-    for role in ("target", "source"):
-        task = getattr(proposal.mapping, role)
-        if not same_task(task, getattr(tasks, role)):
-            raise SettingError(
-                f"a search must propose mappings of the tasks that it is given: {search} proposed "
-                f"the {role} {brief(task)}"
-            )
-
-
-def different(proposed: Iterable[Proposal], tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the proposals that read the source's values in different ways, the first of each."""
-    q = tasks.source_solution.action_values
-    slack = SAME * max(1.0, float(abs(q).max()))
-    read: list[Any] = []
-    for proposal in proposed:
-        phi = proposal.mapping.read(q)
-        if not any(np.allclose(phi, other, rtol=0, atol=slack, equal_nan=True) for other in read):
-            read.append(phi)
-            yield proposal
 
 
 def clears_bar(scores: MappingScores) -> bool:
@@ -249,25 +225,20 @@ def clears_bar(scores: MappingScores) -> bool:
     return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
 
-def as_good_as_exact(candidate: FoundMapping) -> bool:
-    """Return whether a mapping is right where it knows anything, and fits elsewhere."""
-    # Where steps cost, pairs that were tried fall below the value that fits, so that a learner goes
-    # on to others. Without such a value it walks at random until it meets a mapped state: then a
-    # rough mapping of many states is better than an exact one of few.
-    scores = candidate.scores
-    right = scores.regained_where_known >= 1 - MOST_MISSED
-    right = right and scores.unexplained <= LEFT_BY_EXACT
-    return right and (candidate.unmapped_value is not None or scores.coverage == 1)
-
-
 def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
     """Return what candidates are ordered by, the best first."""
+    # Second come those that are as good as exact where they know anything, and fit elsewhere. Where
+    # steps cost, pairs that were tried fall below the value that fits, so that a learner goes on to
+    # others. Without such a value it walks at random until it meets a mapped state: then a rough
+    # mapping of many states is better than an exact one of few.
     scores = candidate.scores
-    worst = np.nan_to_num(
-        [-scores.worth, scores.dynamics_error, scores.bellman_inconsistency], nan=np.inf
+    right = scores.regained_where_known >= 1 - MOST_MISSED and scores.unexplained <= LEFT_BY_EXACT
+    exact = right and (candidate.unmapped_value is not None or scores.coverage == 1)
+    measures = -scores.worth, scores.dynamics_error, scores.bellman_inconsistency
+    worth, dynamics, bellman = (
+        float(round(score, 9)) for score in np.nan_to_num(measures, nan=np.inf)
     )
-    worth, dynamics, bellman = (float(round(score, 9)) for score in worst)
-    return not clears_bar(scores), not as_good_as_exact(candidate), worth, dynamics, bellman
+    return not clears_bar(scores), not exact, worth, dynamics, bellman
 
 
 # -- the best mapping, or why none is used ---------------------------------------------------------
@@ -298,8 +269,7 @@ def auto_mapping(
         Of the mapping.
     fit_unmapped : bool
         Whether unmapped pairs are given their :func:`fitted_unmapped_value`, unless
-        `unmapped_value` is given. Not for one of several transfers into a task: an aggregate is to
-        skip what it does not know.
+        `unmapped_value` is given. Not where an aggregate of several transfers is to skip them.
     scale, shift : float
         Of the transfer, for that fit.
     progress : bool or callable, optional
@@ -317,22 +287,7 @@ def auto_mapping(
     'exact homomorphism: 100% of pairs have a source pair of the same Q*'
     """
     check_progress(progress)
-    best = best_of(_found(target, source, unmapped_value, progress))
-    if not fit_unmapped or unmapped_value is not None:
-        return best
-    value = best.unmapped_value
-    if (scale, shift) != (1.0, 0.0):
-        value = fitted_unmapped_value(best.mapping, scale=scale, shift=shift)
-    if value is None:
-        return best
-    mapping = best.mapping.with_unmapped_value(value)
-    return replace(
-        best, mapping=mapping, how=f"{best.how}, {value:.3g} where unmapped", unmapped_value=None
-    )
-
-
-def best_of(candidates: FoundMappings) -> FoundMapping:
-    """Return the first candidate if it clears the bar, or raise MappingError."""
+    candidates = _remembered(target, source, unmapped_value, progress)
     bar = (
         f"a mapping is used unseen if it regains at least {LEAST_REGAINED:.0%} where it is known "
         f"and leaves at most {MOST_UNEXPLAINED:.0%} unexplained"
@@ -346,7 +301,16 @@ def best_of(candidates: FoundMappings) -> FoundMapping:
             f"{best.scores.regained_where_known:.0%} and leaves {best.scores.unexplained:.0%} "
             "unexplained"
         )
-    return best
+    if not fit_unmapped or unmapped_value is not None:
+        return best
+    fits = best.unmapped_value
+    if (scale, shift) != (1.0, 0.0):
+        fits = fitted_unmapped_value(best.mapping, scale=scale, shift=shift)
+    if fits is None:
+        return best
+    how = f"{best.how}, {fits:.3g} where unmapped"
+    mapping = best.mapping.with_unmapped_value(fits)
+    return replace(best, mapping=mapping, how=how, unmapped_value=None)
 
 
 def with_mapping(
@@ -363,14 +327,12 @@ def with_mapping(
                 f"the target has {target.observations}, the source {source.observations}"
             )
         return replace(transfer, mapping=ObservationMapping(target, source))
-    scale, shift = transfer.scale, transfer.shift
+    fit: Any = {name: getattr(transfer, name) for name in ("scale", "shift")}
     try:
-        mapping = announced(
-            edge, target, source, fit_unmapped=fit_unmapped, scale=scale, shift=shift
-        ).mapping
+        best = announced(edge, target, source, fit_unmapped=fit_unmapped, **fit)
     except MappingError as error:
         raise CurriculumError(f"no mapping for {edge}: {error}") from error
-    return replace(transfer, mapping=mapping)
+    return replace(transfer, mapping=best.mapping)
 
 
 def announced(
@@ -390,13 +352,13 @@ def announced(
                 "find_mappings(..., samples=20_000) estimates them from steps"
             )
     best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
-    candidates = _found(target, source, unmapped_value)
+    candidates = _remembered(target, source, unmapped_value)
     say(f"mapping found for {edge}: {best}")
     say(f"  runner-up: {candidates[1] if len(candidates) > 1 else 'none'}")
     return best
 
 
-def _found(
+def _remembered(
     target: Any, source: Any, unmapped_value: float | None, progress: Progress = None
 ) -> FoundMappings:
     """Return what is found, from memory where the same tasks were asked for."""

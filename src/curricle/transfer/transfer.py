@@ -32,7 +32,7 @@ class Calibrate:
         Most greedy episodes in the target. Their steps are charged to it.
     max_steps : int, optional
         Steps in the target after which the episodes stop, the last of them truncated. In a
-        curriculum it is a twentieth of the target's budget by default, and at most a quarter of it.
+        curriculum a twentieth of the target's budget by default, and at most a quarter of it.
 
     Examples
     --------
@@ -67,8 +67,8 @@ class Transfer:
         From the target to the source. By default a curriculum finds it when it is made
         (:func:`auto_mapping`), and prints its scores and the runner-up's.
     scale, shift : float
-        Applied to mapped and to ended pairs (whose value is 0); an unmapped pair keeps the
-        mapping's `unmapped_value`. Neither changes the optimum, both change learning strongly.
+        Of mapped and of ended pairs (whose value is 0). Neither changes the optimum, both change
+        learning strongly.
     calibrate : bool or Calibrate
         Whether to fit the target's potential to the returns of its own greedy policy before the
         target is learnt (:func:`calibrate`). Transfers into one task must agree.
@@ -76,8 +76,8 @@ class Transfer:
     Raises
     ------
     CurriculumError
-        When scale or shift is not finite or larger than 1e15 in size, or `mapping` is not a
-        mapping.
+        When scale or shift is not finite or larger than 1e15 in size, or an argument has another
+        type.
 
     Examples
     --------
@@ -108,14 +108,9 @@ class Transfer:
                 f"mapping of {edge} must be a StateActionMapping or an ObservationMapping: got "
                 f"{self.mapping!r}"
             )
-        for name in ("scale", "shift"):
-            number(
-                f"{name} of {edge}",
-                getattr(self, name),
-                CurriculumError,
-                -LARGEST_POTENTIAL,
-                LARGEST_POTENTIAL,
-            )
+        largest = LARGEST_POTENTIAL
+        number(f"scale of {edge}", self.scale, CurriculumError, -largest, largest)
+        number(f"shift of {edge}", self.shift, CurriculumError, -largest, largest)
         if not isinstance(self.calibrate, bool | Calibrate):
             raise CurriculumError(
                 f"calibrate of {edge} must be True, False or a Calibrate: got {self.calibrate!r}"
@@ -159,23 +154,17 @@ SIGNIFICANT = 6  # digits of values in a digest: the last ones may differ betwee
 
 def transfer_words(transfer: Transfer) -> str:
     """Return a transfer in words: its mapping, coverage, scale and shift."""
-    words = [transfer.mapping.words]
+    phrases = [transfer.mapping.description]
     if transfer.mapping.countable:
-        cover = transfer.mapping.coverage()
-        words.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
-        if cover.ended:
-            words.append(f"{cover.ended:.0%} at the source's end")
-        if cover.unmapped:
-            value = transfer.mapping.unmapped_value
-            stated = "nothing known" if value is None else f"potential {value:g}"
-            words.append(f"{cover.unmapped:.0%} unmapped ({stated})")
-    if transfer.scale != 1:
-        words.append(f"scaled by {transfer.scale:g}")
-    if transfer.shift:
-        words.append(f"shifted by {transfer.shift:g}")
-    if transfer.calibration is not None:
-        words.append("calibrated in the target")
-    return "; ".join(words)
+        cover, value = transfer.mapping.coverage(), transfer.mapping.unmapped_value
+        phrases.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
+        phrases += [f"{cover.ended:.0%} at the source's end"] if cover.ended else []
+        stated = "nothing known" if value is None else f"potential {value:g}"
+        phrases += [f"{cover.unmapped:.0%} unmapped ({stated})"] if cover.unmapped else []
+    phrases += [f"scaled by {transfer.scale:g}"] if transfer.scale != 1 else []
+    phrases += [f"shifted by {transfer.shift:g}"] if transfer.shift else []
+    phrases += ["calibrated in the target"] if transfer.calibration is not None else []
+    return "; ".join(phrases)
 
 
 def same_transfer(transfer: Transfer, other: Transfer) -> bool:

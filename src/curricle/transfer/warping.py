@@ -182,12 +182,12 @@ def _checked_paths(tasks: TaskPair) -> tuple[list[Path], list[Path]]:
             f"source's values: got {combinations:,}"
         )
     target_paths, source_paths = paths(target), paths(source)
-    on_paths = [path.place for path in source_paths]
-    for place, component in enumerate(source.states.components):
-        if place not in on_paths:
+    on_paths = {source.states.names[path.place] for path in source_paths}
+    for name in source.states.names:
+        if name not in on_paths:
             raise MappingError(
                 "components are laid side by side if their values lie on paths: those of the "
-                f"source's {component.name!r} do not"
+                f"source's {name!r} do not"
             )
     actions = len(target.actions.components), len(source.actions.components)
     if len(target_paths) < len(source_paths) or actions[0] < actions[1]:
@@ -213,16 +213,11 @@ def _assignments(
     """Yield every assignment of components, with the moves that agree best."""
     from scipy.optimize import linear_sum_assignment  # takes time, and few need it
 
-    mine, theirs = (
-        [_shares(some, actions, c) for c in range(len(actions.components))]
-        for some, actions in (
-            (target_paths, tasks.target_mdp.actions),
-            (source_paths, tasks.source_mdp.actions),
-        )
-    )
-    for some in permutations(range(len(target_paths)), len(source_paths)):
+    mine = _shares(target_paths, tasks.target_mdp.actions)
+    theirs = _shares(source_paths, tasks.source_mdp.actions)
+    for chosen in permutations(range(len(target_paths)), len(source_paths)):
         for turned in product((False, True), repeat=len(source_paths)):
-            ways = list(zip(some, turned, strict=True))
+            ways = list(zip(chosen, turned, strict=True))
             laid = tuple(
                 target_paths[i].reversed() if turn else target_paths[i] for i, turn in ways
             )
@@ -238,15 +233,15 @@ def _assignments(
                 yield Assigned(laid, actions, tuple(moves), cost)
 
 
-def _shares(some: list[Path], actions: Space, component: int) -> FloatArray:
-    """Return the share of a path's rises and of its falls that each value of a component makes."""
-    values, size = numbered(actions)[component], actions.components[component].size
-    made = np.array([
-        [np.bincount(values, moved.sum(axis=0), size) for moved in (path.up, path.down)]
-        for path in some
-    ])  # fmt: skip
-    total = made.sum(axis=2, keepdims=True)
-    return np.asarray(np.divide(made, total, out=np.zeros_like(made), where=total > 0))
+def _shares(on_paths: list[Path], actions: Space) -> list[FloatArray]:
+    """Return for each component of actions the share of a path's rises and falls by its values."""
+    shares = []
+    for values, component in zip(numbered(actions), actions.components, strict=True):
+        moves = [(path.up.sum(axis=0), path.down.sum(axis=0)) for path in on_paths]
+        made = np.array([[np.bincount(values, m, component.size) for m in both] for both in moves])
+        total = made.sum(axis=2, keepdims=True)
+        shares.append(np.divide(made, total, out=np.zeros_like(made), where=total > 0))
+    return shares
 
 
 # -- which value is which --------------------------------------------------------------------------
@@ -279,10 +274,10 @@ class _Match:
             for here, there in zip(self.sizes, self.others, strict=True)
         ]
         for _ in range(ROUNDS):
-            before = [row.copy() for row in rows]
+            before = [*rows]
             for i in range(len(rows)):
                 rows[i] = self._warped_along(i, rows)
-            if all(np.array_equal(old, new) for old, new in zip(before, rows, strict=True)):
+            if all(map(np.array_equal, before, rows)):
                 break
         mismatch = float(self._mismatch(rows).mean())
         uneven = sum(float(abs(np.diff(row) - 1).sum()) / len(row) for row in rows)
@@ -295,21 +290,21 @@ class _Match:
             return []
         fits = []
         for first in np.ndindex(*free):
-            rows = [np.arange(size) - at for size, at in zip(self.sizes, first, strict=True)]
-            rows = [np.where((row >= 0) & (row < there), row, -1)
-                    for row, there in zip(rows, self.others, strict=True)]  # fmt: skip
-            inside = np.logical_and.reduce(
-                [row[at] >= 0 for row, at in zip(rows, self.position, strict=True)]
-            )
+            rows = []
+            for size, there, at in zip(self.sizes, self.others, first, strict=True):
+                row = np.arange(size) - at
+                rows.append(np.where((row >= 0) & (row < there), row, -1))
+            place = np.stack([row[at] for row, at in zip(rows, self.position, strict=True)])
+            inside = (place >= 0).all(axis=0)
             if inside.any():
                 mismatch = float(self._mismatch(rows, inside).mean())
                 fits.append(Laid(self.assigned, tuple(rows), mismatch, mismatch))
         return fits
 
-    def _mismatch(self, rows: list[IntArray], some: Any = slice(None)) -> FloatArray:
+    def _mismatch(self, rows: list[IntArray], states: Any = slice(None)) -> FloatArray:
         """Return how much what each pair does differs from what its source pair does, (S, A)."""
-        state = self.state[tuple(r[at[some]] for r, at in zip(rows, self.position, strict=True))]
-        mismatch = abs(self.mine[some] - self.theirs[np.maximum(state, 0)]).sum(axis=2)
+        state = self.state[tuple(r[at[states]] for r, at in zip(rows, self.position, strict=True))]
+        mismatch = abs(self.mine[states] - self.theirs[np.maximum(state, 0)]).sum(axis=2)
         mismatch[state < 0] = NOWHERE
         mismatch[:, self.lacking] = NOWHERE
         return np.asarray(mismatch)
@@ -342,12 +337,11 @@ def warp(costs: FloatArray, step: float) -> IntArray:
     return np.array(way[::-1])
 
 
-def _described(mdp: FiniteMDP, some: Sequence[Path], scale: float) -> npt.NDArray[np.float32]:
+def _described(mdp: FiniteMDP, laid: Sequence[Path], scale: float) -> npt.NDArray[np.float32]:
     """Return what each pair does, (S, A, 2 + C): ends, pays, and leads along each path."""
-    ends = mdp.probability * mdp.terminal[mdp.next_state]
-    along = [path.up - path.down for path in some]
-    what = [ends.sum(axis=1)[mdp.outcome_row], _rewards(mdp) / scale, *along]
-    return np.stack(what, axis=2).astype(np.float32)
+    ends = (mdp.probability * mdp.terminal[mdp.next_state]).sum(axis=1)[mdp.outcome_row]
+    along = [path.up - path.down for path in laid]
+    return np.stack([ends, _rewards(mdp) / scale, *along], axis=2).astype(np.float32)
 
 
 def _rewards(mdp: FiniteMDP) -> FloatArray:
@@ -366,12 +360,10 @@ def _source_actions(tasks: TaskPair, assigned: Assigned) -> IntArray:
 
 def _encoded(space: Space, values: list[IntArray]) -> IntArray:
     """Return the points of a space with these values, numbered from 0, and `MISSING` below 0."""
-    known = np.logical_and.reduce([column >= 0 for column in values])
-    whole = {
-        component.name: np.maximum(column, 0) + component.low
-        for component, column in zip(space.components, values, strict=True)
-    }
-    return np.where(known, space.encode(**whole), MISSING)
+    numbers = np.stack(values)
+    shifted = np.maximum(numbers, 0) + np.array([[part.low] for part in space.components])
+    points = space.encode(**dict(zip(space.names, shifted, strict=True)))
+    return np.where((numbers >= 0).all(axis=0), points, MISSING)
 
 
 def _proposal(tasks: TaskPair, laid: Laid, source_paths: list[Path], kind: str) -> Proposal:
@@ -385,13 +377,14 @@ def _proposal(tasks: TaskPair, laid: Laid, source_paths: list[Path], kind: str) 
     # A state that goes on is unlike one that has ended.
     state = np.where(source.terminal[state] & ~target.terminal, MISSING, state)
     index = pair_mapping(tasks.target, tasks.source, state[:, None], _source_actions(tasks, chosen))
-    words = [
-        f"{theirs.name} is {target.states.components[path.place].name}"
-        for theirs, path in zip(source.states.components, chosen.paths, strict=True)
-    ]
-    moves = [
-        f"{theirs.name} is {target.actions.components[c].name}"
-        for theirs, c in zip(source.actions.components, chosen.actions, strict=True)
-    ]
-    how = f"components in order, {kind}: {', '.join(words)}; actions: {', '.join(moves)}"
+    laid_beside = [path.place for path in chosen.paths]
+    states = _in_words(source.states, target.states, laid_beside)
+    actions = _in_words(source.actions, target.actions, chosen.actions)
+    how = f"components in order, {kind}: {states}; actions: {actions}"
     return tasks.proposal(index.index, how)
+
+
+def _in_words(source: Space, target: Space, places: Sequence[int]) -> str:
+    """Return which of the target's components, in these places, are the source's."""
+    names = zip(source.names, (target.names[place] for place in places), strict=True)
+    return ", ".join(f"{theirs} is {ours}" for theirs, ours in names)

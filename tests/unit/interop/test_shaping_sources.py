@@ -19,7 +19,7 @@ from curricle.interop.potential_shaping import PotentialShaping, VectorPotential
 from curricle.learning.value_lookup import no_sources
 from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregate import aggregate, aggregate_numbers
-from curricle.transfer.observation_mapping import FunctionValues, TableValues
+from curricle.transfer.mapping import FunctionValues, TableValues
 from curricle.transfer.potential import ObservationPotential
 from tests.refusals import check_values
 
