@@ -33,7 +33,7 @@ from curricle.comparison.trial import (
 )
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import Learnt, SourceValues
-from curricle.deep.policy import policy_return
+from curricle.deep.learning import policy_return
 from curricle.display import block, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential

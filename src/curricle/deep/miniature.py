@@ -10,7 +10,6 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import instance, number, whole_number
-from curricle.deep.policy import actor_of
 from curricle.errors import PotentialError, TaskError
 from curricle.interop.tabulated_task import TabulatedTask, action_probabilities, assembled, parts_of
 from curricle.interop.tabulation import tabulate
@@ -124,6 +123,15 @@ class Knowledge(Frozen):
             None if policy is None else mean(policy),
             weight,
         )
+
+
+def actor_of(values: Any) -> Any:
+    """Return the one network of a potential if it acts in the same observations; else None."""
+    edges: Any = getattr(values, "edges", ())
+    sources: Any = getattr(values, "values", ())
+    if len(sources) != 1 or not edges[0].mapping.is_identity:
+        return None
+    return sources[0] if getattr(sources[0], "kind", "") == "value_net" else None
 
 
 def rows_of(observations: Any, rows: IntArray | BoolArray) -> Any:

@@ -21,9 +21,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from curricle.deep.learner import SAVES, DeepLearner
+from curricle.deep.learner import (
+    SAVES,
+    DeepLearner,
+    PolicyReuse,
+    WeightTransfer,
+    residual_policy,
+)
 from curricle.deep.networks import NetworkValues, acting
-from curricle.deep.shaping import PolicyReuse, WeightTransfer, residual_policy
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.deep.ways_in import begin_near, carry_over, check_mappings, kickstarted, reusing
 from curricle.errors import CurricleError, LostStoreError, SettingError, StoreError, reason

@@ -32,7 +32,17 @@ from curricle.interop.exploration import (
     core_and_views,
     time_limit_of,
 )
-from curricle.interop.gymnasium import Environment, TimeLimit, actions_of, maker_of, opened
+from curricle.interop.gymnasium import (
+    Environment,
+    TimeLimit,
+    actions_of,
+    has_table,
+    maker_of,
+    name_list,
+    names_of,
+    opened,
+    with_names,
+)
 from curricle.interop.minigrid import (
     MiniGridAccess,
     MiniGridState,
@@ -40,7 +50,6 @@ from curricle.interop.minigrid import (
     is_minigrid,
     named_actions,
 )
-from curricle.interop.spaces import has_table, name_list, names_of, with_names
 from curricle.interop.states import (
     SHARED,
     DeepCopy,
@@ -142,32 +151,27 @@ class Plan:
             how = fitting_state(env, core, self.seeds[0])
         elif how is None:
             how = DeepCopy()
-
-        def made(access: Any) -> Made:
-            return self._made(World(env, act, n_actions, self.seeds, self.samples, access, name))
-
-        def made_anew() -> Made:
-            if self.state is not None or how != MiniGridState():
-                return made(SaveAndRestore(*how) if isinstance(how, tuple) else how.open())
-            fast = MiniGridAccess(own_reward=False)
-            try:
-                return made(fast)
-            except TaskError:
-                if not fast.missed(env.unwrapped):
-                    raise
-                fast.release()
-                return made(MiniGridState(copies=True).open())
-
-        if self.cache is None:
-            return made_anew()
-        ways = [*how] if isinstance(how, tuple) else [how]
-        ways += [self.outcomes, self.samples, self.state is None]
-        origin = made_of(env, name, self.seeds, ways)
-        tables = read_tables(self.cache, origin)
-        if tables is None:
-            tables = made_anew()
-            write_tables(self.cache, origin, *tables)
-        return tables
+        origin = dict[str, Any]()
+        if self.cache is not None:
+            ways = [*how] if isinstance(how, tuple) else [how]
+            ways += [self.outcomes, self.samples, self.state is None]
+            origin = made_of(env, name, self.seeds, ways)
+            kept = read_tables(self.cache, origin)
+            if kept is not None:
+                return kept
+        access = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
+        settings = env, act, n_actions, self.seeds, self.samples
+        try:
+            made = self._made(World(*settings, access, name))
+        except TaskError:
+            fast = self.state is None and isinstance(access, MiniGridAccess)
+            if not fast or not access.missed(env.unwrapped):
+                raise
+            access.release()
+            made = self._made(World(*settings, MiniGridState(copies=True).open(), name))
+        if self.cache is not None:
+            write_tables(self.cache, origin, *made)
+        return made
 
     def _made(self, world: World) -> Made:
         source: World | ListedOutcomes = world
@@ -187,7 +191,7 @@ class Plan:
             sampled, merge = self.samples is not None, world.access.copies and source is world
             tables = assembled(search, world.n_actions, sampled=sampled, merge=merge)
             world.access.end()
-            checked = 0 if sampled else Checker(world, tables).check(self.seeds)
+            checked = 0 if sampled else steps_checked(world, tables)
         record = TabulationRecord(
             environment=world.name,
             seeds=self.seeds,
@@ -507,10 +511,9 @@ def _component(name: str, values: Sequence[int | str]) -> Part:
         low, size = int(array.min()), int(array.max()) - int(array.min()) + 1
         if size <= WIDEST:
             return Component(name, size, low), array
-    labels = list(dict.fromkeys(map(str, values)))
-    number = {label: i for i, label in enumerate(labels)}
+    number = {label: i for i, label in enumerate(dict.fromkeys(map(str, values)))}
     numbers = np.array([number[str(value)] for value in values], dtype=np.int64)
-    return Component(name, len(labels), labels=tuple(labels)), numbers
+    return Component(name, len(number), labels=tuple(number)), numbers
 
 
 def _count(parts: Sequence[Part]) -> int:
@@ -535,38 +538,28 @@ def _free(name: str, parts: Sequence[Part]) -> str:
 # -- comparing tables with the environment --------------------------------------------------------
 
 
-class Checker:
-    """Plays episodes and follows them in the tables, to find what a way of saving states missed."""
+def steps_checked(world: World, tables: Tables) -> int:
+    """Return how many steps of episodes are in the tables; TaskError where one is not.
 
-    def __init__(self, world: World, tables: Tables):
-        self.world, self.tables, self.n_actions = world, tables, world.n_actions
-        self.rng = np.random.default_rng(0)
-        self.steps = 0
-
-    def check(self, seeds: Sequence[int]) -> int:
-        """Return how many steps were compared; TaskError where one is not in the tables."""
-        for walk in range(WALKS):
-            k = walk % len(seeds)
-            self._play(seeds[k], int(self.tables.first[k]))
-            if self.steps >= STEPS:
-                break
-        return self.steps
-
-    def _play(self, seed: int, first: int) -> None:
-        """Play one episode: on the way to some state, then at random."""
-        way, env, tables = self._way(first), self.world.env, self.tables
-        observed, _ = env.reset(seed=seed)
+    They find what a way of saving states missed.
+    """
+    rng, steps, n_actions = np.random.default_rng(0), 0, world.n_actions
+    for walk in range(WALKS):
+        k = walk % len(world.seeds)
+        # An episode: on the way to some state, then at random.
+        seed, first = world.seeds[k], int(tables.first[k])
+        way = _way(tables, first, n_actions, rng)
+        observed, _ = world.env.reset(seed=seed)
         possible, truncated, taken = {first}, False, 0
-        self._compare(possible, observed, f"a reset with seed {seed}")
+        _looking_like(observed, possible, tables, f"a reset with seed {seed}", world.name)
         most = len(way) + STEPS // WALKS
         while not truncated and taken < most and not tables.terminal[list(possible)].any():
-            action = way[taken] if taken < len(way) else int(self.rng.integers(self.n_actions))
-            observed, reward, ended, truncated, _ = env.step(self.world.act(action))
+            action = way[taken] if taken < len(way) else int(rng.integers(n_actions))
+            observed, reward, ended, truncated, _ = world.env.step(world.act(action))
             taken += 1
-            self.steps += 1
             reached = set[int]()
             for state in possible:
-                pair = state * self.n_actions + action
+                pair = state * n_actions + action
                 fits = (
                     (tables.probability[pair] > 0)
                     & np.isclose(tables.reward[pair], number_of(reward), rtol=CLOSE, atol=CLOSE)
@@ -574,45 +567,52 @@ class Checker:
                 )
                 reached.update(tables.next_state[pair][fits].tolist())
             where = f"step {taken} after a reset with seed {seed}, action {action}"
-            possible = self._compare(reached, observed, where)
+            possible = _looking_like(observed, reached, tables, where, world.name)
+        steps += taken
+        if steps >= STEPS:
+            break
+    return steps
 
-    def _compare(self, possible: set[int], observed: Any, where: str) -> set[int]:
-        """Return the possible states that look like what was observed, at least one."""
-        if self.tables.observations is not None:
-            seen = self.tables.observations.parts
-            possible = {
-                state
-                for state in possible
-                if same_observation({n: a[state] for n, a in seen.items()}, parts_of(observed))
-            }
-        if not possible:
-            raise TaskError(
-                "tables must say what the environment does, so that all that matters of a state "
-                f"must be saved and compared: {where} led elsewhere in {self.world.name}"
-            )
-        return possible
 
-    def _way(self, first: int) -> list[int]:
-        """Return actions that lead to a state drawn at random if their most likely outcomes do."""
-        tables = self.tables
-        likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
-        likely = likely.reshape(-1, self.n_actions)
-        # Breadth first, the state and action from which each state is first reached; -1 where not.
-        parent = np.full((len(likely), 2), -1)
-        parent[first] = first, 0
-        front = np.array([first])
-        while front.size:
-            front = front[~tables.terminal[front]]
-            new = likely[front]
-            row, move = np.nonzero(parent[new, 0] < 0)
-            reached, which = np.unique(new[row, move], return_index=True)
-            parent[reached, 0], parent[reached, 1] = front[row[which]], move[which]
-            front = reached
-        state, way = int(self.rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
-        while state != first:
-            state, action = parent[state].tolist()
-            way.append(action)
-        return way[::-1]
+def _looking_like(
+    observed: Any, possible: set[int], tables: Tables, where: str, name: str
+) -> set[int]:
+    """Return the possible states that look like what was observed, at least one."""
+    if tables.observations is not None:
+        seen, parts = tables.observations.parts, parts_of(observed)
+        possible = {
+            state
+            for state in possible
+            if same_observation({n: a[state] for n, a in seen.items()}, parts)
+        }
+    if not possible:
+        raise TaskError(
+            "tables must say what the environment does, so that all that matters of a state must "
+            f"be saved and compared: {where} led elsewhere in {name}"
+        )
+    return possible
+
+
+def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -> list[int]:
+    """Return actions that lead to a state drawn at random if their most likely outcomes do."""
+    likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
+    likely = likely.reshape(-1, n_actions)
+    # Breadth first, the state and action from which each state is first reached; -1 where not.
+    parent = np.full((len(likely), 2), -1)
+    parent[first] = first, 0
+    front = np.array([first])
+    while front.size:
+        front = front[~tables.terminal[front]]
+        new = likely[front]
+        row, move = np.nonzero(parent[new, 0] < 0)
+        reached, which = np.unique(new[row, move], return_index=True)
+        parent[reached, 0], parent[reached, 1] = front[row[which]], move[which]
+        front = reached
+    state, way = int(rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
+    while state != first:
+        state, action = parent[state].tolist()
+        way.append(action)
+    return way[::-1]
 
 
 # -- tables in a file -----------------------------------------------------------------------------
