@@ -103,7 +103,7 @@ def test_the_last_rollout_is_learnt_from_and_what_it_taught_is_reported(observed
         alone.learn(budget)
         environments = Environments(observed, 40, sampled.horizon(observed))
         act = acting(alone.policy, environments.environments, sampled=True)
-        with models.drawing(splitmix64(start ^ 2)):
+        with models.isolated(seed=splitmix64(start ^ 2)):
             episodes = environments.rollouts(act, splitmix64(start ^ 2))
     learnt = result.values[0].parameters()
     for name, wanted in NetworkValues(alone.policy).parameters().items():

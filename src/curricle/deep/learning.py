@@ -61,10 +61,8 @@ class TrainedPolicy:
     --------
     >>> from curricle import observation_task
     >>> import numpy as np
-    >>> from curricle.deep import learn_deep
-    >>> pole = observation_task("CartPole-v1")
     >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})
-    >>> policy = learn_deep(pole, ppo, 128, eval_freq=64).policy
+    >>> policy = learn_deep(observation_task("CartPole-v1"), ppo, 128, eval_freq=64).policy
     >>> policy
     TrainedPolicy(PPO, CartPole-v1)
     >>> policy.predict(np.zeros((3, 4), dtype=np.float32)).shape
@@ -75,15 +73,10 @@ class TrainedPolicy:
     model: Any
 
     def predict(self, observation: Any, *, deterministic: bool = True) -> Any:
-        """Return the action in an observation, or those in n stacked ones.
+        """Return the action in an observation, (...), or the actions in n stacked ones, (n, ...).
 
-        Parameters
-        ----------
-        observation : array or dict of arrays
-            Of the task's space, (...) or (n, ...).
-        deterministic : bool
-            Whether to take the likeliest action; else it is sampled, which DQN does not do.
-            SettingError where the policy needs memory or masks of actions too.
+        Without `deterministic` they are sampled, which DQN does not do. SettingError where the
+        policy needs memory or masks of actions too.
         """
         check_sight(self.model)
         try:
@@ -112,17 +105,7 @@ class TrainedPolicy:
     def load(cls, path: str | Path, task: ObservationTask, learner: DeepLearner) -> Self:
         """Return the policy in a file of Stable-Baselines3.
 
-        Parameters
-        ----------
-        path : path
-        task : ObservationTask
-        learner : DeepLearner
-            Whose algorithm is that of the file.
-
-        Raises
-        ------
-        SettingError
-            When the file is none of the algorithm's, or of other spaces than the task's.
+        SettingError when the learner's algorithm did not write it, or for a task of other spaces.
         """
         instance("task of a policy", task, ObservationTask, SettingError)
         instance("learner of a policy", learner, DeepLearner, SettingError)
@@ -170,14 +153,13 @@ class TrainedPolicy:
         whole_number("max_steps of an episode", limit, 1, SettingError)
         if whole_number("seed", seed, 0, SettingError) >= TOO_LARGE_SEED:
             raise SettingError(f"the seed of a network's episode must be below 2^32: got {seed}")
-        import torch
         from stable_baselines3.common.utils import set_random_seed
 
         from curricle.deep.models import isolated
         from curricle.deep.networks import acting
 
         drawn = replace(self.task, make=with_pictures(self.task.make))
-        with closing(drawn.environment()) as env, isolated(torch.get_num_threads()):
+        with closing(drawn.environment()) as env, isolated():
             set_random_seed(seed)
             act = acting(self.model, [env], sampled=not deterministic)
             return played(
@@ -199,7 +181,6 @@ class DeepResult(LearningResult):
     Examples
     --------
     >>> from curricle import observation_task
-    >>> from curricle.deep import DeepLearner, learn_deep
     >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})
     >>> result = learn_deep(observation_task("CartPole-v1"), ppo, 128, seeds=2, eval_freq=64)
     >>> result.policies
@@ -226,14 +207,14 @@ class DeepResult(LearningResult):
     ) -> Self:
         """Return the result in a file that :meth:`save` wrote; the networks are built again.
 
-        The file holds their parameters as plain arrays, and no pickles.
+        The file holds their parameters as plain arrays, and no pickles. Without `task` and
+        `learner` the values are these arrays.
 
         Parameters
         ----------
         path : path
         task : ObservationTask, optional
         learner : DeepLearner, optional
-            Without task and learner the networks are their parameters alone.
         shaping : Shaping or sequence of Shaping, optional
             What they were trained with, of each seed if it has a potential.
 
@@ -301,14 +282,14 @@ def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -
     source = actor_of(potential)
     if source is None:
         return float("nan")
-    from curricle.deep.models import drawing  # needs torch, as what follows
+    from curricle.deep.models import isolated  # needs torch, as what follows
     from curricle.deep.networks import acting
 
     start = splitmix64(stream_start(seed, "policy_return"))
     horizon = target.evaluation.horizon(target.task)
     environments = Environments(target.task, target.episodes, horizon)
     actor = acting(source.policy, environments.environments, sampled=target.evaluation.sampled)
-    with closing(environments), drawing(start):
+    with closing(environments), isolated(seed=start):
         episodes = environments.rollouts(actor, start)
     return mean_episode_return(episodes, target.evaluation.discount(target.task))
 

@@ -30,7 +30,7 @@ from curricle.deep.learner import (
 )
 from curricle.deep.networks import NetworkValues, acting
 from curricle.deep.vec_env import ShapedVecEnv
-from curricle.deep.ways_in import begin_near, carry_over, check_mappings, kickstarted, reusing
+from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, LostStoreError, SettingError, StoreError, reason
 from curricle.files import Place, RemotePath, opened_regular, write_whole
 from curricle.interop.tabulated_task import needs_of
@@ -60,7 +60,8 @@ def model_for(
     check_learner(learner, shaping)
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
-    if "buffer_size" in learner.takes and steps is not None:
+    off_policy, kl = "buffer_size" in learner.takes, getattr(shaping, "kl", 0.0)
+    if off_policy and steps is not None:
         size = settings.get("buffer_size", 1_000_000)
         settings["buffer_size"] = max(min(size, steps), learner.envs)
     if shaping is not None and shaping.starts_at_potential:
@@ -68,11 +69,9 @@ def model_for(
         kwargs = settings.get("policy_kwargs") or {}
         settings["policy_kwargs"] = {**kwargs, "potential": shaping.potential}
     guide = None  # the action values that an off-policy learner acts on at first
-    if isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes:
-        guide = shaping.potential if shaping.potential.of_actions else None
-    if guide is not None:
-        algorithm = reusing(algorithm)
-    if getattr(shaping, "kl", 0.0) > 0:
+    if isinstance(shaping, PolicyReuse) and off_policy and shaping.potential.of_actions:
+        guide, algorithm = shaping.potential, reusing(algorithm)
+    if kl > 0:
         algorithm, policy = kickstarted(algorithm, policy)
     venv = environments(task, learner, shaping)
     try:
@@ -94,10 +93,9 @@ def model_for(
     if guide is not None:
         model.guide = guide
     elif isinstance(shaping, PolicyReuse | WeightTransfer):
-        check_mappings(shaping)
-        carry_over(model, shaping.potential, actor_alone=isinstance(shaping, PolicyReuse))
-        if shaping.kl > 0:
-            begin_near(model, shaping.kl)
+        carry_over(model, shaping, actor_alone=isinstance(shaping, PolicyReuse))
+        if kl > 0:
+            begin_near(model, kl)
     return model
 
 
@@ -173,21 +171,12 @@ def set_generators(states: tuple[Any, ...]) -> None:
 
 
 @contextmanager
-def drawing(seed: int) -> Iterator[None]:
-    """Let torch draw from a seed, and restore the generators afterwards."""
-    states = generator_states()
-    torch.manual_seed(seed % 2**63)
-    try:
-        yield
-    finally:
-        set_generators(states)
-
-
-@contextmanager
-def isolated(threads: int) -> Iterator[None]:
-    """Use so many of torch's threads, and restore their number and the generators afterwards."""
+def isolated(threads: int | None = None, seed: int | None = None) -> Iterator[None]:
+    """Set torch's threads and seed where given; restore threads and generators afterwards."""
     before, states = torch.get_num_threads(), generator_states()
-    torch.set_num_threads(threads)
+    torch.set_num_threads(threads or before)
+    if seed is not None:
+        torch.manual_seed(seed % 2**63)
     try:
         yield
     finally:
@@ -367,7 +356,7 @@ class Recorder(BaseCallback):
             return float("nan")
         seed, sampled = splitmix64(self.start ^ (number + 1)), self.run.evaluation.sampled
         actor = acting(self.values.policy, self.environments.environments, sampled=sampled)
-        with drawing(seed):
+        with isolated(seed=seed):
             episodes = self.environments.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
         return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))

@@ -44,13 +44,7 @@ class Progress:
     seconds: float
 
     def in_words(self, name: str) -> str:
-        """Return a line to be shown.
-
-        Examples
-        --------
-        >>> Progress(1200, 300, 2100, 1.5).in_words("maze")
-        'tabulating maze: 1,200 states, 300 done, 1,400 transitions a second'
-        """
+        """Return a line to be shown."""
         speed = self.transitions / max(self.seconds, 1e-9)
         return (
             f"tabulating {name}: {self.states:,} states, {self.expanded:,} done, {speed:,.0f} "

@@ -127,7 +127,8 @@ def from_gymnasium(
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
     with opened(environment, make) as env:
-        world, limit = env.unwrapped, time_limit
+        world: Any = env.unwrapped
+        limit: Any = time_limit
         if time_limit == "own":
             limit = None if env.spec is None else env.spec.max_episode_steps
             limit = time_limit_of(env) if limit is None else limit
@@ -157,7 +158,7 @@ def from_gymnasium(
                 )
             states = with_names(space, names, sizes)
         if outcomes is None:
-            return LiveMDP(states, actions, make, number, act, discount, limit)  # type: ignore[arg-type]
+            return LiveMDP(states, actions, make, number, act, discount, limit)
         start = np.zeros(len(outcomes))  # the end that `outcomes_of` may add is no start
         start[: len(world.initial_state_distrib)] = world.initial_state_distrib
         table: dict[str, Any] = {"start": start, "states": states, "actions": actions}

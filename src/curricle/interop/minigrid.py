@@ -118,9 +118,9 @@ PROBED = 300  # random steps that show whether a level has a state beside MiniGr
 class MiniGridState:
     """States of MiniGrid: the agent, the grid, the objects in it, and plain attributes.
 
-    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode; as a table of states that are not
-    times it has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a
-    discount below 1 is as short as possible, and best by MiniGrid's own reward as well.
+    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode; a table of states that are no times
+    has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a discount
+    below 1 is as short as possible, and best by MiniGrid's own reward as well.
 
     Components are the agent's `x`, `y` and `direction`; the state of each `door`; and the place of
     each `key`, `ball` and `box`, such as `key_x`: -1 while it is carried, -2 while it is in a box
@@ -129,8 +129,7 @@ class MiniGridState:
     Parameters
     ----------
     own_reward : bool
-        Pay MiniGrid's own reward. The time is then part of a state, `step`: up to max_steps times
-        as many.
+        Pay MiniGrid's own reward. The time is then part of a state, `step`.
     copies : bool
         Whether to save states by copies; by default only where a level (BabyAI's instructions) or a
         wrapper keeps a state elsewhere.

@@ -183,11 +183,10 @@ class TabulationRecord:
         Its name, and the seeds of the resets, each a start as likely as the others.
     samples : int or None
         Steps by which each pair's outcomes were estimated; None if outcomes are exact.
-    transitions, drawing : int
+    transitions, drawing, checked : int
         Pairs of a state and an action that were tried or listed; those that drew random numbers,
-        and still led to one state in all 8 repetitions.
-    checked : int
-        Steps of episodes in the environment itself that agree with the tables.
+        and still led to one state in all 8 repetitions; steps of episodes that agree with the
+        tables.
     cut, explored : int
         States in which episodes are only ever truncated: every action stays there, with reward 0.
         States before equivalent ones were merged.
@@ -280,18 +279,13 @@ class TabulatedTask(Frozen):
         ----------
         model : object
             With a method ``predict(observations, deterministic=...)`` that returns actions for
-            stacked observations, alone or first in a tuple.
+            stacked observations, alone or first in a tuple; SettingError if it does not.
         deterministic : bool
             If not, the probability of each action, of policies with a distribution (A2C, PPO).
 
         Returns
         -------
         (S,) int64 or (S, A) float64 array
-
-        Raises
-        ------
-        SettingError
-            When the model returns what is no action for each observation, or has no distribution.
         """
         check_sight(model)
         if any(part.low for part in self.actions.components):

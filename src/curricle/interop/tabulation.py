@@ -159,7 +159,7 @@ class Plan:
             kept = read_tables(self.cache, origin)
             if kept is not None:
                 return kept
-        access = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
+        access: Any = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
         settings = env, act, n_actions, self.seeds, self.samples
         try:
             made = self._made(World(*settings, access, name))
@@ -243,11 +243,8 @@ def tabulate(
 
     Each action is taken in each state, breadth first from those that resets lead to. What
     :func:`solve`, :func:`certify` and :func:`evaluate` prove of the tables holds for the
-    environment.
-
-    Steps must be deterministic, which is checked: each is taken twice, and 8 times if it draws
-    random numbers; up to 1,000 steps of episodes must agree with the tables. Outcomes of random
-    steps must be listed or estimated; the table says which.
+    environment: steps must be deterministic, which repeating them checks, or their outcomes be
+    listed or estimated; up to 1,000 steps of episodes must agree with the tables.
 
     Parameters
     ----------
@@ -300,7 +297,6 @@ def tabulate(
 
     Examples
     --------
-    >>> import curricle as cr
     >>> taxi = tabulate("Taxi-v4", discount=0.9, seeds=3)
     >>> taxi
     TabulatedTask(Taxi-v4: 202 states, ..., time limit 200, 3 of several resets seen)
