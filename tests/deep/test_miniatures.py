@@ -150,30 +150,6 @@ def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
     assert np.array_equal(loaded["small"].values[0].v(seen), result["small"].values[0].v(seen))
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: miniatures(), "at least one member"),
-        (lambda: miniatures(room(), cr.observation_task("CartPole-v1")), "one space"),
-        (lambda: miniatures(cr.observation_task("Pendulum-v1")), "numbered actions"),
-        (lambda: miniatures(room(), replaced_discount()), "one discount"),
-        (
-            lambda: miniatures(cr.observation_task("CartPole-v1"), resets=1, max_states=50).solved,
-            "miniature CartPole-v1 has no tables.*max_states",
-        ),
-    ],
-)
-def test_bad_miniatures_are_one_sentence(make, said):
-    with pytest.raises(cr.errors.TaskError, match=said) as caught:
-        make()
-    assert "\n" not in str(caught.value)
-
-
-def test_what_generalises_no_better_than_random_is_refused():
-    with pytest.raises(cr.errors.TaskError, match="better than at random"):
-        plan(PolicyReuse(), small=miniatures(room(blind=True), resets=20)).train(seeds=1)
-
-
 def test_a_forecast_says_what_holds_on_held_out_levels():
     small = miniatures(room(), resets=40, tested_on=[room(6)])
     found = cr.forecast(plan(PolicyReuse(), small=small), seeds=2, trial=False)
@@ -222,41 +198,12 @@ def test_a_level_of_each_member_is_left_to_be_distilled(resets, held_out):
     assert member.levels == 1 or not member.training[~member.table.mdp.terminal].all()
 
 
-@pytest.mark.parametrize("shaping", [WeightTransfer(), PolicyReuse()])
-def test_a_mapping_of_actions_that_would_not_be_heeded_is_refused(shaping):
-    with pytest.raises(cr.errors.SettingError, match=r"'small' has .*actions as 3 2 1 0"):
-        mapped(shaping, PPO, actions=SIDEWAYS).train(1)
-
-
 def test_a_guide_with_action_values_is_read_through_its_mapping():
     result = mapped(PolicyReuse(), DQN, actions=SIDEWAYS).train(1)
     (phi,) = result.potentials["large"]
     seen = np.array([[0.3, 0.0], [0.0, -0.3]], np.float32)
     own = result["small"].values[0].policy.predict(seen, deterministic=True)[0]
     assert phi.pairs(seen).argmax(axis=1).tolist() == SIDEWAYS[own].tolist()
-
-
-@pytest.mark.parametrize("shaping", [PolicyReuse(), WeightTransfer(kl=0.1), PolicyReuse(kl=0.1)])
-def test_a_pull_ends_only_within_a_budget_in_steps(shaping):
-    learner = PPO if getattr(shaping, "kl", 0) else DQN
-    with pytest.raises(cr.errors.SettingError, match=r"a budget in steps: .* got 3 episodes"):
-        plan(shaping, learner=learner, budget=cr.Episodes(3)).train(1)
-    assert plan(None, budget=cr.Episodes(3)).node("large").shaping == WeightTransfer()
-
-
-@pytest.mark.parametrize(
-    ("shaping", "learner"),
-    [
-        (WeightTransfer(kl=0.1), DQN),
-        (WeightTransfer(kl=0.1), DeepLearner("TRPO")),
-    ],
-)
-def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(shaping, learner):
-    pytest.importorskip("sb3_contrib")
-    small = miniatures(room(), resets=6)
-    with pytest.raises(cr.errors.SettingError):
-        plan(shaping, learner=learner, small=small).train(1)
-    assert "solved" not in vars(small)
 
 
 def test_a_placebo_of_miniatures_with_a_source_of_their_own():
@@ -273,11 +220,6 @@ def test_a_placebo_of_miniatures_with_a_source_of_their_own():
     assert found.arms["transfer, placebo"].control
     with pytest.raises(cr.errors.CurriculumError, match="miniatures take none"):
         replace(curriculum, transfers=[replace(told, calibrate=True), curriculum.transfers[1]])
-
-
-def test_miniatures_are_not_learnt_by_steps():
-    with pytest.raises(cr.errors.SettingError, match="not learnt by steps"):
-        cr.deep.learn_deep(miniatures(room()), PPO, 64)
 
 
 STUDY = """
@@ -339,3 +281,50 @@ def test_a_study_distils_and_is_stored(tmp_path):
         parameters = trained.parameters()
         assert all((stored[name] == parameters[name]).all() for name in parameters)
     assert (found.source_steps("distilled") == 0).all()
+
+
+def short_of(shaping, learner):
+    return plan(shaping, learner=learner, budget=cr.Episodes(3))
+
+
+BAD = {
+    "at least one member": miniatures,
+    "one space": lambda: miniatures(room(), cr.observation_task("CartPole-v1")),
+    "numbered actions": lambda: miniatures(cr.observation_task("Pendulum-v1")),
+    "one discount": lambda: miniatures(room(), replaced_discount()),
+    "miniature CartPole-v1 has no tables.*max_states": lambda: miniatures(
+        cr.observation_task("CartPole-v1"), resets=1, max_states=50
+    ).solved,
+    "not learnt by steps": lambda: cr.deep.learn_deep(miniatures(room()), PPO, 64),
+    "better than at random": lambda: plan(
+        PolicyReuse(), small=miniatures(room(blind=True), resets=20)
+    ).train(1),
+    r"'small' has .*actions as 3 2 1 0": lambda: mapped(
+        WeightTransfer(), PPO, actions=SIDEWAYS
+    ).train(1),
+    r"from this source .*'small' has .*actions as 3 2 1 0": lambda: mapped(
+        PolicyReuse(), PPO, actions=SIDEWAYS
+    ).train(1),
+    # A pull ends only within a budget in steps.
+    r"a budget in steps: .* got 3 episodes": lambda: short_of(PolicyReuse(), DQN).train(1),
+    r"a budget in steps: W.* got 3 ep": lambda: short_of(WeightTransfer(kl=0.1), PPO).train(1),
+    r"a budget in steps: P.* got 3 ep": lambda: short_of(PolicyReuse(kl=0.1), PPO).train(1),
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_what_is_bad_is_refused_in_a_sentence(said):
+    kinds = cr.errors.TaskError, cr.errors.SettingError
+    with pytest.raises(kinds, match=said) as caught:
+        BAD[said]()
+    assert "\n" not in str(caught.value)
+    assert short_of(None, PPO).node("large").shaping == WeightTransfer()
+
+
+@pytest.mark.parametrize("learner", [DQN, DeepLearner("TRPO")], ids=str)
+def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(learner):
+    pytest.importorskip("sb3_contrib")
+    small = miniatures(room(), resets=6)
+    with pytest.raises(cr.errors.SettingError):
+        plan(WeightTransfer(kl=0.1), learner=learner, small=small).train(1)
+    assert "solved" not in vars(small)

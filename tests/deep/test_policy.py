@@ -33,8 +33,7 @@ def lake():
     return learn_deep(LAKE, ACTOR, 128, seeds=[5, 2, 9], eval_freq=64)
 
 
-def everywhere():
-    return np.eye(16, dtype=np.int64)
+ROWS = np.eye(16, dtype=np.int64)
 
 
 @pytest.mark.parametrize(("algorithm", "learner"), [(PPO, ACTOR), (DQN, DEEP_Q)])
@@ -45,11 +44,11 @@ def test_a_saved_policy_is_read_by_stable_baselines3_and_here(tmp_path, algorith
         file = policy.save(tmp_path / f"new/seed-{k}")
         assert file == tmp_path / f"new/seed-{k}.zip"
         theirs, mine = algorithm.load(file), TrainedPolicy.load(file, LAKE, learner)
-        wanted = result.values[k].policy.predict(everywhere(), deterministic=True)[0]
-        assert np.array_equal(policy.predict(everywhere()), wanted)
-        assert np.array_equal(mine.predict(everywhere()), wanted)
-        assert np.array_equal(theirs.predict(everywhere(), deterministic=True)[0], wanted)
-        assert policy.predict(everywhere()[3]) == wanted[3]
+        wanted = result.values[k].policy.predict(ROWS, deterministic=True)[0]
+        assert np.array_equal(policy.predict(ROWS), wanted)
+        assert np.array_equal(mine.predict(ROWS), wanted)
+        assert np.array_equal(theirs.predict(ROWS, deterministic=True)[0], wanted)
+        assert policy.predict(ROWS[3]) == wanted[3]
         assert theirs.num_timesteps == result.steps_used[k]
     for name, value in result.values[1].parameters().items():
         assert np.array_equal(theirs.policy.state_dict()[name].numpy(), value)
@@ -167,21 +166,6 @@ def test_a_network_reads_encoded_levels_and_is_evaluated_in_tables():
     assert cr.evaluate(table, policy).start_value == pytest.approx(earned, abs=1e-9)
 
 
-def test_a_small_cnn_learns_from_where_things_are():
-    torch.manual_seed(0)
-    space = MiniGridView(picture=True)
-    network = SmallCNN(_space(space), features_dim=8, channels=4)
-    seen = torch.zeros(2, 24, 7, 7)
-    seen[0, 3, 1, 1] = seen[1, 3, 5, 5] = 1
-    one, other = network(seen)
-    assert one.shape == (8,)
-    assert not torch.equal(one, other)
-
-
-def _space(encode):
-    return cr.observation_task("minigrid:MiniGrid-Empty-5x5-v0", encode=encode).observations
-
-
 def drawn_nowhere():
     return one_hot(MAZE).make()
 
@@ -223,11 +207,8 @@ def test_what_an_algorithm_refuses_is_one_sentence(learner, said):
         learn_deep(LAKE, learner, 10)
 
 
-ROWS = np.eye(16, dtype=np.int64)
-
-
 def parameters(result):
-    return [one.parameters() for one in result.values]
+    return [values.parameters() for values in result.values]
 
 
 def same_networks(one, other):
