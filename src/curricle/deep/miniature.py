@@ -14,6 +14,7 @@ from curricle.errors import PotentialError, TaskError
 from curricle.interop.tabulated_task import TabulatedTask, action_probabilities, assembled, parts_of
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
+from curricle.tasks.mdp import edges_of
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
 
@@ -345,13 +346,10 @@ def levels_of(table: TabulatedTask) -> IntArray:
     from scipy.sparse import coo_array  # takes time, and few need it
     from scipy.sparse.csgraph import connected_components
 
-    mdp = table.mdp
-    live = np.flatnonzero(~mdp.terminal)
-    rows = mdp.outcome_row[live]
-    after = mdp.next_state[rows].reshape(len(live), -1)
-    likely = mdp.probability[rows].reshape(len(live), -1) > 0
-    connected = likely & ~mdp.terminal[after]
-    here = np.repeat(live, connected.sum(axis=1))
-    n = len(mdp.terminal)
-    edges = coo_array((np.ones(len(here)), (here, after[connected])), shape=(n, n))
-    return np.asarray(connected_components(edges.tocsr(), directed=False)[1], np.int64)
+    mdp, (here, there) = table.mdp, edges_of(table.mdp)
+    ends = np.concatenate([mdp.terminal, np.zeros(len(mdp.probability), bool)])
+    inner = ~ends[there]
+    edges = np.ones(int(inner.sum())), (here[inner], there[inner])
+    graph = coo_array(edges, shape=(len(ends), len(ends))).tocsr()
+    labels = connected_components(graph, directed=False)[1]
+    return np.asarray(labels[: len(mdp.terminal)], np.int64)

@@ -159,8 +159,7 @@ def network_values(
 
 def generator_states() -> tuple[Any, ...]:
     """Return the states of the generators that Stable-Baselines3 draws from."""
-    state = np.random.get_state()  # noqa: NPY002 - the one it uses
-    return random.getstate(), state, torch.get_rng_state()
+    return random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
 
 
 def set_generators(states: tuple[Any, ...]) -> None:
@@ -306,11 +305,10 @@ class Recorder(BaseCallback):
         super().__init__()
         self.run, self.progress, self.values = run, progress, values
         self.max_steps, self.start = max_steps, start
-        task, evaluation = run.task, run.evaluation
         self.environments = None  # in which the policy is evaluated
-        if evaluation.method != "off":
-            episodes, horizon = evaluation.rollouts(task), evaluation.horizon(task)
-            self.environments = Environments(task, episodes, horizon)
+        if run.evaluation.method != "off":
+            episodes, horizon = run.evaluation.rollouts(run.task), run.evaluation.horizon(run.task)
+            self.environments = Environments(run.task, episodes, horizon)
         self._saves, self._saved_at = saves, progress.steps
 
     def _on_training_start(self) -> None:
@@ -354,12 +352,14 @@ class Recorder(BaseCallback):
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
         if self.environments is None:
             return float("nan")
-        seed, sampled = splitmix64(self.start ^ (number + 1)), self.run.evaluation.sampled
-        actor = acting(self.values.policy, self.environments.environments, sampled=sampled)
+        seed, evaluation = splitmix64(self.start ^ (number + 1)), self.run.evaluation
+        actor = acting(
+            self.values.policy, self.environments.environments, sampled=evaluation.sampled
+        )
         with isolated(seed=seed):
             episodes = self.environments.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
-        return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
+        return mean_episode_return(episodes, evaluation.discount(self.run.task))
 
     def _record(self, greedy: float) -> bool:
         """Record a checkpoint and return whether the stopping rule ends the run there."""

@@ -312,8 +312,7 @@ def _rewind_clocks(env: Environment) -> None:
     """Set back the clocks of time limits: time is no part of a state."""
     for layer in layers_of(env):
         if isinstance(layer, TimeLimit):
-            clock: Any = layer
-            clock._elapsed_steps = LONG_AGO
+            layer._elapsed_steps = LONG_AGO  # type: ignore[assignment]
 
 
 def core_and_views(

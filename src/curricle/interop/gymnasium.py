@@ -32,6 +32,9 @@ from curricle.interop.states import (
     fingerprint,
     layers_of,
 )
+from curricle.tasks.cliff_walking import CliffWalking
+from curricle.tasks.domain import cell_space
+from curricle.tasks.frozen_lake import FrozenLake
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import LiveMDP, is_live
@@ -40,6 +43,7 @@ from curricle.tasks.models import Functions, check_answers, first_state, transit
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.tasks.taxi import Taxi
 
 if TYPE_CHECKING:
     from curricle.show.scenes import Scene
@@ -205,18 +209,12 @@ def actions_of(
         named = known
     if actions is None or isinstance(actions, Space):
         return act, with_space("actions", named, actions)
-    labels = name_list(actions, "labels of actions")
     if len(named.components) > 1:
         raise TaskError(
             "labels are for actions that are one number, and others are named by a Space: these "
             f"have {', '.join(named.names)}"
         )
-    if len(labels) != named.size:
-        raise TaskError(
-            f"actions must have one label each, {named.size} in all: got {len(labels)}, "
-            f"{', '.join(labels) or 'none'}"
-        )
-    return act, Space([replace(named.components[0], labels=labels)])
+    return act, Space([replace(named.components[0], labels=actions)])  # type: ignore[arg-type]
 
 
 def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
@@ -333,8 +331,9 @@ def observation_task(
 # -- names that a caller gives ---------------------------------------------------------------------
 
 
-def name_list(names: Sequence[str], what: str = "names of a state's components") -> tuple[str, ...]:
-    """Return names as a tuple; TaskError where they are no list of different texts."""
+def name_list(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of a state's components; TaskError where they are no list of different texts."""
+    what = "names of a state's components"
     if isinstance(names, str) or not isinstance(names, Sequence):
         raise TaskError(f"{what} must be a list of text: got {names!r}")
     for name in names:
@@ -383,7 +382,6 @@ def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
 
 # -- Gymnasium's toy-text environments -------------------------------------------------------------
 
-STANDS = ("red", "green", "yellow", "blue")
 Outcomes = list[list[list[tuple[float, int, float, bool]]]]
 
 
@@ -439,32 +437,23 @@ def outcomes_of(world: Any) -> Outcomes:
 
 def names_of(world: Any) -> tuple[Space | None, Space | None]:
     """Return named state and action spaces of a known environment, None for others."""
-    # Named as in GridWorld, so that mappings by name work between the two.
+    # Named as the library's own domains are, so that mappings by name work between the two.
+    labels: Sequence[str]
     if isinstance(world, FrozenLakeEnv):
-        moves = _moves(world, "west", "south", "east", "north")
-        return _cells(*np.asarray(world.desc).shape), moves
-    if isinstance(world, CliffWalkingEnv):
-        return _cells(*world.shape), _moves(world, "north", "east", "south", "west")
-    if isinstance(world, TaxiEnv):
-        passenger = Component("passenger", 5, labels=(*STANDS, "taxi"))
-        destination = Component("destination", 4, labels=STANDS)
-        states = Space([*_cells(5, 5).components, passenger, destination])
-        return states, _moves(world, "south", "north", "east", "west", "pick up", "drop off")
-    if isinstance(world, BlackjackEnv):
+        states, labels = cell_space(*np.asarray(world.desc).shape), FrozenLake.ACTIONS
+    elif isinstance(world, CliffWalkingEnv):
+        states, labels = cell_space(*world.shape), CliffWalking.ACTIONS
+    elif isinstance(world, TaxiEnv):
+        states, labels = Taxi().states, Taxi.ACTIONS
+    elif isinstance(world, BlackjackEnv):
         ace = Component("ace", 2, labels=("none", "usable"))
         states = Space([Component("player", 32), Component("dealer", 11), ace])
-        return states, _moves(world, "stick", "hit")
-    return None, None
-
-
-def _cells(rows: int, columns: int) -> Space:
-    return Space([Component("row", int(rows)), Component("column", int(columns))])
-
-
-def _moves(world: Any, *labels: str) -> Space:
+        labels = "stick", "hit"
+    else:
+        return None, None
     # A subclass with a step of its own may go anywhere, so that its actions have no labels.
     known = acts_as(world, *TOY_TEXT, methods=["step"])
-    return Space([Component("move", len(labels), labels=labels if known else None)])
+    return states, Space([Component("move", len(labels), labels=tuple(labels) if known else None)])
 
 
 # -- discrete spaces, both ways --------------------------------------------------------------------

@@ -46,11 +46,14 @@ class Level:
                 met[id(thing)] = thing
                 thing = thing.contains
         objects = [thing for thing in met.values() if thing.type not in STILL]
+        # What steps change of MiniGrid's own objects is known; of others all is saved.
+        standard = [type(thing).__module__ == "minigrid.core.world_object" for thing in objects]
+        own = [thing for thing, known in zip(objects, standard, strict=True) if known]
+        self.others = [thing for thing, known in zip(objects, standard, strict=True) if not known]
         self.doors = [thing for thing in objects if thing.type == "door"]
         self.movable = [thing for thing in objects if thing.type != "door"]
-        self.standard_doors = [door for door in self.doors if _is_standard(door)]
-        self.standard_movable = [thing for thing in self.movable if _is_standard(thing)]
-        self.others = [thing for thing in objects if not _is_standard(thing)]
+        self.standard_doors = [thing for thing in own if thing.type == "door"]
+        self.standard_movable = [thing for thing in own if thing.type != "door"]
         self.names = dict[int, str]()
         for kind in {thing.type for thing in objects}:
             alike = [thing for thing in objects if thing.type == kind]
@@ -67,13 +70,9 @@ class Level:
 
     def words(self, env: Any) -> Words:
         """Return the components of the state that an environment of this level is in."""
-        x, y = env.agent_pos
-        words: dict[str, int | str] = {
-            "level": self.number,
-            "x": int(x),
-            "y": int(y),
-            "direction": DIRECTIONS[env.agent_dir],
-        }
+        x, y = map(int, env.agent_pos)
+        words: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
+        words["direction"] = DIRECTIONS[env.agent_dir]
         for door in self.doors:
             state = 0 if door.is_open else 2 if door.is_locked else 1
             words[self.names[id(door)]] = DOOR_STATES[state]
@@ -92,11 +91,6 @@ class Level:
 
 def _is_plain(value: Any) -> bool:
     return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, PLAIN)
-
-
-def _is_standard(thing: Any) -> bool:
-    """Return whether an object is of MiniGrid's own, of which it is known what steps change."""
-    return type(thing).__module__ == "minigrid.core.world_object"
 
 
 def _place(place: Any) -> Any:
@@ -291,17 +285,10 @@ class MiniGridAccess(StateAccess):
             grid = self.grid_numbers.setdefault(tuple(cells), len(self.grids))
             if grid == len(self.grids):
                 self.grids.append(list(cells))
-        state = (
-            level.number,
-            int(x),
-            int(y),
-            int(base.agent_dir),
-            base.carrying,
-            grid,
-            (tuple(doors), tuple(places), tuple([_items(thing) for thing in level.others])),
-            level.values_of_plain(attributes),
-            base.step_count if self.own_reward else 0,
-        )
+        objects = tuple(doors), tuple(places), tuple([_items(thing) for thing in level.others])
+        step = base.step_count if self.own_reward else 0
+        agent = level.number, int(x), int(y), int(base.agent_dir), base.carrying
+        state = (*agent, grid, objects, level.values_of_plain(attributes), step)
         return state, state
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
@@ -353,8 +340,7 @@ class MiniGridAccess(StateAccess):
     def end(self) -> None:
         """Release the environment; TaskError if a state was missed."""
         self.release()
-        missed = self.missed(self.env)
-        if missed:
+        if missed := self.missed(self.env):
             raise TaskError(
                 "states of MiniGrid are saved fast if they are in the agent, the grid, its objects "
                 "and plain attributes, and by MiniGridState(copies=True) else: steps changed "

@@ -127,7 +127,7 @@ class Source:
                     f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
                 )
             return values.tolist()  # type: ignore[no-any-return]
-        singles = list[float]()
+        singles: list[float] = []
         for observation in rows:
             value = self.read_from(observation)
             try:
@@ -284,6 +284,8 @@ class ShapingPotential:
                     f"{rows[place]!r}"
                 )
             columns.append(column)
+        if self.aggregate is None and self._constant == 1.0:  # the quickest, for one environment
+            return [[phi, phi] for phi in columns[0]]
         together = columns[0]
         if self.aggregate is not None and self._batched:
             arrays = np.array(columns)[:, :, None]

@@ -170,7 +170,7 @@ class Plan:
             access.release()
             made = self._made(World(*settings, MiniGridState(copies=True).open(), name))
         if self.cache is not None:
-            write_tables(self.cache, origin, *made)
+            write_tables(self.cache, origin, made)
         return made
 
     def _made(self, world: World) -> Made:
@@ -366,23 +366,32 @@ Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
-    """Return the tables of explored states."""
-    observations = None
+    """Return the tables of explored states, of which those that are alike become one."""
+    seen = None
     if all(observation is not None for observation in search.observations):
-        observations = stacked_observations(search.observations, search.terminal)
-    rows = _outcome_rows(search, n_actions, sampled)
+        seen = stacked_observations(search.observations, search.terminal)
     terminal = np.array(search.terminal, dtype=bool)
-    start = np.zeros(len(terminal))
+    start, n_states = np.zeros(len(terminal)), len(terminal)
     start[list(search.start)] = list(search.start.values())
-    space, first = Space([Component("state", len(terminal))]), np.array(search.first)
-    tables = Tables(space, *rows, terminal, start, first, observations)
-    blocks = np.arange(len(terminal))
-    if merge and observations is not None:
-        blocks = alike(tables, n_actions)
-        tables = _merged(tables, blocks, n_actions)
+    space, rows = Space([Component("state", n_states)]), _outcome_rows(search, n_actions, sampled)
+    tables = Tables(space, *rows, terminal, start, np.array(search.first), seen)
+    blocks = np.arange(n_states)
+    if merge and seen is not None:
+        blocks = alike(tables, seen, n_actions)
+        first = np.unique(blocks, return_index=True)[1]  # it stands for its block
+        pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
+        parts = {name: part[first] for name, part in seen.parts.items()}
+        tables = tables._replace(
+            probability=tables.probability[pairs],
+            next_state=blocks[tables.next_state[pairs]],
+            reward=tables.reward[pairs],
+            terminal=terminal[first],
+            start=np.asarray(np.bincount(blocks, weights=start), dtype=np.float64),
+            first=blocks[tables.first],
+            observations=ObservationTable(parts, seen.terminal[first]),
+        )
     words, vague = words_of_blocks(search.words, blocks)
-    space = named_states(words, tables.terminal, vague)
-    return tables._replace(states=space)
+    return tables._replace(states=named_states(words, tables.terminal, vague))
 
 
 def _outcome_rows(
@@ -408,15 +417,11 @@ def _outcome_rows(
     return p, s, r
 
 
-# -- states that are alike ------------------------------------------------------------------------
-
-
-def alike(tables: Tables, n_actions: int) -> IntArray:
+def alike(tables: Tables, seen: ObservationTable, n_actions: int) -> IntArray:
     """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
-    assert tables.observations is not None
-    parts = [part.reshape(len(part), -1) for part in tables.observations.parts.values()]
-    seen = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
-    blocks = _in_order(numbered_rows(np.column_stack([*seen, tables.terminal])))
+    parts = [part.reshape(len(part), -1) for part in seen.parts.values()]
+    looks = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
+    blocks = _in_order(numbered_rows(np.column_stack([*looks, tables.terminal])))
     different, rewards = np.unique(tables.reward, return_inverse=True)
     while True:
         outcomes = blocks[tables.next_state] * len(different) + rewards.reshape(tables.reward.shape)
@@ -432,29 +437,7 @@ def alike(tables: Tables, n_actions: int) -> IntArray:
 def _in_order(labels: IntArray) -> IntArray:
     """Return labels renumbered in the order in which they first appear."""
     _, first, which = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return rank[which.reshape(-1)]
-
-
-def _merged(tables: Tables, blocks: IntArray, n_actions: int) -> Tables:
-    """Return the tables of blocks instead of states; the first state stands for its block."""
-    first = np.unique(blocks, return_index=True)[1]
-    pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
-    seen = tables.observations
-    assert seen is not None
-    return Tables(
-        tables.states,
-        tables.probability[pairs],
-        blocks[tables.next_state[pairs]],
-        tables.reward[pairs],
-        tables.terminal[first],
-        np.asarray(np.bincount(blocks, weights=tables.start), dtype=np.float64),
-        blocks[tables.first],
-        ObservationTable(
-            {name: part[first] for name, part in seen.parts.items()}, seen.terminal[first]
-        ),
-    )
+    return np.argsort(np.argsort(first))[which.reshape(-1)]
 
 
 # -- names ----------------------------------------------------------------------------------------
@@ -629,16 +612,12 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
                 f"has {about.get(what)}, got {value}"
             )
     try:
-        components = [
-            Component(**{**component, "labels": component["labels"] and tuple(component["labels"])})
-            for component in about["components"]
-        ]
+        states = Space([Component(**part) for part in about["components"]], arrays.get("points"))
         observations = None
         if about["observed"]:
             names = [name for name in arrays if name.startswith(OBSERVED)]
             parts = {name.removeprefix(OBSERVED): arrays[name] for name in names}
             observations = ObservationTable(parts, arrays["terminal"])
-        states = Space(components, arrays.get("points"))
         plain: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
         tables = Tables(states=states, observations=observations, **plain)
         settings = {"seeds": tuple(about["record"]["seeds"]), "cached": True}
@@ -647,16 +626,14 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
         raise StoreError(f"{path} is not as tabulate() writes it: {error!r}") from None
 
 
-def write_tables(
-    path: Path, made_of: dict[str, Any], tables: Tables, record: TabulationRecord
-) -> None:
+def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
     """Write tables, and what they were made of."""
+    tables, record = made
     arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
     if tables.states.points is not None:
         arrays["points"] = tables.states.points
     if tables.observations is not None:
-        for part, array in tables.observations.parts.items():
-            arrays[OBSERVED + part] = array
+        arrays |= {OBSERVED + name: part for name, part in tables.observations.parts.items()}
     about = {
         "components": [asdict(component) for component in tables.states.components],
         "observed": tables.observations is not None,
@@ -665,29 +642,22 @@ def write_tables(
     write_saved(path, KIND, arrays, about | made_of)
 
 
-def made_of(
-    env: gym.Env[Any, Any], name: str, seeds: Sequence[int], ways: Sequence[Any]
-) -> dict[str, Any]:
+def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
     """Return what tables are made of, as JSON has it: not the code of environments or functions."""
     layers = layers_of(env)
-    classes = [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers]
     content = b""  # arguments are in it too, of an environment that is no id but a function or made
     for seed in seeds:
         env.reset(seed=seed)
         content += fingerprint(layers, {"_np_random_seed"})
     packages = {"curricle", "gymnasium", type(env.unwrapped).__module__.partition(".")[0]}
-    shown = [getattr(way, "__qualname__", repr(way)) for way in ways]
-    # MiniGrid's space of missions prints a function with its address, another in every process.
-    spaces = re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}")
+    modules = {package: sys.modules[package] for package in sorted(packages)}
     return {
         "environment": name,
-        "classes": classes,
-        "spaces": spaces,
+        "classes": [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers],
+        # MiniGrid's space of missions prints a function with its address, another in every process.
+        "spaces": re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}"),
         "seeds": list(seeds),
-        "settings": shown,
+        "settings": [getattr(way, "__qualname__", repr(way)) for way in ways],
         "content after a reset": digest_of(content),
-        "versions": {
-            package: str(getattr(sys.modules[package], "__version__", ""))
-            for package in sorted(packages)
-        },
+        "versions": {p: str(getattr(module, "__version__", "")) for p, module in modules.items()},
     }
