@@ -292,9 +292,9 @@ BAD = {
     "one space": lambda: miniatures(room(), cr.observation_task("CartPole-v1")),
     "numbered actions": lambda: miniatures(cr.observation_task("Pendulum-v1")),
     "one discount": lambda: miniatures(room(), replaced_discount()),
-    "miniature CartPole-v1 has no tables.*max_states": lambda: miniatures(
-        cr.observation_task("CartPole-v1"), resets=1, max_states=50
-    ).solved,
+    "miniature CartPole-v1 has no tables.*max_states": lambda: (
+        miniatures(cr.observation_task("CartPole-v1"), resets=1, max_states=50).solved
+    ),
     "not learnt by steps": lambda: cr.deep.learn_deep(miniatures(room()), PPO, 64),
     "better than at random": lambda: plan(
         PolicyReuse(), small=miniatures(room(blind=True), resets=20)

@@ -158,7 +158,9 @@ def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
 @pytest.mark.parametrize("library", [pickle, cloudpickle])
 def test_a_copy_goes_on_where_the_original_is(library):
     weight = cr.learning.linear(1.0, 0.2, steps=80)
-    venv = ShapedVecEnv(DummyVecEnv([monitored] * 2), height, discount=DISCOUNT, batched=True, weight=weight)
+    venv = ShapedVecEnv(
+        DummyVecEnv([monitored] * 2), height, discount=DISCOUNT, batched=True, weight=weight
+    )
     venv.seed(0)
     venv.reset()
     venv.step([0, 1])

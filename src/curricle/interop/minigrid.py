@@ -59,6 +59,8 @@ class Level:
             alike = [thing for thing in objects if thing.type == kind]
             for i, thing in enumerate(alike, start=1):
                 self.names[id(thing)] = kind if len(alike) == 1 else f"{kind}_{i}"
+        self.content: Any = None  # its first state
+        self.first_digests = self.digests()
 
     def digests(self) -> dict[str, bytes]:
         """Return a digest of each attribute that is not plain, to see whether it has changed."""
@@ -241,12 +243,11 @@ class MiniGridAccess(StateAccess):
         self.own_reward, self.hint = own_reward, "" if own_reward else TIME_HINT
         self.times = count()
         self.levels = list[Level]()
-        self.by_digest = dict[bytes, tuple[Level, Any]]()
+        self.by_digest = dict[bytes, Level]()
         self.grid_numbers = dict[tuple[Any, ...], int]()
         self.grids = list[list[Any]]()
         self.last_grid = -1  # the number of the grid that was restored last
         self.level: Any = None
-        self.first = list[tuple[Any, dict[str, bytes]]]()  # by level: its first state, its digests
         self.env: Any = None
 
     def prepare(self, env: Environment) -> None:
@@ -260,17 +261,15 @@ class MiniGridAccess(StateAccess):
         self.env = base
         vars(base).pop("gen_obs", None)
         digest = fingerprint(base, left_out(base) | MOVED | SHOWN | REPLACED)
-        if digest in self.by_digest:
-            _, content = self.by_digest[digest]
+        met = self.by_digest.get(digest)
+        if met is not None:
             here = base.agent_pos, base.agent_dir, base.step_count
-            self.restore(base, content)
+            self.restore(base, met.content)
             base.agent_pos, base.agent_dir, base.step_count = here
         else:
-            self.level = Level(len(self.levels), base)
+            self.level = self.by_digest[digest] = Level(len(self.levels), base)
             self.levels.append(self.level)
-            _, content = self.save(base)
-            self.by_digest[digest] = self.level, content
-            self.first.append((content, self.level.digests()))
+            _, self.level.content = self.save(base)
         base.gen_obs = lambda: _View(base)
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
@@ -326,10 +325,10 @@ class MiniGridAccess(StateAccess):
 
     def missed(self, env: Environment) -> str:
         """Return an attribute that steps have changed though it is not part of what is saved."""
-        for level, (content, digests) in zip(self.levels, self.first, strict=True):
-            self.restore(env, content)
+        for level in self.levels:
+            self.restore(env, level.content)
             for name, digest in level.digests().items():
-                if digest != digests[name]:
+                if digest != level.first_digests[name]:
                     return name
         return ""
 

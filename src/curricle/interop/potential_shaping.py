@@ -286,12 +286,10 @@ class ShapingPotential:
             columns.append(column)
         if self.aggregate is None and self._constant == 1.0:  # the quickest, for one environment
             return [[phi, phi] for phi in columns[0]]
-        together = columns[0]
-        if self.aggregate is not None and self._batched:
-            arrays = np.array(columns)[:, :, None]
-            together = aggregation.aggregate(self.aggregate, arrays)[:, 0].tolist()
-        elif self.aggregate is not None:
-            g = self.aggregate
+        g, together = self.aggregate, columns[0]
+        if g is not None and self._batched:
+            together = aggregation.aggregate(g, np.array(columns)[:, :, None])[:, 0].tolist()
+        elif g is not None:
             together = [aggregation.aggregate_numbers(g, values) for values in zip(*columns)]  # noqa: B905 - all are n
         values_of_rows = [*map(list, zip(together, *columns))]  # noqa: B905
         if self._constant == 1.0:

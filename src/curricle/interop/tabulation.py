@@ -114,19 +114,24 @@ Made = tuple[Tables, TabulationRecord]
 class Plan:
     """How an environment is tabulated."""
 
-    seeds: tuple[int, ...]
+    seeds: Any
     state: Any
     outcomes: Listed | None
     samples: int | None
     max_states: int
     max_seconds: float
     progress: bool | Callable[[Progress], Any] | None
-    cache: Path | None = None
+    cache: Any
 
-    def check(self) -> None:
-        """Raise SettingError if settings are invalid or contradict each other."""
+    def __post_init__(self) -> None:
         pair = isinstance(self.state, tuple) and len(self.state) == 2
         known = self.state is None or callable(getattr(self.state, "open", None))
+        states = whole_number("max_states", self.max_states, 1, SettingError)
+        object.__setattr__(self, "seeds", seed_tuple(self.seeds))
+        object.__setattr__(self, "max_states", states)
+        number("max_seconds", self.max_seconds, SettingError, low=0)
+        if self.cache is not None:
+            object.__setattr__(self, "cache", saved_path(self.cache))
         if not known and not (pair and all(map(callable, self.state))):
             raise SettingError(
                 "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
@@ -199,12 +204,9 @@ class Plan:
             transitions=source.transitions,
             drawing=world.drawing,
             checked=checked,
-            cut=search.cut,
-            several=search.several,
             explored=len(search.terminal),
-            seconds=search.seconds,
-            observing=search.observing,
             note=world.access.note,
+            **{name: getattr(search, name) for name in ("cut", "several", "seconds", "observing")},
         )
         return tables, record
 
@@ -303,17 +305,7 @@ def tabulate(
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """
-    plan = Plan(
-        seeds=seed_tuple(seeds),
-        state=state,
-        outcomes=outcomes,
-        samples=samples,
-        max_states=whole_number("max_states", max_states, 1, SettingError),
-        max_seconds=number("max_seconds", max_seconds, SettingError, low=0),
-        progress=progress,
-        cache=None if cache is None else saved_path(cache),
-    )
-    plan.check()
+    plan = Plan(seeds, state, outcomes, samples, max_states, max_seconds, progress, cache)
     discount = number("discount", discount, TaskError, low=0, high=1)
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
