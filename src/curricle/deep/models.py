@@ -21,13 +21,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from curricle.deep.learner import (
-    SAVES,
-    DeepLearner,
-    PolicyReuse,
-    WeightTransfer,
-    residual_policy,
-)
+from curricle.deep.learner import SAVES, DeepLearner, PolicyReuse, WeightTransfer, residual_policy
 from curricle.deep.networks import NetworkValues, acting
 from curricle.deep.vec_env import ShapedVecEnv
 from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
@@ -202,12 +196,7 @@ class DeepRun:
     reached: Callable[[], None] = field(default=nothing, kw_only=True)  # called at each checkpoint
 
     def train(
-        self,
-        seed: int,
-        shaping: Shaping | None,
-        warm_up: WarmUp,
-        charged: int,
-        saves: Place | None,
+        self, seed: int, shaping: Shaping | None, warm_up: WarmUp, charged: int, saves: Place | None
     ) -> Outcome:
         """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)

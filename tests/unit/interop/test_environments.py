@@ -90,8 +90,7 @@ def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
 
 
 @pytest.mark.parametrize(
-    "given",
-    [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}],
+    "given", [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}]
 )
 def test_a_start_can_be_named(given):
     hunt = Pursuit(3, 2, capture="all")

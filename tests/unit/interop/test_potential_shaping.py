@@ -297,10 +297,7 @@ def test_a_potential_of_something_else_is_refused_at_the_end():
     with pytest.raises(PotentialError, match=re.escape(said)):
         run_episode(env)
     envs = VectorPotentialShaping(
-        SyncVectorEnv([partial(world, NONE)] * 2),
-        Clock().batch,
-        discount=DISCOUNT,
-        batched=True,
+        SyncVectorEnv([partial(world, NONE)] * 2), Clock().batch, discount=DISCOUNT, batched=True
     )
     with pytest.raises(PotentialError, match="is off by 7 at the end of an episode of sub-env"):
         run_episode(SomeEnvs(envs))
