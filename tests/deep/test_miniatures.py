@@ -127,17 +127,22 @@ def test_a_comparison_charges_no_steps_and_has_a_placebo():
     assert found.arms["transfer, placebo"].control
 
 
-def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
+def through_a_table(steps, budget, **settings):
+    """A table, what it knows distilled into miniatures' network, and the target of that."""
     lake = cr.tabulate(room(3).environment, discount=0.9)
     small = miniatures(room(3), resets=1)
-    edges = [cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))]
-    curriculum = cr.Curriculum(
+    told = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
+    return cr.Curriculum(
         {"table": lake, "small": small, "large": room(5)},
-        [*edges, cr.Transfer("small", "large")],
-        learner={"small": PPO, "large": PPO},
-        budget={"table": cr.StoppingRule(4_000), "large": 64}, eval_freq={"large": 64},
-        evaluation={"large": ROLLOUTS}, shaping={"large": PolicyReuse()},
+        [told, cr.Transfer("small", "large")], learner={"small": PPO, "large": PPO},
+        budget={"table": cr.StoppingRule(steps), "large": budget}, eval_freq={"large": 64},
+        evaluation={"large": ROLLOUTS}, **settings,
     )  # fmt: skip
+
+
+def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
+    curriculum = through_a_table(4_000, 64, shaping={"large": PolicyReuse()})
+    lake, small = curriculum.tasks["table"], curriculum.tasks["small"]
     result = curriculum.train(seeds=1)
     assert result.source_steps("large").tolist() == [4_000]
     q = result["table"].values[0]
@@ -207,19 +212,12 @@ def test_a_guide_with_action_values_is_read_through_its_mapping():
 
 
 def test_a_placebo_of_miniatures_with_a_source_of_their_own():
-    lake = cr.tabulate(room(3).environment, discount=0.9)
-    small = miniatures(room(3), resets=1)
-    told = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
-    curriculum = cr.Curriculum(
-        {"table": lake, "small": small, "large": room(5)},
-        [told, cr.Transfer("small", "large")], learner={"large": PPO},
-        budget={"table": cr.StoppingRule(500), "large": 640}, eval_freq={"large": 64},
-        evaluation={"large": ROLLOUTS},
-    )  # fmt: skip
+    curriculum = through_a_table(500, 640)
     found = cr.compare(curriculum, seeds=2, controls=["placebo"], threshold=0.3, window=1)
     assert found.arms["transfer, placebo"].control
+    told, edge = curriculum.transfers
     with pytest.raises(cr.errors.CurriculumError, match="miniatures take none"):
-        replace(curriculum, transfers=[replace(told, calibrate=True), curriculum.transfers[1]])
+        replace(curriculum, transfers=[replace(told, calibrate=True), edge])
 
 
 STUDY = """
