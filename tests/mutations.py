@@ -552,7 +552,7 @@ MUTATIONS = [
         "networks with actions that count from 1",
         "deep/learner.py",
         'if np.any(getattr(part, "start", 0)):',
-        'if what == "Observation" and np.any(getattr(part, "start", 0)):',
+        'if kind == "Observation" and np.any(getattr(part, "start", 0)):',
         (f"{ACTING}::test_networks_take_no_spaces_that_do_not_count_from_0",),
     ),
     Mutation(

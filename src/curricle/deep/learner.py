@@ -149,11 +149,11 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
                 f"MultiBinary, or a Dict of these: {_shown(key, part)}; {_encoder(parts)}"
             )
     observed = [("Observation", part) for part in parts.values()]
-    for what, part in [("Action", task.actions), *observed]:
+    for kind, part in [("Action", task.actions), *observed]:
         if np.any(getattr(part, "start", 0)):
             raise SettingError(
-                f"{what.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
-                f"wrapper such as gymnasium.wrappers.Transform{what} makes them, as encode="
+                f"{kind.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
+                f"wrapper such as gymnasium.wrappers.Transform{kind} makes them, as encode="
             )
     if isinstance(space, Dict) and policy.startswith(("Mlp", "Cnn")):
         raise SettingError(

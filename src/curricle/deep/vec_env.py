@@ -109,15 +109,15 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
             lambda i: infos[i].get("terminal_observation"),
             observations,
         )
-        sources, told = self._potential.sources, []
+        sources, shaped_infos = self._potential.sources, []
         parts = zip(infos, rewards.tolist(), done.shaping, done.there, strict=True)
         for i, (info, reward, (shaping, *terms), there) in enumerate(parts):
             shown = {"original_reward": reward, "shaping": shaping, "potential": there[0]}
             if len(sources) > 1:
                 shown["shaping_terms"] = dict(zip(sources, terms, strict=True))
-            told.append({**info, **shown, **done.ended.get(i, {})})
+            shaped_infos.append({**info, **shown, **done.ended.get(i, {})})
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
-        return observations, shaped, dones, told
+        return observations, shaped, dones, shaped_infos
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""

@@ -244,17 +244,17 @@ def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextM
 
 
 @contextmanager
-def refusals_of_make(what: Any) -> Iterator[None]:
+def refusals_of_make(source: Any) -> Iterator[None]:
     """Raise TaskError for whatever ``gymnasium.make`` raises; a function's errors are its own."""
     try:
         yield
     except CurricleError:
         raise
     except Exception as error:
-        what = what.what if isinstance(what, EnvironmentMaker) else what
-        if not isinstance(what, str | EnvSpec):
+        source = source.what if isinstance(source, EnvironmentMaker) else source
+        if not isinstance(source, str | EnvSpec):
             raise
-        name = what if isinstance(what, str) else what.id
+        name = source if isinstance(source, str) else source.id
         raise TaskError(
             f"an environment must be one that gymnasium.make makes: {name!r} failed with "
             f"{type(error).__name__}: {error}"
@@ -273,18 +273,18 @@ def maker_of(
         raise TaskError(
             f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
         )
-    what = environment.spec if isinstance(environment, gym.Env) else environment
-    known = isinstance(environment, gym.Env) or isinstance(what, str | EnvSpec)
-    if not known and not callable(what):
+    source = environment.spec if isinstance(environment, gym.Env) else environment
+    known = isinstance(environment, gym.Env) or isinstance(source, str | EnvSpec)
+    if not known and not callable(source):
         raise TaskError(
             "an environment must be an id, a specification, a gymnasium.Env, or a class or "
-            f"function that makes one: got {what!r}"
+            f"function that makes one: got {source!r}"
         )
     if time_limit != "own" and time_limit is not None:
         time_limit = whole_number("time_limit in steps", time_limit, 1, TaskError)
-    if time_limit != "own" and isinstance(what, str | EnvSpec):
+    if time_limit != "own" and isinstance(source, str | EnvSpec):
         arguments["max_episode_steps"] = -1 if time_limit is None else time_limit
-    return EnvironmentMaker(what, arguments)
+    return EnvironmentMaker(source, arguments)
 
 
 def observation_task(
@@ -333,21 +333,20 @@ def observation_task(
 
 def name_list(names: Sequence[str]) -> tuple[str, ...]:
     """Return names of a state's components; TaskError where they are no list of different texts."""
-    what = "names of a state's components"
     if isinstance(names, str) or not isinstance(names, Sequence):
-        raise TaskError(f"{what} must be a list of text: got {names!r}")
+        raise TaskError(f"names of a state's components must be a list of text: got {names!r}")
     for name in names:
-        text(f"one of the {what}", name, TaskError)
+        text("one of the names of a state's components", name, TaskError)
     if len(set(names)) < len(names):
-        raise TaskError(f"{what} must differ: got {', '.join(names)}")
+        raise TaskError(f"names of a state's components must differ: got {', '.join(names)}")
     return tuple(names)
 
 
-def with_space(what: str, space: Space, other: Space | None) -> Space:
+def with_space(points: str, space: Space, other: Space | None) -> Space:
     """Return the space that a caller gives instead of another with as many points, if any."""
     if other is not None and other.size != space.size:
         raise TaskError(
-            f"{what} must name the environment's {space.size}: got {other.size} of them"
+            f"{points} must name the environment's {space.size}: got {other.size} of them"
         )
     return space if other is None else other
 

@@ -48,12 +48,12 @@ class Level:
         objects = [thing for thing in met.values() if thing.type not in STILL]
         # What steps change of MiniGrid's own objects is known; of others all is saved.
         standard = [type(thing).__module__ == "minigrid.core.world_object" for thing in objects]
-        own = [thing for thing, known in zip(objects, standard, strict=True) if known]
+        plain = [thing for thing, known in zip(objects, standard, strict=True) if known]
         self.others = [thing for thing, known in zip(objects, standard, strict=True) if not known]
         self.doors = [thing for thing in objects if thing.type == "door"]
         self.movable = [thing for thing in objects if thing.type != "door"]
-        self.standard_doors = [thing for thing in own if thing.type == "door"]
-        self.standard_movable = [thing for thing in own if thing.type != "door"]
+        self.standard_doors = [thing for thing in plain if thing.type == "door"]
+        self.standard_movable = [thing for thing in plain if thing.type != "door"]
         self.names = dict[int, str]()
         for kind in {thing.type for thing in objects}:
             alike = [thing for thing in objects if thing.type == kind]

@@ -597,11 +597,11 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
         return None
     file = read_saved(path, KIND)
     arrays, about = file.arrays, file.about
-    for what, value in made_of.items():
-        if about.get(what) != value:
+    for aspect, value in made_of.items():
+        if about.get(aspect) != value:
             raise StoreError(
-                f"a cache must hold tables of the same {what}, or another file be named: {path} "
-                f"has {about.get(what)}, got {value}"
+                f"a cache must hold tables of the same {aspect}, or another file be named: {path} "
+                f"has {about.get(aspect)}, got {value}"
             )
     try:
         states = Space([Component(**part) for part in about["components"]], arrays.get("points"))
