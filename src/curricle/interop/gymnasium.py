@@ -214,7 +214,9 @@ def actions_of(
             "labels are for actions that are one number, and others are named by a Space: these "
             f"have {', '.join(named.names)}"
         )
-    return act, Space([replace(named.components[0], labels=actions)])  # type: ignore[arg-type]
+    if isinstance(actions, str) or len(actions) != named.size:
+        raise TaskError(f"actions must be a label for each, {named.size} in all: got {actions!r}")
+    return act, Space([replace(named.components[0], labels=tuple(actions))])
 
 
 def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
