@@ -455,7 +455,7 @@ MUTATIONS = [
     Mutation(
         "steps of a tabulation are not repeated",
         "interop/exploration.py",
-        "self._check_repeated(first, self._arrival(again, action), action)\n            # Where",
+        "self._check_repeated(first, self._arrival(again, action), action)\n        # Where",
         "# Where",
         (f"{TABULATE}::test_a_step_is_repeated_from_its_state",),
     ),
@@ -475,14 +475,14 @@ MUTATIONS = [
     ),
     Mutation(
         "a step of a subclass is ignored",
-        "interop/spaces.py",
+        "interop/states.py",
         "getattr(type(env), name) is getattr(kind, name) and name not in vars(env)",
         "name not in vars(env)",
         (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
     ),
     Mutation(
         "a step that was replaced is ignored",
-        "interop/spaces.py",
+        "interop/states.py",
         " and name not in vars(env)",
         "",
         (f"{TABLES}::test_what_a_table_does_not_describe_is_live",),
@@ -554,7 +554,7 @@ MUTATIONS = [
         "networks with actions that count from 1",
         "deep/learner.py",
         'if np.any(getattr(part, "start", 0)):',
-        'if what == "Observation" and np.any(getattr(part, "start", 0)):',
+        'if kind == "Observation" and np.any(getattr(part, "start", 0)):',
         (f"{ACTING}::test_networks_take_no_spaces_that_do_not_count_from_0",),
     ),
     Mutation(

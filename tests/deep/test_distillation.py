@@ -75,10 +75,13 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not():
     assert any((fits[0][name] != fits[2][name]).any() for name in fits[0])
 
 
-def test_states_that_look_alike_get_their_mean():
+@pytest.mark.parametrize("form", [np.asarray, lambda seen: {"a": seen, "b": np.zeros(len(seen))}])
+def test_states_that_look_alike_get_their_mean(form):
     seen = np.array([[0.0], [0.0], [0.0], [1.0]], np.float32)
     q = np.array([[1.0, 0.0], [3.0, 0.0], [0.0, 5.0], [0.0, 2.0]])
-    known = Knowledge.of(seen, q)
+    known = Knowledge.of(form(seen), q)
+    parts = known.observations
+    assert (parts["a"] if isinstance(parts, dict) else parts).tolist() == [[0.0], [1.0]]
     assert known.states.tolist() == [3, 1]
     assert known.values == pytest.approx([3.0, 2.0])
     assert known.action_values == pytest.approx(np.array([[4 / 3, 5 / 3], [0.0, 2.0]]))
@@ -96,14 +99,6 @@ def test_joined_knowledge_weighs_each_state_once():
     for name in ("values", "action_values", "policy", "states"):
         one, two = getattr(whole, name)[order], getattr(joined, name)[other]
         assert one == pytest.approx(two)
-
-
-def test_observations_that_are_dicts_are_merged_too():
-    seen = {"a": np.array([[1], [1], [2]]), "b": np.array([0, 0, 0])}
-    known = Knowledge.of(seen, np.array([[1.0], [3.0], [5.0]]))
-    assert known.observations["a"].tolist() == [[1], [2]]
-    assert known.values.tolist() == [2.0, 5.0]
-    assert known.observations["b"].tolist() == [0, 0]
 
 
 def test_shuffled_answers_are_the_same_answers_of_others():

@@ -127,17 +127,22 @@ def test_a_comparison_charges_no_steps_and_has_a_placebo():
     assert found.arms["transfer, placebo"].control
 
 
-def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
+def through_a_table(steps, budget, **settings):
+    """A table, what it knows distilled into miniatures' network, and the target of that."""
     lake = cr.tabulate(room(3).environment, discount=0.9)
     small = miniatures(room(3), resets=1)
-    edges = [cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))]
-    curriculum = cr.Curriculum(
+    told = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
+    return cr.Curriculum(
         {"table": lake, "small": small, "large": room(5)},
-        [*edges, cr.Transfer("small", "large")],
-        learner={"small": PPO, "large": PPO},
-        budget={"table": cr.StoppingRule(4_000), "large": 64}, eval_freq={"large": 64},
-        evaluation={"large": ROLLOUTS}, shaping={"large": PolicyReuse()},
+        [told, cr.Transfer("small", "large")], learner={"small": PPO, "large": PPO},
+        budget={"table": cr.StoppingRule(steps), "large": budget}, eval_freq={"large": 64},
+        evaluation={"large": ROLLOUTS}, **settings,
     )  # fmt: skip
+
+
+def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
+    curriculum = through_a_table(4_000, 64, shaping={"large": PolicyReuse()})
+    lake, small = curriculum.tasks["table"], curriculum.tasks["small"]
     result = curriculum.train(seeds=1)
     assert result.source_steps("large").tolist() == [4_000]
     q = result["table"].values[0]
@@ -148,30 +153,6 @@ def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
     loaded = cr.curriculum.CurriculumResult.load(result.save(tmp_path / "plan"), curriculum)
     seen = told.observations
     assert np.array_equal(loaded["small"].values[0].v(seen), result["small"].values[0].v(seen))
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: miniatures(), "at least one member"),
-        (lambda: miniatures(room(), cr.observation_task("CartPole-v1")), "one space"),
-        (lambda: miniatures(cr.observation_task("Pendulum-v1")), "numbered actions"),
-        (lambda: miniatures(room(), replaced_discount()), "one discount"),
-        (
-            lambda: miniatures(cr.observation_task("CartPole-v1"), resets=1, max_states=50).solved,
-            "miniature CartPole-v1 has no tables.*max_states",
-        ),
-    ],
-)
-def test_bad_miniatures_are_one_sentence(make, said):
-    with pytest.raises(cr.errors.TaskError, match=said) as caught:
-        make()
-    assert "\n" not in str(caught.value)
-
-
-def test_what_generalises_no_better_than_random_is_refused():
-    with pytest.raises(cr.errors.TaskError, match="better than at random"):
-        plan(PolicyReuse(), small=miniatures(room(blind=True), resets=20)).train(seeds=1)
 
 
 def test_a_forecast_says_what_holds_on_held_out_levels():
@@ -222,12 +203,6 @@ def test_a_level_of_each_member_is_left_to_be_distilled(resets, held_out):
     assert member.levels == 1 or not member.training[~member.table.mdp.terminal].all()
 
 
-@pytest.mark.parametrize("shaping", [WeightTransfer(), PolicyReuse()])
-def test_a_mapping_of_actions_that_would_not_be_heeded_is_refused(shaping):
-    with pytest.raises(cr.errors.SettingError, match=r"'small' has .*actions as 3 2 1 0"):
-        mapped(shaping, PPO, actions=SIDEWAYS).train(1)
-
-
 def test_a_guide_with_action_values_is_read_through_its_mapping():
     result = mapped(PolicyReuse(), DQN, actions=SIDEWAYS).train(1)
     (phi,) = result.potentials["large"]
@@ -236,48 +211,13 @@ def test_a_guide_with_action_values_is_read_through_its_mapping():
     assert phi.pairs(seen).argmax(axis=1).tolist() == SIDEWAYS[own].tolist()
 
 
-@pytest.mark.parametrize("shaping", [PolicyReuse(), WeightTransfer(kl=0.1), PolicyReuse(kl=0.1)])
-def test_a_pull_ends_only_within_a_budget_in_steps(shaping):
-    learner = PPO if getattr(shaping, "kl", 0) else DQN
-    with pytest.raises(cr.errors.SettingError, match=r"a budget in steps: .* got 3 episodes"):
-        plan(shaping, learner=learner, budget=cr.Episodes(3)).train(1)
-    assert plan(None, budget=cr.Episodes(3)).node("large").shaping == WeightTransfer()
-
-
-@pytest.mark.parametrize(
-    ("shaping", "learner"),
-    [
-        (WeightTransfer(kl=0.1), DQN),
-        (WeightTransfer(kl=0.1), DeepLearner("TRPO")),
-    ],
-)
-def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(shaping, learner):
-    pytest.importorskip("sb3_contrib")
-    small = miniatures(room(), resets=6)
-    with pytest.raises(cr.errors.SettingError):
-        plan(shaping, learner=learner, small=small).train(1)
-    assert "solved" not in vars(small)
-
-
 def test_a_placebo_of_miniatures_with_a_source_of_their_own():
-    lake = cr.tabulate(room(3).environment, discount=0.9)
-    small = miniatures(room(3), resets=1)
-    told = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
-    curriculum = cr.Curriculum(
-        {"table": lake, "small": small, "large": room(5)},
-        [told, cr.Transfer("small", "large")], learner={"large": PPO},
-        budget={"table": cr.StoppingRule(500), "large": 640}, eval_freq={"large": 64},
-        evaluation={"large": ROLLOUTS},
-    )  # fmt: skip
+    curriculum = through_a_table(500, 640)
     found = cr.compare(curriculum, seeds=2, controls=["placebo"], threshold=0.3, window=1)
     assert found.arms["transfer, placebo"].control
+    told, edge = curriculum.transfers
     with pytest.raises(cr.errors.CurriculumError, match="miniatures take none"):
-        replace(curriculum, transfers=[replace(told, calibrate=True), curriculum.transfers[1]])
-
-
-def test_miniatures_are_not_learnt_by_steps():
-    with pytest.raises(cr.errors.SettingError, match="not learnt by steps"):
-        cr.deep.learn_deep(miniatures(room()), PPO, 64)
+        replace(curriculum, transfers=[replace(told, calibrate=True), edge])
 
 
 STUDY = """
@@ -339,3 +279,50 @@ def test_a_study_distils_and_is_stored(tmp_path):
         parameters = trained.parameters()
         assert all((stored[name] == parameters[name]).all() for name in parameters)
     assert (found.source_steps("distilled") == 0).all()
+
+
+def short_of(shaping, learner):
+    return plan(shaping, learner=learner, budget=cr.Episodes(3))
+
+
+BAD = {
+    "at least one member": miniatures,
+    "one space": lambda: miniatures(room(), cr.observation_task("CartPole-v1")),
+    "numbered actions": lambda: miniatures(cr.observation_task("Pendulum-v1")),
+    "one discount": lambda: miniatures(room(), replaced_discount()),
+    "miniature CartPole-v1 has no tables.*max_states": lambda: (
+        miniatures(cr.observation_task("CartPole-v1"), resets=1, max_states=50).solved
+    ),
+    "not learnt by steps": lambda: cr.deep.learn_deep(miniatures(room()), PPO, 64),
+    "better than at random": lambda: plan(
+        PolicyReuse(), small=miniatures(room(blind=True), resets=20)
+    ).train(1),
+    r"'small' has .*actions as 3 2 1 0": lambda: mapped(
+        WeightTransfer(), PPO, actions=SIDEWAYS
+    ).train(1),
+    r"from this source .*'small' has .*actions as 3 2 1 0": lambda: mapped(
+        PolicyReuse(), PPO, actions=SIDEWAYS
+    ).train(1),
+    # A pull ends only within a budget in steps.
+    r"a budget in steps: .* got 3 episodes": lambda: short_of(PolicyReuse(), DQN).train(1),
+    r"a budget in steps: W.* got 3 ep": lambda: short_of(WeightTransfer(kl=0.1), PPO).train(1),
+    r"a budget in steps: P.* got 3 ep": lambda: short_of(PolicyReuse(kl=0.1), PPO).train(1),
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_what_is_bad_is_refused_in_a_sentence(said):
+    kinds = cr.errors.TaskError, cr.errors.SettingError
+    with pytest.raises(kinds, match=said) as caught:
+        BAD[said]()
+    assert "\n" not in str(caught.value)
+    assert short_of(None, PPO).node("large").shaping == WeightTransfer()
+
+
+@pytest.mark.parametrize("learner", [DQN, DeepLearner("TRPO")], ids=str)
+def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(learner):
+    pytest.importorskip("sb3_contrib")
+    small = miniatures(room(), resets=6)
+    with pytest.raises(cr.errors.SettingError):
+        plan(WeightTransfer(kl=0.1), learner=learner, small=small).train(1)
+    assert "solved" not in vars(small)

@@ -13,7 +13,6 @@ from curricle.errors import SettingError, StoreError
 from curricle.interop import MiniGridView
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
-from tests.worlds_to_tabulate import Corridor
 
 from .worlds import ACTOR, DEEP_Q, LAKE, MAZE, one_hot, table_potential
 
@@ -33,8 +32,7 @@ def lake():
     return learn_deep(LAKE, ACTOR, 128, seeds=[5, 2, 9], eval_freq=64)
 
 
-def everywhere():
-    return np.eye(16, dtype=np.int64)
+ROWS = np.eye(16, dtype=np.int64)
 
 
 @pytest.mark.parametrize(("algorithm", "learner"), [(PPO, ACTOR), (DQN, DEEP_Q)])
@@ -45,11 +43,11 @@ def test_a_saved_policy_is_read_by_stable_baselines3_and_here(tmp_path, algorith
         file = policy.save(tmp_path / f"new/seed-{k}")
         assert file == tmp_path / f"new/seed-{k}.zip"
         theirs, mine = algorithm.load(file), TrainedPolicy.load(file, LAKE, learner)
-        wanted = result.values[k].policy.predict(everywhere(), deterministic=True)[0]
-        assert np.array_equal(policy.predict(everywhere()), wanted)
-        assert np.array_equal(mine.predict(everywhere()), wanted)
-        assert np.array_equal(theirs.predict(everywhere(), deterministic=True)[0], wanted)
-        assert policy.predict(everywhere()[3]) == wanted[3]
+        wanted = result.values[k].policy.predict(ROWS, deterministic=True)[0]
+        assert np.array_equal(policy.predict(ROWS), wanted)
+        assert np.array_equal(mine.predict(ROWS), wanted)
+        assert np.array_equal(theirs.predict(ROWS, deterministic=True)[0], wanted)
+        assert policy.predict(ROWS[3]) == wanted[3]
         assert theirs.num_timesteps == result.steps_used[k]
     for name, value in result.values[1].parameters().items():
         assert np.array_equal(theirs.policy.state_dict()[name].numpy(), value)
@@ -167,67 +165,56 @@ def test_a_network_reads_encoded_levels_and_is_evaluated_in_tables():
     assert cr.evaluate(table, policy).start_value == pytest.approx(earned, abs=1e-9)
 
 
-def test_a_small_cnn_learns_from_where_things_are():
-    torch.manual_seed(0)
-    space = MiniGridView(picture=True)
-    network = SmallCNN(_space(space), features_dim=8, channels=4)
-    seen = torch.zeros(2, 24, 7, 7)
-    seen[0, 3, 1, 1] = seen[1, 3, 5, 5] = 1
-    one, other = network(seen)
-    assert one.shape == (8,)
-    assert not torch.equal(one, other)
-
-
-def _space(encode):
-    return cr.observation_task("minigrid:MiniGrid-Empty-5x5-v0", encode=encode).observations
-
-
 def drawn_nowhere():
     return one_hot(MAZE).make()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
-        (lambda p, d: TrainedPolicy.load(d / "no.zip", LAKE, ACTOR), "that PPO saved: .*no.zip"),
-        (lambda p, d: TrainedPolicy.load(p.save(d / "p"), LAKE, DEEP_Q), "that DQN saved"),
-        (
-            lambda p, d: TrainedPolicy.load(
-                p.save(d / "p"), cr.observation_task("CartPole-v1"), ACTOR
-            ),
-            "must have its task's observations, Box.*: that in .* has Box",
-        ),
-        (lambda p, d: p.episode(seed=2**32), r"seed of a network's .* below 2\^32: got 4294967296"),
-        (lambda p, d: p.predict(np.zeros(3)), r"a policy takes observations of Box.*\(3,\)"),
-        (
-            lambda p, d: TrainedPolicy(cr.tasks.ObservationTask(drawn_nowhere), p.model).episode(),
-            "must draw pictures, .*: got render_mode=None",
-        ),
-    ],
-)
-def test_a_mistake_is_one_sentence(lake, tmp_path, wrong, sentence):
-    with pytest.raises(SettingError, match=sentence):
-        wrong(lake.policy, tmp_path)
+CART = cr.observation_task("CartPole-v1")
+TINY = DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [8]}})
 
 
-@pytest.mark.parametrize(
-    ("learner", "said"),
-    [
-        (DeepLearner("DQN", "Mlp"), "Policy Mlp unknown"),
-        (DeepLearner("DQN", settings={"learning_rate": float("nan")}), "nan"),
-        (DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": "x"}}), ""),
-    ],
-)
-def test_what_an_algorithm_refuses_is_one_sentence(learner, said):
-    with pytest.raises(SettingError, match=f"DQN must take its task .* says .*{said}"):
-        learn_deep(LAKE, learner, 10)
+def refused_by_sb3(policy="MlpPolicy", **settings):
+    return lambda lake, folder: learn_deep(LAKE, DeepLearner("DQN", policy, settings=settings), 10)
 
 
-ROWS = np.eye(16, dtype=np.int64)
+def loaded(task, learner, of=TrainedPolicy):
+    def load(lake, folder):
+        saved = lake.policy if of is TrainedPolicy else lake
+        return of.load(saved.save(folder / "saved"), task, learner)
+
+    return load
+
+
+MISTAKES = {
+    "that PPO saved: .*no.zip": lambda lake, d: TrainedPolicy.load(d / "no.zip", LAKE, ACTOR),
+    "that DQN saved": loaded(LAKE, DEEP_Q),
+    "must have its task's observations, Box.*: that in .* has Box": loaded(CART, ACTOR),
+    r"seed of a network's .* below 2\^32: got 4294967296": lambda lake, _: lake.policy.episode(
+        seed=2**32
+    ),
+    r"a policy takes observations of Box.*\(3,\)": lambda lake, _: lake.policy.predict(np.zeros(3)),
+    "must draw pictures, .*: got render_mode=None": lambda lake, _: TrainedPolicy(
+        cr.tasks.ObservationTask(drawn_nowhere), lake.policy.model
+    ).episode(),
+    "DQN must take its task .* says .*Policy Mlp unknown": refused_by_sb3("Mlp"),
+    "DQN must take its task .* says .*nan": refused_by_sb3(learning_rate=float("nan")),
+    "DQN must take its task .* says ": refused_by_sb3(policy_kwargs={"net_arch": "x"}),
+    "own task: .* has observations": loaded(CART, ACTOR, DeepResult),
+    "the task, learner and shaping they were trained with: .*DQN": loaded(LAKE, DEEP_Q, DeepResult),
+    "does not take these parameters": loaded(LAKE, TINY, DeepResult),
+    "learner must be a DeepLearner": loaded(LAKE, "PPO", DeepResult),
+}
+
+
+@pytest.mark.parametrize("sentence", MISTAKES)
+def test_a_mistake_is_one_sentence(lake, tmp_path, sentence):
+    with pytest.raises(SettingError, match=sentence) as caught:
+        MISTAKES[sentence](lake, tmp_path)
+    assert "\n" not in str(caught.value)
 
 
 def parameters(result):
-    return [one.parameters() for one in result.values]
+    return [values.parameters() for values in result.values]
 
 
 def same_networks(one, other):
@@ -298,26 +285,6 @@ def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
     same_networks(loaded.given["alone"], given.given["alone"])
 
 
-@pytest.mark.parametrize(
-    ("task", "learner", "words"),
-    [
-        (cr.observation_task("CartPole-v1"), ACTOR, "own task: .* has observations"),
-        (LAKE, DEEP_Q, "the task, learner and shaping they were trained with: .*DQN"),
-        (
-            LAKE,
-            DeepLearner("PPO", settings={"n_steps": 64, "policy_kwargs": {"net_arch": [8]}}),
-            "does not take these parameters",
-        ),
-        (LAKE, "PPO", "learner must be a DeepLearner"),
-    ],
-)
-def test_another_task_or_learner_is_one_sentence(tmp_path, lake, task, learner, words):
-    file = lake.save(tmp_path / "lake")
-    with pytest.raises(SettingError, match=words) as found:
-        DeepResult.load(file, task, learner)
-    assert "\n" not in str(found.value)
-
-
 def test_a_policy_that_cannot_be_written_leaves_nothing(tmp_path, lake, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -328,23 +295,6 @@ def test_a_policy_that_cannot_be_written_leaves_nothing(tmp_path, lake, monkeypa
     with pytest.raises(StoreError, match=r"not at a URL: got 's3://b/lake'"):
         lake.policy.save("s3://b/lake")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("algorithm", [PPO, DQN])
-def test_a_policy_is_worth_what_it_earns(algorithm):
-    task = cr.tabulate(Corridor, discount=0.9, seeds=[0])
-    for seed in range(3):
-        model = algorithm("MlpPolicy", Corridor(), seed=seed, device="cpu")
-        env = Corridor()
-        seen, _ = env.reset(seed=0)
-        total = 0.0
-        for step in range(200):
-            action, _ = model.predict(seen, deterministic=True)
-            seen, reward, over, _, _ = env.step(int(action))
-            total += 0.9**step * reward
-            if over:
-                break
-        assert cr.evaluate(task, model).start_value == pytest.approx(total, abs=1e-8)
 
 
 def test_a_policy_that_draws_is_worth_the_mean():

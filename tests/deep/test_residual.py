@@ -8,9 +8,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 import curricle as cr
 from curricle.deep import ways_in
+from curricle.deep.learner import residual_policy
 from curricle.deep.models import model_for
 from curricle.deep.networks import FEW, NetworkValues
-from curricle.deep.shaping import residual_policy
 from curricle.deep.ways_in import PotentialCache, ResidualMlpPolicy
 from tests import hunters
 

@@ -8,7 +8,7 @@ from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from hypothesis import given, strategies as st
 
 import curricle as cr
-from curricle.interop.spaces import Number, Point, is_discrete, space_of
+from curricle.interop.gymnasium import Number, Point, is_discrete, space_of
 from curricle.tasks.spaces import MISSING
 
 SIZES = st.integers(1, 4)

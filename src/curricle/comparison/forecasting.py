@@ -29,8 +29,8 @@ from curricle.comparison.trial import (
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import Node
 from curricle.curriculum.result import Learnt, SourceValues
+from curricle.deep.learning import policy_return
 from curricle.deep.miniature import Miniatures
-from curricle.deep.policy import policy_return
 from curricle.display import block, printed, table
 from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential

@@ -23,9 +23,8 @@ from curricle.curriculum.node import (
     capped,
 )
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
-from curricle.deep.learner import DeepLearner
+from curricle.deep.learner import DeepLearner, WeightTransfer
 from curricle.deep.miniature import Miniatures
-from curricle.deep.shaping import WeightTransfer
 from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import one_of
-from curricle.deep.policy import DeepResult
+from curricle.deep.learning import DeepResult
 from curricle.display import beside, block
 from curricle.errors import CurricleError, CurriculumError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved

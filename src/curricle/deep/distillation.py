@@ -10,10 +10,10 @@ from torch.nn import functional
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.deep.learner import DeepLearner, check_spaces
+from curricle.deep.learning import DeepResult
 from curricle.deep.miniature import Knowledge, Miniatures, rows_of
 from curricle.deep.models import isolated, model_for
 from curricle.deep.networks import NetworkValues
-from curricle.deep.policy import DeepResult
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record

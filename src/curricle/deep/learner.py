@@ -1,17 +1,18 @@
-"""Deep learners: which algorithm of Stable-Baselines3, its settings, and which spaces it takes."""
+"""Deep learners: algorithms of Stable-Baselines3, the spaces they take, what they take over."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
-from curricle.checks import instance, whole_number
+from curricle.checks import instance, number, whole_number
 from curricle.errors import SettingError
+from curricle.learning.shaping import Shaping
 from curricle.tasks.observation_task import ObservationTask, space_text
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
@@ -19,6 +20,7 @@ EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budg
 SAVES = 20  # checkpoints to resume from that a run writes in all of its budget
 LEAVES = (Box, Discrete, MultiDiscrete, MultiBinary)
 LEAST_SIDE = 36  # cells of a picture's side that the convolutions of ``NatureCNN`` need
+SMALLER = "a features_extractor_class such as SmallCNN in policy_kwargs reads smaller ones"
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,8 @@ class DeepLearner:
     Parameters
     ----------
     algorithm : str
-        Its name in ``stable_baselines3`` or ``sb3_contrib``, such as ``"DQN"``, ``"QRDQN"``,
-        ``"PPO"`` or ``"SAC"``, or one's own class as ``module:Class``.
+        Its name in ``stable_baselines3`` or ``sb3_contrib``, such as ``"DQN"`` or ``"PPO"``, or
+        one's own class as ``module:Class``.
     policy : str
         ``"MlpPolicy"``, ``"CnnPolicy"`` or ``"MultiInputPolicy"``.
     envs : int
@@ -142,72 +144,175 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
     parts = space.spaces if isinstance(space, Dict) else {"": space}
     for key, part in parts.items():
         if not isinstance(part, LEAVES):
-            name = f"the part {key!r} is" if key else "got"
             raise SettingError(
                 "observations of a deep learner must be a Box, Discrete, MultiDiscrete or "
-                f"MultiBinary, or a Dict of these: {name} {space_text(part)}; {_encoders(parts)}"
+                f"MultiBinary, or a Dict of these: {_shown(key, part)}; {_encoder(parts)}"
             )
     observed = [("Observation", part) for part in parts.values()]
-    for what, part in [("Action", task.actions), *observed]:
+    for kind, part in [("Action", task.actions), *observed]:
         if np.any(getattr(part, "start", 0)):
             raise SettingError(
-                f"{what.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
-                f"wrapper such as gymnasium.wrappers.Transform{what} makes them, as encode="
+                f"{kind.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
+                f"wrapper such as gymnasium.wrappers.Transform{kind} makes them, as encode="
             )
-    if isinstance(space, Dict):
-        if policy.startswith(("Mlp", "Cnn")):
-            raise SettingError(
-                f"{policy} reads one array: got {space_text(space)}; MultiInputPolicy reads a "
-                f"Dict, and {_encoders(parts)}"
-            )
-    elif policy.startswith("MultiInput"):
+    if isinstance(space, Dict) and policy.startswith(("Mlp", "Cnn")):
+        raise SettingError(
+            f"{policy} reads one array: got {space_text(space)}; MultiInputPolicy reads a "
+            f"Dict, and {_encoder(parts)}"
+        )
+    if not isinstance(space, Dict) and policy.startswith("MultiInput"):
         raise SettingError(f"{policy} reads a Dict: got {space_text(space)}; MlpPolicy reads that")
     _check_pictures(parts, learner)
 
 
-def _check_pictures(parts: Mapping[str, Space[Any]], learner: DeepLearner) -> None:
+def _check_pictures(parts: Mapping[str, Any], learner: DeepLearner) -> None:
     """Raise SettingError where the convolutions of Stable-Baselines3 cannot read a picture."""
-    kwargs = learner.settings.get("policy_kwargs") or {}
-    whole = learner.policy.startswith("Cnn")
+    kwargs, policy = learner.settings.get("policy_kwargs") or {}, learner.policy
+    whole = policy.startswith("Cnn")
     if "features_extractor_class" in kwargs or ("" in parts and not whole):
         return
-    normalised = kwargs.get("normalize_images") is False
     for key, part in parts.items():
         solid = isinstance(part, Box) and len(part.shape) == 3
+        # What Stable-Baselines3 takes for a picture, by itself.
+        picture = solid and part.dtype == np.uint8
+        picture = picture and bool((part.low == 0).all() and (part.high == 255).all())
         if whole and not solid:
             raise SettingError(
-                f"{learner.policy} reads a picture, a Box of three dimensions: got "
-                f"{space_text(part)}; MlpPolicy reads that"
+                f"{policy} reads a picture, a Box of three dimensions: got {space_text(part)}; "
+                "MlpPolicy reads that"
             )
-        if whole and not (normalised or _is_picture(part)):
+        if whole and not (picture or kwargs.get("normalize_images") is False):
             raise SettingError(
-                f"{learner.policy} reads a picture of bytes from 0 to 255, unless policy_kwargs "
-                "has normalize_images=False, or a features_extractor_class such as SmallCNN: got "
+                f"{policy} reads a picture of bytes from 0 to 255, unless policy_kwargs has "
+                "normalize_images=False, or a features_extractor_class such as SmallCNN: got "
                 f"{space_text(part)}"
             )
         # The least of the three sides are the channels.
-        if (whole or _is_picture(part)) and sorted(part.shape or ())[1] < LEAST_SIDE:
-            small = (
-                "a features_extractor_class such as SmallCNN in policy_kwargs reads smaller ones"
-            )
+        if (whole or picture) and sorted(part.shape or ())[1] < LEAST_SIDE:
             raise SettingError(
-                f"{learner.policy} reads pictures by NatureCNN, which needs {LEAST_SIDE} cells a "
-                f"side: {f'the part {key!r} is' if key else 'got'} {space_text(part)}; "
-                f"{small if whole else _encoders(parts)}"
+                f"{policy} reads pictures by NatureCNN, which needs {LEAST_SIDE} cells a side: "
+                f"{_shown(key, part)}; {SMALLER if whole else _encoder(parts)}"
             )
 
 
-def _is_picture(space: Space[Any]) -> bool:
-    """Return whether Stable-Baselines3 takes a space for a picture, by itself."""
-    if not isinstance(space, Box) or len(space.shape) != 3 or space.dtype != np.uint8:
-        return False
-    return bool((space.low == 0).all() and (space.high == 255).all())
+def _shown(key: str, part: Space[Any]) -> str:
+    return f"{f'the part {key!r} is' if key else 'got'} {space_text(part)}"
 
 
-def _encoders(parts: Mapping[str, Space[Any]]) -> str:
+def _encoder(parts: Mapping[str, Space[Any]]) -> str:
     """Return which encoder makes such observations fit."""
     if any(type(part).__module__.startswith("minigrid.") for part in parts.values()):
         return "encode=MiniGridView() makes MiniGrid's observations a vector"
     if len(parts) > 1:
         return "encode=FlatDict() makes a vector of a Dict of numbers"
     return "encode=FunctionEncoder(function, space) makes other observations of them"
+
+
+# -- ways of transfer for networks alone -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _OfNetworks(Shaping):
+    """A source whose values are not read."""
+
+    source: Any = field(default=None, repr=False)
+    kl: float = 0.0
+
+    for_tables: ClassVar[bool] = False
+    for_networks: ClassVar[bool] = True
+    reads_values: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        number(f"kl of a {self.name}", self.kl, SettingError, low=0)
+
+    @property
+    def potential(self) -> Any:
+        return self.source
+
+    def with_potential(self, potential: Any) -> Self:
+        return replace(self, source=potential)
+
+
+@dataclass(frozen=True)
+class WeightTransfer(_OfNetworks):
+    """Learning starts with the parameters of the one source's network.
+
+    Parameters
+    ----------
+    source : ObservationPotential or NetworkValues, optional
+        Filled in by a :class:`Curriculum`.
+    kl : float
+        As in :class:`PolicyReuse`.
+
+    Examples
+    --------
+    >>> WeightTransfer(kl=0.1).for_tables
+    False
+    """
+
+
+@dataclass(frozen=True)
+class PolicyReuse(_OfNetworks):
+    """The sources' policy is carried over, but not their values.
+
+    An off-policy learner acts on a source of action values with a probability that falls from 1 to
+    0 over the first half of the budget (Fernandez, Veloso 2006). Others start with the source's
+    actor, and may be kept near it at first.
+
+    Parameters
+    ----------
+    source : ObservationPotential or other ValueSource, optional
+        Filled in by a :class:`Curriculum`.
+    kl : float
+        Weight of KL(source's policy || learner's) in the loss of an actor-critic, which falls to 0
+        over the first half of the budget (kickstarting, Schmitt et al. 2018).
+
+    Examples
+    --------
+    >>> PolicyReuse().reads_values
+    False
+    """
+
+
+def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
+    """Return the policy class with which a network computes phi + a residual.
+
+    A DQN acts, bootstraps and is evaluated on phi(s, a) + residual(s, a), in the online and the
+    target network alike. The residual starts at 0; the potential is saved with the model. Among the
+    ``policy_kwargs`` are
+
+    - ``potential``, an :class:`ObservationPotential`;
+    - ``reads``, which part of phi the residual reads beside the observation, standardised by the
+      first batch: "actions", phi(s, .), the default for fewer than 32 actions; "state", Phi(s) =
+      max_a phi(s, a), the default for more; or "nothing". A linear residual that reads nothing
+      learns what Q-learning from phi learns (Wiewiora 2003); but a network of the observation alone
+      may diverge where phi jumps, as tables do between cells.
+
+    Parameters
+    ----------
+    algorithm : type
+        DQN, or a class derived from it; others are refused with SettingError.
+    policy : {"MlpPolicy", "CnnPolicy", "MultiInputPolicy"}
+
+    Examples
+    --------
+    >>> from stable_baselines3 import DQN
+    >>> from curricle import observation_task
+    >>> from curricle.transfer import FunctionValues, ObservationPotential
+    >>> car = observation_task("MountainCar-v0", discount=0.98)
+    >>> push_along = FunctionValues(
+    ...     lambda cars, actions: np.sign(cars[:, 1:]) * (actions - 1.0), actions=3)
+    >>> phi = {"potential": ObservationPotential.of(car, push_along)}
+    >>> model = DQN(residual_policy(DQN), "MountainCar-v0", gamma=0.98, policy_kwargs=phi)
+    >>> model.predict(np.array([-0.5, 0.01], dtype=np.float32), deterministic=True)[0]
+    array(2)
+    """
+    from curricle.deep.ways_in import POLICIES  # needs Stable-Baselines3
+
+    if any(kind.__name__ == "DQN" for kind in algorithm.__mro__) and policy in POLICIES:
+        return POLICIES[policy]
+    raise SettingError(
+        f"initialising a network needs DQN and one of {', '.join(POLICIES)}: got "
+        f"{algorithm.__name__} with {policy}; StateShaping serves every algorithm"
+    )

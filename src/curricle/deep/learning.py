@@ -1,21 +1,24 @@
-"""Training a task seen through observations over many seeds: :func:`learn_deep`."""
+"""Training a task seen through observations over many seeds, and what is learnt of it."""
 
+import io
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from contextlib import closing
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
 
 from curricle.arrays import IntArray
-from curricle.checks import instance
-from curricle.deep.learner import DeepLearner, check_spaces
-from curricle.deep.miniature import Miniatures
-from curricle.deep.policy import DeepResult
-from curricle.deep.shaping import PolicyReuse
-from curricle.errors import SettingError
-from curricle.files import Place, place_at
+from curricle.checks import instance, whole_number
+from curricle.deep.learner import DeepLearner, PolicyReuse, check_spaces
+from curricle.deep.miniature import Miniatures, actor_of
+from curricle.errors import CurricleError, SettingError
+from curricle.files import Place, local_file, place_at, read_saved, write_in_folder
+from curricle.interop.tabulated_task import check_sight
 from curricle.learning.record import WarmUp
-from curricle.learning.result import learning_result
+from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.seeds import seed_settings
-from curricle.learning.shaping import Shaping
+from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import (
     NEVER_STOPS,
     Budget,
@@ -27,12 +30,271 @@ from curricle.learning.stopping import (
     longest_run,
     spacing,
 )
+from curricle.planning.episode import Episode, frame_of, played, with_pictures
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
-from curricle.tasks.observation_task import ObservationTask
+from curricle.tasks.kernel import splitmix64, stream_start
+from curricle.tasks.observation_task import ObservationTask, space_text
 from curricle.transfer.potential import ObservationPotential
-from curricle.transfer.rollouts import target_of
+from curricle.transfer.rollouts import (
+    Environments,
+    ObservationTarget,
+    mean_episode_return,
+    target_of,
+)
+
+TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, does not take
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedPolicy:
+    """What a deep learner does in a task it has learnt: ``result.policy`` of its result.
+
+    Parameters
+    ----------
+    task : ObservationTask
+    model : stable_baselines3.common.base_class.BaseAlgorithm
+        The algorithm with the trained network.
+
+    Examples
+    --------
+    >>> from curricle import observation_task
+    >>> import numpy as np
+    >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})
+    >>> policy = learn_deep(observation_task("CartPole-v1"), ppo, 128, eval_freq=64).policy
+    >>> policy
+    TrainedPolicy(PPO, CartPole-v1)
+    >>> policy.predict(np.zeros((3, 4), dtype=np.float32)).shape
+    (3,)
+    """
+
+    task: ObservationTask
+    model: Any
+
+    def predict(self, observation: Any, *, deterministic: bool = True) -> Any:
+        """Return the action in an observation, (...), or the actions in n stacked ones, (n, ...).
+
+        Without `deterministic` they are sampled, which DQN does not do. SettingError where the
+        policy needs memory or masks of actions too.
+        """
+        check_sight(self.model)
+        try:
+            actions, _ = self.model.predict(observation, deterministic=deterministic)
+        except CurricleError:
+            raise
+        except ValueError as error:
+            space = space_text(self.task.observations)
+            raise SettingError(f"a policy takes observations of {space}: {error}") from error
+        return actions[()]  # a number where it is one: tables look up no arrays
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
+
+        It holds pickles: load your own alone. StoreError when it cannot be written.
+        """
+        file = local_file(path)
+        if not file.name.endswith(".zip"):
+            file = file.with_name(f"{file.name}.zip")
+        content = io.BytesIO()
+        self.model.save(content)
+        write_in_folder(file, content.getvalue(), "a policy")
+        return file
+
+    @classmethod
+    def load(cls, path: str | Path, task: ObservationTask, learner: DeepLearner) -> Self:
+        """Return the policy in a file of Stable-Baselines3.
+
+        SettingError when the learner's algorithm did not write it, or for a task of other spaces.
+        """
+        instance("task of a policy", task, ObservationTask, SettingError)
+        instance("learner of a policy", learner, DeepLearner, SettingError)
+        algorithm = learner.algorithm_class()
+        try:
+            model = algorithm.load(path)
+        except Exception as error:  # of the file system, of zip files, or of another algorithm
+            raise SettingError(
+                f"a policy must be in a file that {learner.algorithm} saved: {path} failed with "
+                f"{type(error).__name__}: {error}"
+            ) from error
+        for which, wanted in {"observation": task.observations, "action": task.actions}.items():
+            space = getattr(model, f"{which}_space")
+            # Pictures with channels last are kept with channels first.
+            if space != wanted and sorted(space.shape or ()) != sorted(wanted.shape or ()):
+                raise SettingError(
+                    f"a policy must have its task's {which}s, {space_text(wanted)}: that in "
+                    f"{path} has {space_text(space)}"
+                )
+        return cls(task, model)
+
+    def episode(
+        self, *, seed: int = 0, deterministic: bool = True, max_steps: int | None = None
+    ) -> Episode:
+        """Return one episode of the policy, with a picture of each step.
+
+        Parameters
+        ----------
+        seed : int
+            Of the reset, and of actions that are sampled.
+        deterministic : bool
+            As in :meth:`predict`.
+        max_steps : int, optional
+            Steps after which it is cut off; by default the task's own limit.
+
+        Raises
+        ------
+        SettingError
+            When there is no limit, or the environment draws no pictures: a function that makes it
+            must do so with ``render_mode="rgb_array"``, or have that argument.
+        """
+        limit = self.task.longest if max_steps is None else max_steps
+        if limit is None:
+            raise SettingError("an episode of a task without a time limit needs max_steps")
+        whole_number("max_steps of an episode", limit, 1, SettingError)
+        if whole_number("seed", seed, 0, SettingError) >= TOO_LARGE_SEED:
+            raise SettingError(f"the seed of a network's episode must be below 2^32: got {seed}")
+        from stable_baselines3.common.utils import set_random_seed
+
+        from curricle.deep.models import isolated
+        from curricle.deep.networks import acting
+
+        drawn = replace(self.task, make=with_pictures(self.task.make))
+        with closing(drawn.environment()) as env, isolated():
+            set_random_seed(seed)
+            act = acting(self.model, [env], sampled=not deterministic)
+            return played(
+                env,
+                lambda seen: act(seen, [0])[0][()],  # a number where it is one
+                seed=seed,
+                limit=limit,
+                picture=lambda _: frame_of(env),
+            )
+
+    def __repr__(self) -> str:
+        return f"TrainedPolicy({type(self.model).__name__}, {self.task.make})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DeepResult(LearningResult):
+    """What :func:`learn_deep` found: a :class:`LearningResult`, and the policies that were learnt.
+
+    Examples
+    --------
+    >>> from curricle import observation_task
+    >>> ppo = DeepLearner("PPO", settings={"n_steps": 64})
+    >>> result = learn_deep(observation_task("CartPole-v1"), ppo, 128, seeds=2, eval_freq=64)
+    >>> result.policies
+    (TrainedPolicy(PPO, CartPole-v1), TrainedPolicy(PPO, CartPole-v1))
+    """
+
+    @classmethod
+    def of(cls, result: LearningResult) -> Self:
+        """Return the result of networks as one with policies."""
+        return cls(**{field.name: getattr(result, field.name) for field in fields(result)})
+
+    @cached_property
+    def policies(self) -> tuple[TrainedPolicy, ...]:
+        """The policy of each seed, K of them; SettingError where values were not saved."""
+        return policies_of(self.task, self.learner, self.values, self.steps_used)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        task: Any = None,
+        learner: Any = None,
+        shaping: Shaping | Sequence[Shaping | None] | None = None,
+    ) -> Self:
+        """Return the result in a file that :meth:`save` wrote; the networks are built again.
+
+        The file holds their parameters as plain arrays, and no pickles. Without `task` and
+        `learner` the values are these arrays.
+
+        Parameters
+        ----------
+        path : path
+        task : ObservationTask, optional
+        learner : DeepLearner, optional
+        shaping : Shaping or sequence of Shaping, optional
+            What they were trained with, of each seed if it has a potential.
+
+        Raises
+        ------
+        StoreError, SettingError
+            When the file cannot be read, is damaged, or holds something else; when task, learner or
+            shaping are not those that the networks were trained with.
+        """
+        saved = read_saved(path, cls.__name__)
+        result = cls.of_file(saved, saved.arrays, saved.about, task)
+        if learner is not None:
+            instance("learner", learner, DeepLearner, SettingError)
+            result = replace(result, learner=learner)
+        if task is None or learner is None or result.values is None:
+            return result
+        n = len(result.seeds)
+        shapings = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n
+        if len(shapings) != n:
+            raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(shapings)}")
+        learner.algorithm_class()  # raises ImportError that names what to install
+        from curricle.deep.models import network_values
+
+        try:
+            values = tuple(
+                network_values(task, learner, seed_shaping, parameters)
+                for seed_shaping, parameters in zip(shapings, result.values, strict=True)
+            )
+        except (RuntimeError, KeyError) as error:
+            raise SettingError(
+                f"networks must be loaded with the task, learner and shaping they were trained "
+                f"with: {learner} does not take these parameters, {' '.join(str(error).split())}"
+            ) from None
+        return replace(result, task=task, values=values)
+
+
+def policies_of(
+    task: Any, learner: Any, values: Any, steps_used: IntArray
+) -> tuple[TrainedPolicy, ...]:
+    """Return the policies of K :class:`NetworkValues`; SettingError where there are none."""
+    if values is None or not all(hasattr(network, "policy") for network in values):
+        raise SettingError(
+            "a policy to take away needs the values of networks: these "
+            f"{'were not saved' if values is None else 'are their parameters alone, see load'}"
+        )
+    from curricle.deep.models import isolated, model_for  # needs torch
+
+    policies = []
+    for network, steps in zip(values, steps_used.tolist(), strict=True):
+        potential = getattr(network.policy, "potential", None)
+        shaping = None if potential is None else QInitialisation(potential)
+        with isolated(learner.threads):
+            model = model_for(task, learner, shaping, steps=max(steps, 1))
+        model.env.close()
+        model.env = None
+        model.policy.load_state_dict(network.policy.state_dict())
+        model.policy.set_training_mode(False)
+        model.num_timesteps = steps
+        policies.append(TrainedPolicy(task, model))
+    return tuple(policies)
+
+
+def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
+    """Return the mean return of the actor of a potential's one source in a target; NaN if none."""
+    source = actor_of(potential)
+    if source is None:
+        return float("nan")
+    from curricle.deep.models import isolated  # needs torch, as what follows
+    from curricle.deep.networks import acting
+
+    start = splitmix64(stream_start(seed, "policy_return"))
+    horizon = target.evaluation.horizon(target.task)
+    environments = Environments(target.task, target.episodes, horizon)
+    actor = acting(source.policy, environments.environments, sampled=target.evaluation.sampled)
+    with closing(environments), isolated(seed=start):
+        episodes = environments.rollouts(actor, start)
+    return mean_episode_return(episodes, target.evaluation.discount(target.task))
+
+
+# -- training -------------------------------------------------------------------------------------
 
 
 def learn_deep(

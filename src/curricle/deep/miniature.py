@@ -10,11 +10,11 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import instance, number, whole_number
-from curricle.deep.policy import actor_of
 from curricle.errors import PotentialError, TaskError
 from curricle.interop.tabulated_task import TabulatedTask, action_probabilities, assembled, parts_of
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
+from curricle.tasks.mdp import edges_of
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
 
@@ -47,10 +47,9 @@ class Knowledge(Frozen):
         cls, observations: Any, action_values: FloatArray, policy: FloatArray | None = None
     ) -> Self:
         """Return what action values (S, A) say of S observations; greedy without a policy."""
-        action_values = np.asarray(action_values, np.float64)
-        chosen = greedy_policy(action_values) if policy is None else np.asarray(policy)
-        values = action_values.max(axis=1)
-        return cls._merged(observations, values, action_values, chosen, np.ones(len(values), int))
+        q = np.asarray(action_values, np.float64)
+        chosen = greedy_policy(q) if policy is None else np.asarray(policy)
+        return cls._merged(observations, q.max(axis=1), q, chosen, np.ones(len(q), int))
 
     @classmethod
     def read(cls, values: Any, observations: Any) -> Self:
@@ -94,17 +93,10 @@ class Knowledge(Frozen):
         return self.values, self.action_values, self.policy, self.states
 
     @classmethod
-    def _merged(
-        cls,
-        observations: Any,
-        values: FloatArray,
-        action_values: FloatArray | None,
-        policy: FloatArray | None,
-        states: IntArray,
-    ) -> Self:
-        """Return the mean of what is known of equal observations."""
+    def _merged(cls, observations: Any, *columns: Any) -> Self:
+        """Return the mean of what is known of equal observations; the last column are states."""
         leaves = [np.ascontiguousarray(part) for part in parts_of(observations).values()]
-        numbers = dict[bytes, int]()
+        states, numbers = columns[-1], dict[bytes, int]()
         group = np.empty(len(states), np.int64)
         for row in range(len(states)):
             # Digests: observations may be pictures, and all their bytes would be kept twice.
@@ -112,18 +104,25 @@ class Knowledge(Frozen):
             group[row] = numbers.setdefault(key, len(numbers))
         weight = np.bincount(group, states)
 
-        def mean(column: FloatArray) -> FloatArray:
+        def mean(column: Any) -> Any:
+            if column is None:
+                return None
             total = np.zeros((len(numbers), *column.shape[1:]))
             np.add.at(total, group, (column.T * states).T)
-            return np.asarray((total.T / weight).T)
+            return (total.T / weight).T
 
-        return cls(
-            rows_of(observations, np.unique(group, return_index=True)[1]),
-            mean(values),
-            None if action_values is None else mean(action_values),
-            None if policy is None else mean(policy),
-            weight,
-        )
+        first = np.unique(group, return_index=True)[1]
+        merged: Any = [*map(mean, columns[:-1]), weight]
+        return cls(rows_of(observations, first), *merged)
+
+
+def actor_of(values: Any) -> Any:
+    """Return the one network of a potential if it acts in the same observations; else None."""
+    edges: Any = getattr(values, "edges", ())
+    sources: Any = getattr(values, "values", ())
+    if len(sources) != 1 or not edges[0].mapping.is_identity:
+        return None
+    return sources[0] if getattr(sources[0], "kind", "") == "value_net" else None
 
 
 def rows_of(observations: Any, rows: IntArray | BoolArray) -> Any:
@@ -201,8 +200,8 @@ def miniatures(
     -------
     ObservationTask
         ``solved`` are its members with tables and optima, ``knowledge()`` what is distilled,
-        ``transitions`` the steps of the models, ``examined(values)`` how a network acts on the
-        levels held out.
+        ``transitions`` the steps of the models, ``examined(values)`` how a network acts on levels
+        held out.
 
     Raises
     ------
@@ -321,24 +320,24 @@ class SolvedMember:
     def examined(self, values: Any) -> Examined:
         """Return how a network acts on the held-out levels, on all where none is held out."""
         apart = np.where(self.training, 0.0, self.table.mdp.start)
-        start = apart if apart.any() else self.table.mdp.start
-        n_levels = len(np.unique(self.level[start > 0]))
-        n_actions = self.table.actions.size
-        random = np.full((self.table.states.size, n_actions), 1.0 / n_actions)
+        held_out = bool(apart.any())
+        start = apart if held_out else self.table.mdp.start
+        size = self.table.states.size, self.table.actions.size
 
         def worth(policy: Any) -> float:
             return float(evaluate(self.table, policy).values @ start / start.sum())
 
+        sampled = float("nan")
+        if values.kind == "value_net":
+            sampled = worth(self.table.policy(values, deterministic=False))
         return Examined(
             self.member,
-            n_levels,
-            "held-out level" if apart.any() else "training level",
-            float(self.solution.values @ start / start.sum()),
-            worth(random),
-            worth(self.table.policy(values.policy)),
-            worth(self.table.policy(values, deterministic=False))
-            if values.kind == "value_net"
-            else float("nan"),
+            levels=len(np.unique(self.level[start > 0])),
+            kind="held-out level" if held_out else "training level",
+            optimal=float(self.solution.values @ start / start.sum()),
+            random=worth(np.full(size, 1.0 / size[1])),
+            greedy=worth(self.table.policy(values.policy)),
+            sampled=sampled,
         )
 
 
@@ -347,13 +346,10 @@ def levels_of(table: TabulatedTask) -> IntArray:
     from scipy.sparse import coo_array  # takes time, and few need it
     from scipy.sparse.csgraph import connected_components
 
-    mdp = table.mdp
-    live = np.flatnonzero(~mdp.terminal)
-    rows = mdp.outcome_row[live]
-    after = mdp.next_state[rows].reshape(len(live), -1)
-    likely = mdp.probability[rows].reshape(len(live), -1) > 0
-    connected = likely & ~mdp.terminal[after]
-    here = np.repeat(live, connected.sum(axis=1))
-    n = len(mdp.terminal)
-    edges = coo_array((np.ones(len(here)), (here, after[connected])), shape=(n, n))
-    return np.asarray(connected_components(edges.tocsr(), directed=False)[1], np.int64)
+    mdp, (here, there) = table.mdp, edges_of(table.mdp)
+    ends = np.concatenate([mdp.terminal, np.zeros(len(mdp.probability), bool)])
+    inner = ~ends[there]
+    edges = np.ones(int(inner.sum())), (here[inner], there[inner])
+    graph = coo_array(edges, shape=(len(ends), len(ends))).tocsr()
+    labels = connected_components(graph, directed=False)[1]
+    return np.asarray(labels[: len(mdp.terminal)], np.int64)

@@ -21,11 +21,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from curricle.deep.learner import SAVES, DeepLearner
+from curricle.deep.learner import SAVES, DeepLearner, PolicyReuse, WeightTransfer, residual_policy
 from curricle.deep.networks import NetworkValues, acting
-from curricle.deep.shaping import PolicyReuse, WeightTransfer, residual_policy
 from curricle.deep.vec_env import ShapedVecEnv
-from curricle.deep.ways_in import begin_near, carry_over, check_mappings, kickstarted, reusing
+from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, LostStoreError, SettingError, StoreError, reason
 from curricle.files import Place, RemotePath, opened_regular, write_whole
 from curricle.interop.tabulated_task import needs_of
@@ -55,7 +54,8 @@ def model_for(
     check_learner(learner, shaping)
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
     policy: Any = learner.policy
-    if "buffer_size" in learner.takes and steps is not None:
+    off_policy, kl = "buffer_size" in learner.takes, getattr(shaping, "kl", 0.0)
+    if off_policy and steps is not None:
         size = settings.get("buffer_size", 1_000_000)
         settings["buffer_size"] = max(min(size, steps), learner.envs)
     if shaping is not None and shaping.starts_at_potential:
@@ -63,11 +63,9 @@ def model_for(
         kwargs = settings.get("policy_kwargs") or {}
         settings["policy_kwargs"] = {**kwargs, "potential": shaping.potential}
     guide = None  # the action values that an off-policy learner acts on at first
-    if isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes:
-        guide = shaping.potential if shaping.potential.of_actions else None
-    if guide is not None:
-        algorithm = reusing(algorithm)
-    if getattr(shaping, "kl", 0.0) > 0:
+    if isinstance(shaping, PolicyReuse) and off_policy and shaping.potential.of_actions:
+        guide, algorithm = shaping.potential, reusing(algorithm)
+    if kl > 0:
         algorithm, policy = kickstarted(algorithm, policy)
     venv = environments(task, learner, shaping)
     try:
@@ -89,10 +87,9 @@ def model_for(
     if guide is not None:
         model.guide = guide
     elif isinstance(shaping, PolicyReuse | WeightTransfer):
-        check_mappings(shaping)
-        carry_over(model, shaping.potential, actor_alone=isinstance(shaping, PolicyReuse))
-        if shaping.kl > 0:
-            begin_near(model, shaping.kl)
+        carry_over(model, shaping, actor_alone=isinstance(shaping, PolicyReuse))
+        if kl > 0:
+            begin_near(model, kl)
     return model
 
 
@@ -156,8 +153,7 @@ def network_values(
 
 def generator_states() -> tuple[Any, ...]:
     """Return the states of the generators that Stable-Baselines3 draws from."""
-    state = np.random.get_state()  # noqa: NPY002 - the one it uses
-    return random.getstate(), state, torch.get_rng_state()
+    return random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002
 
 
 def set_generators(states: tuple[Any, ...]) -> None:
@@ -168,21 +164,12 @@ def set_generators(states: tuple[Any, ...]) -> None:
 
 
 @contextmanager
-def drawing(seed: int) -> Iterator[None]:
-    """Let torch draw from a seed, and restore the generators afterwards."""
-    states = generator_states()
-    torch.manual_seed(seed % 2**63)
-    try:
-        yield
-    finally:
-        set_generators(states)
-
-
-@contextmanager
-def isolated(threads: int) -> Iterator[None]:
-    """Use so many of torch's threads, and restore their number and the generators afterwards."""
+def isolated(threads: int | None = None, seed: int | None = None) -> Iterator[None]:
+    """Set torch's threads and seed where given; restore threads and generators afterwards."""
     before, states = torch.get_num_threads(), generator_states()
-    torch.set_num_threads(threads)
+    torch.set_num_threads(threads or before)
+    if seed is not None:
+        torch.manual_seed(seed % 2**63)
     try:
         yield
     finally:
@@ -209,12 +196,7 @@ class DeepRun:
     reached: Callable[[], None] = field(default=nothing, kw_only=True)  # called at each checkpoint
 
     def train(
-        self,
-        seed: int,
-        shaping: Shaping | None,
-        warm_up: WarmUp,
-        charged: int,
-        saves: Place | None,
+        self, seed: int, shaping: Shaping | None, warm_up: WarmUp, charged: int, saves: Place | None
     ) -> Outcome:
         """Return what one seed learns, resuming from and saving to the file `saves`."""
         start = stream_start(seed, self.stream)
@@ -312,11 +294,10 @@ class Recorder(BaseCallback):
         super().__init__()
         self.run, self.progress, self.values = run, progress, values
         self.max_steps, self.start = max_steps, start
-        task, evaluation = run.task, run.evaluation
         self.environments = None  # in which the policy is evaluated
-        if evaluation.method != "off":
-            episodes, horizon = evaluation.rollouts(task), evaluation.horizon(task)
-            self.environments = Environments(task, episodes, horizon)
+        if run.evaluation.method != "off":
+            episodes, horizon = run.evaluation.rollouts(run.task), run.evaluation.horizon(run.task)
+            self.environments = Environments(run.task, episodes, horizon)
         self._saves, self._saved_at = saves, progress.steps
 
     def _on_training_start(self) -> None:
@@ -360,12 +341,14 @@ class Recorder(BaseCallback):
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
         if self.environments is None:
             return float("nan")
-        seed, sampled = splitmix64(self.start ^ (number + 1)), self.run.evaluation.sampled
-        actor = acting(self.values.policy, self.environments.environments, sampled=sampled)
-        with drawing(seed):
+        seed, evaluation = splitmix64(self.start ^ (number + 1)), self.run.evaluation
+        actor = acting(
+            self.values.policy, self.environments.environments, sampled=evaluation.sampled
+        )
+        with isolated(seed=seed):
             episodes = self.environments.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
-        return mean_episode_return(episodes, self.run.evaluation.discount(self.run.task))
+        return mean_episode_return(episodes, evaluation.discount(self.run.task))
 
     def _record(self, greedy: float) -> bool:
         """Record a checkpoint and return whether the stopping rule ends the run there."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,19 +90,15 @@ class NetworkValues:
             values = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
         else:
             scaled = self.policy.scale_action(np.asarray(actions, dtype=np.float32))
-            with torch.no_grad():
-                taken = torch.as_tensor(scaled, device=self.policy.device)
-                values = self._critics(self._seen(observations), taken)
+            values = self._critics(observations, scaled)
         return self._with_offset(values, observations)
 
     def v(self, observations: Any) -> FloatArray:
         """Return V(s), (n,) float64."""
-        if self.kind != "critic":
-            values = self._outputs(observations).max(axis=1)
+        if self.kind == "critic":
+            values = self._critics(observations)
         else:
-            with torch.no_grad():
-                seen = self._seen(observations)
-                values = self._critics(seen, self.policy._predict(seen, deterministic=True))
+            values = self._outputs(observations).max(axis=1)
         return self._with_offset(values, observations)
 
     def parameters(self) -> dict[str, npt.NDArray[Any]]:
@@ -139,9 +135,16 @@ class NetworkValues:
             outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
         return outputs
 
-    def _critics(self, seen: Any, actions: Any) -> FloatArray:
-        of_critics = [_array(values)[:, 0] for values in self.policy.critic(seen, actions)]
-        return np.asarray(np.stack(of_critics).min(axis=0))
+    def _critics(self, observations: Any, actions: Any = None) -> FloatArray:
+        """Return the least Q of the critics, of scaled actions or else of the actor's, (n,)."""
+        with torch.no_grad():
+            seen = self._seen(observations)
+            if actions is None:
+                taken = self.policy._predict(seen, deterministic=True)
+            else:
+                taken = torch.as_tensor(actions, device=self.policy.device)
+            values = [_array(q)[:, 0] for q in self.policy.critic(seen, taken)]
+        return np.asarray(np.stack(values).min(axis=0))
 
     def _with_offset(self, values: FloatArray, observations: Any) -> FloatArray:
         if self.values_offset is None:
@@ -220,17 +223,17 @@ class PlainNetwork:
 
 def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
     """Return the network from vectors to a policy's values; None if anything in it is unusual."""
+    if kind == "critic":
+        return None
     if kind == "value_net":
         usual = type(policy).predict_values is ActorCriticPolicy.predict_values
         usual = usual and type(policy.mlp_extractor) is MlpExtractor
         modules = [*policy.mlp_extractor.value_net, policy.value_net] if usual else []
         return plain_layers(modules, policy.vf_features_extractor, policy.observation_space)
-    if kind in ("q_net", "quantile_net"):
-        network = getattr(policy, kind)
-        usual = type(network).__module__.startswith(("stable_baselines3.", "sb3_contrib."))
-        modules = [*getattr(network, kind)] if usual else []
-        return plain_layers(modules, network.features_extractor, policy.observation_space)
-    return None
+    network = getattr(policy, kind)
+    usual = type(network).__module__.startswith(("stable_baselines3.", "sb3_contrib."))
+    modules = [*getattr(network, kind)] if usual else []
+    return plain_layers(modules, network.features_extractor, policy.observation_space)
 
 
 def plain_layers(
@@ -239,7 +242,7 @@ def plain_layers(
     """Return modules in a row that follow the usual extractor; None if any of it is unusual."""
     if not isinstance(space, Box) or len(space.shape) != 1:
         return None
-    activations: dict[type, Any] = {torch.nn.ReLU: _relu, torch.nn.Tanh: np.tanh}
+    activations: dict[type, Any] = {torch.nn.ReLU: partial(np.maximum, 0), torch.nn.Tanh: np.tanh}
     layers: list[Layer] = []
     for module in modules:
         if type(module) is torch.nn.Linear and module.bias is not None:
@@ -249,10 +252,6 @@ def plain_layers(
         else:
             return None
     return PlainNetwork(tuple(layers)) if layers and type(extractor) is FlattenExtractor else None
-
-
-def _relu(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return np.asarray(np.maximum(values, 0))
 
 
 class SmallCNN(BaseFeaturesExtractor):
@@ -265,20 +264,14 @@ class SmallCNN(BaseFeaturesExtractor):
     Parameters
     ----------
     observation_space : gymnasium.spaces.Box
-        (channels, height, width).
+        (channels, height, width); SettingError if it is no such picture.
     features_dim : int
         Numbers that it returns.
     channels : int
         Of the first convolution; the second has twice as many.
 
-    Raises
-    ------
-    SettingError
-        When the space is no such picture, or a number is below 1.
-
     Examples
     --------
-    >>> import numpy as np
     >>> network = SmallCNN(Box(0, 1, (24, 7, 7), np.float32), features_dim=64)
     >>> network(torch.zeros(5, 24, 7, 7)).shape
     torch.Size([5, 64])

@@ -12,6 +12,7 @@ from curricle.errors import SettingError
 from curricle.interop.potential_shaping import (
     Episodes,
     Potential,
+    Shaped,
     ShapingPotential,
     check_unshaped,
     unstack,
@@ -25,16 +26,15 @@ except ModuleNotFoundError:  # the extra is not installed: the constructor raise
     VecEnv = VecEnvWrapper = object
 
 
-class ShapedVecEnv(VecEnvWrapper):
+class ShapedVecEnv(Shaped, VecEnvWrapper):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
     It is :class:`VectorPotentialShaping` for Stable-Baselines3: where an episode was cut off
     (``info["TimeLimit.truncated"]``) s' is ``info["terminal_observation"]``, from which the
     algorithms bootstrap. Only where there are several sources the ``info`` has ``shaping_terms``.
 
-    `Monitor`, `VecMonitor` and wrappers that clip rewards belong inside, where rewards are the
-    task's: then ``rollout/ep_rew_mean`` is that of the task. `VecNormalize` belongs outside. An
-    environment for evaluation needs no shaping.
+    `Monitor`, `VecMonitor` and wrappers that clip rewards belong inside, so that
+    ``rollout/ep_rew_mean`` is the task's; `VecNormalize` belongs outside.
 
     Parameters
     ----------
@@ -89,11 +89,6 @@ class ShapedVecEnv(VecEnvWrapper):
         finals_in = "info['terminal_observation']"
         self._episodes = Episodes(self._potential, venv.num_envs, finals_in)
 
-    @property
-    def discount(self) -> float:
-        """The discount gamma."""
-        return self._potential.discount
-
     def reset(self) -> Any:
         """Reset all sub-environments and return what they return."""
         observations = self.venv.reset()
@@ -114,20 +109,15 @@ class ShapedVecEnv(VecEnvWrapper):
             lambda i: infos[i].get("terminal_observation"),
             observations,
         )
-        sources, infos = self._potential.sources, [*infos]
-        shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
-        steps = zip(rewards.tolist(), done.shaping, done.there, strict=True)
-        for i, (reward, shaping, there) in enumerate(steps):
-            infos[i] = {
-                **infos[i],
-                "original_reward": reward,
-                "shaping": shaping[0],
-                "potential": there[0],
-                **done.ended.get(i, {}),
-            }
+        sources, shaped_infos = self._potential.sources, []
+        parts = zip(infos, rewards.tolist(), done.shaping, done.there, strict=True)
+        for i, (info, reward, (shaping, *terms), there) in enumerate(parts):
+            shown = {"original_reward": reward, "shaping": shaping, "potential": there[0]}
             if len(sources) > 1:
-                infos[i]["shaping_terms"] = dict(zip(sources, shaping[1:], strict=True))
-        return observations, shaped, dones, infos
+                shown["shaping_terms"] = dict(zip(sources, terms, strict=True))
+            shaped_infos.append({**info, **shown, **done.ended.get(i, {})})
+        shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
+        return observations, shaped, dones, shaped_infos
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""

@@ -89,11 +89,8 @@ class ResidualMultiInputPolicy(_Residual, dqn.MultiInputPolicy):
     """DQN's ``MultiInputPolicy`` on phi + residual."""
 
 
-POLICIES: dict[str, type] = {
-    "MlpPolicy": ResidualMlpPolicy,
-    "CnnPolicy": ResidualCnnPolicy,
-    "MultiInputPolicy": ResidualMultiInputPolicy,
-}
+RESIDUAL: tuple[type, ...] = ResidualMlpPolicy, ResidualCnnPolicy, ResidualMultiInputPolicy
+POLICIES = {policy.__name__.removeprefix("Residual"): policy for policy in RESIDUAL}
 
 
 class ResidualQNetwork(QNetwork):
@@ -110,14 +107,9 @@ class ResidualQNetwork(QNetwork):
         self.cache, self.reads, self.untrained = cache, reads, True
         self.register_buffer("running_shift", torch.zeros(()))
         self.register_buffer("running_scale", torch.ones(()))
-        torch.nn.init.zeros_(self._last.weight)
-        torch.nn.init.zeros_(self._last.bias)
+        torch.nn.init.zeros_(self.q_net[-1].weight)
+        torch.nn.init.zeros_(self.q_net[-1].bias)
         self._plain = plain_layers([*self.q_net], self.features_extractor, self.observation_space)
-
-    @property
-    def _last(self) -> Any:
-        """The last layer, which is 0 at first."""
-        return self.q_net[-1]
 
     def forward(self, obs: Any) -> torch.Tensor:
         """Return Q(s, a), (n, A)."""
@@ -145,7 +137,7 @@ class ResidualQNetwork(QNetwork):
         read = phi if self.reads == "actions" else best
         if self.untrained and torch.is_grad_enabled():
             # Shift and scale are by the mean and spread of a batch, until something is learnt.
-            self.untrained = not self._last.weight.any()
+            self.untrained = not self.q_net[-1].weight.any()
             if self.untrained:
                 spread = read.std(correction=0)
                 self.running_scale.copy_(1 / spread if spread > 0 else torch.ones(()))
@@ -205,8 +197,8 @@ class PotentialCache:
 # -- a source's parameters ------------------------------------------------------------------------
 
 
-def check_mappings(shaping: Shaping) -> None:
-    """Raise SettingError where a mapping would not be heeded, as no values are read by it."""
+def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
+    """Load all parameters of the one source into a model, or its actor's and what that shares."""
     for edge in shaping.potential.edges:
         mapping = edge.mapping
         # Weights are compared by shape, so that a mapping may bridge spaces of other bounds.
@@ -215,15 +207,11 @@ def check_mappings(shaping: Shaping) -> None:
                 f"{shaping.name} from this source takes observations and actions as they are: the "
                 f"mapping of {edge.source!r} has {mapping.description}"
             )
-
-
-def carry_over(model: Any, potential: ObservationPotential, *, actor_alone: bool) -> None:
-    """Load all parameters of the one source into a model, or its actor's and what that shares."""
-    (source, *others) = potential.values
+    (source, *others) = shaping.potential.values
     if others or not isinstance(source, NetworkValues):
         raise SettingError(
             "weights are carried over from one source that is a network: got "
-            f"{', '.join(type(values).__name__ for values in potential.values)}"
+            f"{', '.join(type(values).__name__ for values in shaping.potential.values)}"
         )
     if hasattr(source.policy, "potential"):
         raise SettingError(

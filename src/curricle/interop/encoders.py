@@ -3,7 +3,6 @@
 All are frozen dataclasses: equal settings are equal encoders, with the same text in every process.
 """
 
-from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -42,8 +41,7 @@ class Bins:
     Raises
     ------
     TaskError
-        When edges do not ascend or make no bin; when called, on an observation that is not n
-        numbers.
+        When edges do not ascend or make no bin, or an observation is not n numbers.
 
     Examples
     --------
@@ -55,11 +53,12 @@ class Bins:
     """
 
     edges: Mapping[str, npt.ArrayLike]
+    _inner: list[tuple[float, ...]] = field(init=False, repr=False)  # edges between two bins
 
     def __post_init__(self) -> None:
         if not isinstance(self.edges, Mapping) or not self.edges:
             raise TaskError(f"bins need a dict from names to edges: got {self.edges!r}")
-        checked = {}
+        checked = dict[str, tuple[float, ...]]()
         for name, edges in self.edges.items():
             array = numbers(f"the edges of {name!r}", edges, TaskError)
             if array.ndim != 1 or array.size < 2 or not (np.diff(array) > 0).all():
@@ -68,6 +67,7 @@ class Bins:
                 )
             checked[str(name)] = tuple(array.tolist())
         object.__setattr__(self, "edges", checked)
+        object.__setattr__(self, "_inner", [edges[1:-1] for edges in checked.values()])
 
     @cached_property
     def states(self) -> Space:
@@ -82,11 +82,6 @@ class Bins:
             components.append(Component(name, len(labels), labels=tuple(labels)))
         return Space(components)
 
-    @cached_property
-    def _inner(self) -> list[tuple[float, ...]]:
-        checked: Any = self.edges.values()
-        return [edges[1:-1] for edges in checked]
-
     def __call__(self, observation: FloatTable) -> int:
         """Return the number of the state that an observation, (n,) float, falls into."""
         values = observation.tolist()
@@ -97,13 +92,7 @@ class Bins:
         return self.states.encode_one(tuple(map(bisect_right, self._inner, values)))
 
     def many(self, observations: FloatTable) -> IntArray:
-        """Return the numbers of the states that N observations, (N, n) float, fall into, (N,).
-
-        Examples
-        --------
-        >>> Bins({"position": [-1.2, -0.5, 0.6]}).many(np.array([[-0.7], [0.1]]))
-        array([0, 1])
-        """
+        """Return the numbers of the states that N observations, (N, n) float, fall into, (N,)."""
         values = np.asarray(observations)
         if values.ndim != 2 or values.shape[1] != len(self._inner) or np.isnan(values).any():
             raise TaskError(
@@ -114,9 +103,7 @@ class Bins:
         return self.states.encode(**dict(zip(self.edges, bins, strict=True)))
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Bins):
-            return NotImplemented
-        return list(self.edges.items()) == list(other.edges.items())
+        return isinstance(other, Bins) and [*self.edges.items()] == [*other.edges.items()]
 
     def __hash__(self) -> int:
         return hash(tuple(self.edges.items()))
@@ -149,12 +136,7 @@ class FunctionEncoder:
         From an observation to another, always the same for the same. Tasks can be sent to other
         processes if it is a function of a module.
     space : gymnasium.Space
-        Of what it returns.
-
-    Raises
-    ------
-    SettingError, TaskError
-        When a setting makes no sense, or an observation has another shape than the space.
+        Of what it returns; TaskError when an observation has another shape.
 
     Examples
     --------
@@ -210,13 +192,11 @@ class FlatDict:
 
     Examples
     --------
-    >>> from gymnasium.spaces import Text
     >>> from gymnasium.wrappers import TransformObservation
-    >>> def with_words():
-    ...     space = Dict(hand=MultiDiscrete([3, 2]), words=Text(9))
-    ...     seen = lambda square: {"hand": np.array([square % 3, 1]), "words": "go"}
-    ...     return TransformObservation(gym.make("FrozenLake-v1"), seen, space)
-    >>> env = FlatDict(leave_out=["words"])(with_words())
+    >>> space = Dict(hand=MultiDiscrete([3, 2]), word=gym.spaces.Text(9))
+    >>> seen = lambda square: {"hand": np.array([square % 3, 1]), "word": "go"}
+    >>> lake = TransformObservation(gym.make("FrozenLake-v1"), seen, space)
+    >>> env = FlatDict(leave_out=["word"])(lake)
     >>> env.observation_space, env.reset(seed=0)[0]
     (Box(0.0, 1.0, (5,), float32), array([1., 0., 0., 0., 1.], dtype=float32))
     """
@@ -277,12 +257,7 @@ class StackedFrames:
     n : int
         How many, from 2.
     of : callable, optional
-        An encoder of each observation.
-
-    Raises
-    ------
-    SettingError, TaskError
-        When a setting makes no sense, or an observation is no array (``Box``).
+        An encoder of each observation, which must be an array (``Box``): TaskError if not.
 
     Examples
     --------
@@ -336,7 +311,7 @@ WORDS = tuple(VOCABULARY.split())
 Cells = npt.NDArray[np.float32]
 
 
-class _MiniGridEncoder(ABC):
+class _MiniGridEncoder:
     """Puts cells, direction and mission together, as a vector or a picture."""
 
     picture: bool
@@ -348,11 +323,11 @@ class _MiniGridEncoder(ABC):
         if self.picture and self.mission:
             raise SettingError("a mission goes with a vector: got picture=True and mission=True")
 
-    @abstractmethod
     def _cells(self, base: Any, observation: Any) -> Cells:
         """Return the cells that are encoded, (width, height, 20)."""
+        return _one_hot(observation["image"])
 
-    def _size(self, env: Environment, image_size: tuple[int, int]) -> tuple[int, int]:
+    def _size(self, base: Any, image_size: tuple[int, int]) -> tuple[int, int]:
         """Return the width and height in cells, by default of MiniGrid's own image."""
         return image_size
 
@@ -366,11 +341,11 @@ class _MiniGridEncoder(ABC):
                 f"{type(self).__name__} reads MiniGrid's own observations, a Dict with an image of "
                 f"codes and the direction: got {space_text(space)}"
             )
-        width, height = self._size(env, (seen[0], seen[1]))
-        words = len(WORDS) if self.mission else 0
-        shape: tuple[int, ...] = (width * height * CHANNELS + DIRECTIONS + words,)
-        if self.picture:
-            shape = (CHANNELS + DIRECTIONS, height, width)
+        width, height = self._size(env.unwrapped, (seen[0], seen[1]))
+        shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
+        if not self.picture:
+            words = len(WORDS) if self.mission else 0
+            shape = (width * height * CHANNELS + DIRECTIONS + words,)
         return EncodedObservations(env, self._encoded, Box(0, 1, shape, np.float32))
 
     def _encoded(self, base: Any, observation: Any) -> Cells:
@@ -411,9 +386,6 @@ class MiniGridView(_MiniGridEncoder):
     picture: bool = False
     mission: bool = False
 
-    def _cells(self, base: Any, observation: Any) -> Cells:
-        return _one_hot(observation["image"])
-
 
 @dataclass(frozen=True)
 class MiniGridFullView(_MiniGridEncoder):
@@ -451,24 +423,20 @@ class MiniGridFullView(_MiniGridEncoder):
             whole_number(f"{name} of an encoder", getattr(self, name), 3, SettingError)
         super().__post_init__()
 
-    def _size(self, env: Environment, image_size: tuple[int, int]) -> tuple[int, int]:
-        self._check_size(env.unwrapped)
-        return self.width, self.height
-
-    def _check_size(self, base: Any) -> None:
+    def _size(self, base: Any, image_size: tuple[int, int]) -> tuple[int, int]:
         if base.width > self.width or base.height > self.height:
             raise TaskError(
                 f"a level must fit into its encoder's {self.width} x {self.height} cells: {base} "
                 f"has {base.width} x {base.height}"
             )
+        return self.width, self.height
 
     def _cells(self, base: Any, observation: Any) -> Cells:
         codes = np.zeros((self.width, self.height, 3), np.uint8)  # (0, 0, 0) are unseen cells
-        self._check_size(base)  # a reset may make another grid
+        self._size(base, (0, 0))  # a reset may make another grid
         left, top = (self.width - base.width) // 2, (self.height - base.height) // 2
         codes[left : left + base.width, top : top + base.height] = base.grid.encode()
-        cells = _one_hot(codes)
-        x, y = base.agent_pos
+        cells, (x, y) = _one_hot(codes), base.agent_pos
         here = cells[left + x, top + y]
         here[AGENT] = 1
         if base.carrying is not None:

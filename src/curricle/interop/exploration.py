@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
 import gymnasium as gym
@@ -14,12 +14,13 @@ from gymnasium.wrappers import TimeLimit
 
 from curricle.checks import number
 from curricle.errors import TaskError
-from curricle.interop.spaces import HARMLESS, acts_as
 from curricle.interop.states import (
+    HARMLESS,
     Environment,
     StateAccess,
-    Streams,
     Words,
+    acts_as,
+    kind_of,
     layers_of,
     restart,
     state_of,
@@ -43,13 +44,7 @@ class Progress:
     seconds: float
 
     def in_words(self, name: str) -> str:
-        """Return a line to be shown.
-
-        Examples
-        --------
-        >>> Progress(1200, 300, 2100, 1.5).in_words("maze")
-        'tabulating maze: 1,200 states, 300 done, 1,400 transitions a second'
-        """
+        """Return a line to be shown."""
         speed = self.transitions / max(self.seconds, 1e-9)
         return (
             f"tabulating {name}: {self.states:,} states, {self.expanded:,} done, {speed:,.0f} "
@@ -95,12 +90,11 @@ class Search:
         self.seconds = self.observing = 0.0  # in all, and for observations and words
         self._numbers = dict[tuple[Hashable, bool], int]()
         self._contents, self._queued, self._queue = list[Any](), list[bool](), deque[int]()
-        self._began = self._shown = time.perf_counter()
-        self._expanded = 0
 
     def run(self) -> Self:
         """Return the search when it is done; TaskError when a limit does not suffice."""
-        n_actions, seeds = self.world.n_actions, self.world.seeds
+        n_actions, seeds, expanded = self.world.n_actions, self.world.seeds, 0
+        began = shown = time.perf_counter()
         for seed in seeds:
             state = self._number(self.world.start(seed))
             self.first.append(state)
@@ -112,26 +106,25 @@ class Search:
                 for reached in self.world.outcomes(content, action):
                     self._add(state * n_actions + action, self._number(reached), reached)
                 now, n_states = time.perf_counter(), len(self._contents)
-                if now - self._began > self.max_seconds:
+                if now - began > self.max_seconds:
                     raise TaskError(
                         f"a table must be complete within max_seconds, {self.max_seconds:g}: "
                         f"tabulating {self.world.name} had found {n_states:,} states by then and "
-                        f"done {self._expanded:,} of them"
+                        f"done {expanded:,} of them"
                     )
-                if now - self._shown > INTERVAL:
-                    self._shown = now
-                    seconds = now - self._began
-                    self.show(Progress(n_states, self._expanded, len(self.pair), seconds))
-            self._expanded += 1
+                if now - shown > INTERVAL:
+                    shown = now
+                    self.show(Progress(n_states, expanded, len(self.pair), now - began))
+            expanded += 1
         staying = [s for s, queued in enumerate(self._queued) if not (queued or self.terminal[s])]
         for state in staying:
             for pair in range(state * n_actions, (state + 1) * n_actions):
                 self._add(pair, state, STAY)
         self.cut = len(staying)
-        keys = (self.world.start(max(seeds) + k).key for k in range(1, MORE_RESETS + 1))
-        known = (self._numbers.get((key, False)) in self.start for key in keys)
+        others = (self.world.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
+        known = (self._numbers.get((other.key, False)) in self.start for other in others)
         self.several = len(self.start) > 1 or not all(known)
-        self.seconds = time.perf_counter() - self._began
+        self.seconds = time.perf_counter() - began
         return self
 
     def _number(self, reached: Reached) -> int:
@@ -185,41 +178,40 @@ class Search:
 
 
 REPETITIONS = 8  # of a step that draws random numbers; one that draws none is taken twice
-RESET, STEP = RETURNED["reset"], RETURNED["step"]  # what Gymnasium's resets and steps return
 LONG_AGO = -(2**62)  # steps that the clock of a wrapper shows, so that no time limit is met
 
 
+@dataclass(eq=False)
 class World:
     """An environment's own steps, and how its states are saved and restored."""
 
-    def __init__(
-        self,
-        env: Environment,  # nobody else's: it is stepped and reset
-        act: Callable[[int], Any],
-        n_actions: int,
-        seeds: Sequence[int],
-        samples: int | None,
-        access: StateAccess,
-        name: str,
-    ):
-        self.env, self.act, self.n_actions, self.seeds = env, act, n_actions, seeds
-        self.samples, self.access, self.name = samples, access, name
-        self.transitions = 0
-        self.core, self.views, self.acts = core_and_views(env, views_apart=not access.copies)
+    env: Environment  # nobody else's: it is stepped and reset
+    act: Callable[[int], Any]
+    n_actions: int
+    seeds: Sequence[int]
+    samples: int | None
+    access: StateAccess
+    name: str
+    transitions: int = 0
+    drawing: int = 0  # pairs whose steps draw random numbers
+    shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
+    # The generators' states, where nobody has drawn since; where they were left after a sample.
+    _known: list[Any] | None = None
+    _left: dict[tuple[int, type], Any] = field(default_factory=dict)
+    _observed: Any = None  # what the last step or reset returned
+
+    def __post_init__(self) -> None:
+        apart = not self.access.copies
+        self.core, self.views, self.acts = core_and_views(self.env, views_apart=apart)
         self.now = self.core
-        access.prepare(env)
-        self.streams = Streams()
-        self.drawing = 0  # pairs whose steps draw random numbers
-        self.shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
-        self._known: list[Any] | None = None  # the generators' states, where nobody has drawn since
-        self._observed: Any = None  # what the last step or reset returned
+        self.access.prepare(self.env)
 
     def start(self, seed: int) -> Reached:
         """Return the state in which an episode begins that is reset with a seed."""
         self._known = None
         if self.access.copies:
             self.now, _ = self.access.restore(self.core, (self.core, []))
-        self._observed, _ = self._returned(self.now.reset(seed=seed), RESET)
+        self._observed, _ = self._returned("reset", self.now.reset(seed=seed))
         _rewind_clocks(self.now)
         self.access.begin(self.now)
         return Reached(1.0, *self.access.save(self.now), 0.0, terminated=False, truncated=False)
@@ -235,10 +227,10 @@ class World:
         for _ in range(self.samples):
             env, generators = self.access.restore(self.core, content)
             generators = [*generators, *self.shared]
-            self.streams.resume(generators)  # with random numbers not used before
+            restart(generators, 0, self._left)  # with random numbers not used before
             self.now = env
             reached, self._observed = self._arrival(env, action)
-            self.streams.leave(generators)
+            self._left |= {(k, kind_of(g)): state_of(g) for k, g in enumerate(generators)}
             yield reached
 
     def look(self) -> tuple[Any, Words]:
@@ -255,18 +247,15 @@ class World:
         before = self._known if self._known is not None else [*map(state_of, generators)]
         first = self._arrival(env, action)
         after = [*map(state_of, generators)]
-        if after == before:
-            again, _ = self.access.restore(self.core, content)
+        drew = after != before
+        self.drawing += drew
+        for repetition in range(1, REPETITIONS if drew else 2):
+            again, generators = self.access.restore(self.core, content)
+            if drew:
+                restart([*generators, *self.shared], repetition, {})
             self._check_repeated(first, self._arrival(again, action), action)
-            # Where all is one environment its generators are now as they were.
-            self._known = None if self.access.copies else after
-        else:
-            self.drawing += 1
-            self._known = None
-            for repetition in range(1, REPETITIONS):
-                again, generators = self.access.restore(self.core, content)
-                restart([*generators, *self.shared], repetition)
-                self._check_repeated(first, self._arrival(again, action), action)
+        # Where all is one environment its generators are now as they were.
+        self._known = None if drew or self.access.copies else after
         # Where all is one environment it is in the same state now; else `env` is kept as the state.
         self.now = env
         reached, self._observed = first
@@ -277,7 +266,7 @@ class World:
         core_action = self.act(action)
         for wrapper in self.acts:
             core_action = wrapper.action(core_action)
-        returned = self._returned(env.step(core_action), STEP)
+        returned = self._returned("step", env.step(core_action))
         observed, reward, terminated, truncated, _ = returned
         _rewind_clocks(env)
         earned = number_of(reward)
@@ -287,32 +276,30 @@ class World:
         saved = self.access.save(env)
         return Reached(chance, *saved, earned, bool(terminated), bool(truncated)), observed
 
-    def _returned(self, returned: Any, names: tuple[str, ...]) -> tuple[Any, ...]:
+    def _returned(self, by: str, returned: Any) -> tuple[Any, ...]:
         """Return what a reset or a step returned, if it has so many parts."""
-        if not isinstance(returned, tuple) or len(returned) != len(names):
-            what = "reset" if names is RESET else "step"
-            raise TaskError(
-                f"a {what} must return ({', '.join(names)}): got {returned!r} from {self.name}"
-            )
+        if not isinstance(returned, tuple) or len(returned) != len(RETURNED[by]):
+            parts = ", ".join(RETURNED[by])
+            raise TaskError(f"a {by} must return ({parts}): got {returned!r} from {self.name}")
         return returned
 
     def _check_repeated(
         self, first: tuple[Reached, Any], again: tuple[Reached, Any], action: int
     ) -> None:
         (reached, observed), (repeated, observed_again) = first, again
+        differing = ""
         if reached.key != repeated.key:
             differing = "state"
         elif reached[3:] != repeated[3:]:
             differing = "reward or end"
         elif not same_observation(observed, observed_again):
             differing = "observation"
-        else:
-            return
-        raise TaskError(
-            "steps must be deterministic to be tabulated, unless outcomes are listed (outcomes=) "
-            f"or estimated (samples=){self.access.hint}: action {action}, repeated from one state "
-            f"of {self.name}, led to another {differing}"
-        )
+        if differing:
+            raise TaskError(
+                "steps must be deterministic to be tabulated, unless outcomes are listed "
+                f"(outcomes=) or estimated (samples=){self.access.hint}: action {action}, repeated "
+                f"from one state of {self.name}, led to another {differing}"
+            )
 
 
 def time_limit_of(env: Environment) -> int | None:
@@ -325,8 +312,7 @@ def _rewind_clocks(env: Environment) -> None:
     """Set back the clocks of time limits: time is no part of a state."""
     for layer in layers_of(env):
         if isinstance(layer, TimeLimit):
-            clock: Any = layer
-            clock._elapsed_steps = LONG_AGO
+            layer._elapsed_steps = LONG_AGO  # type: ignore[assignment]
 
 
 def core_and_views(
@@ -349,22 +335,19 @@ Listed = Callable[[Any, int], Sequence[tuple[float, Any, float, bool]]]
 """From a state and an action to (probability, next state, reward, terminated) of each outcome."""
 
 
+@dataclass(eq=False)
 class ListedOutcomes:
     """Outcomes that a function or a table lists, of states or observations."""
 
-    def __init__(
-        self,
-        env: Environment,
-        listed: Listed,
-        n_actions: int,
-        seeds: Sequence[int],
-        name: str,
-        save: Callable[[Any], Hashable] | None = None,
-        words: Callable[[Any], Words] | None = None,
-    ):
-        self.env, self.listed, self.n_actions, self.seeds = env, listed, n_actions, seeds
-        self.save, self.words, self.name, self.transitions = save, words, name, 0
-        self._state: Any = None  # the last that was reached
+    env: Environment
+    listed: Listed
+    n_actions: int
+    seeds: Sequence[int]
+    name: str
+    save: Callable[[Any], Hashable] | None = None
+    words: Callable[[Any], Words] | None = None
+    transitions: int = 0
+    _state: Any = None  # the last that was reached
 
     def start(self, seed: int) -> Reached:
         """Return the state after a reset."""

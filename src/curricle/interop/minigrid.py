@@ -46,16 +46,21 @@ class Level:
                 met[id(thing)] = thing
                 thing = thing.contains
         objects = [thing for thing in met.values() if thing.type not in STILL]
+        # What steps change of MiniGrid's own objects is known; of others all is saved.
+        standard = [type(thing).__module__ == "minigrid.core.world_object" for thing in objects]
+        plain = [thing for thing, known in zip(objects, standard, strict=True) if known]
+        self.others = [thing for thing, known in zip(objects, standard, strict=True) if not known]
         self.doors = [thing for thing in objects if thing.type == "door"]
         self.movable = [thing for thing in objects if thing.type != "door"]
-        self.standard_doors = [door for door in self.doors if _is_standard(door)]
-        self.standard_movable = [thing for thing in self.movable if _is_standard(thing)]
-        self.others = [thing for thing in objects if not _is_standard(thing)]
+        self.standard_doors = [thing for thing in plain if thing.type == "door"]
+        self.standard_movable = [thing for thing in plain if thing.type != "door"]
         self.names = dict[int, str]()
         for kind in {thing.type for thing in objects}:
             alike = [thing for thing in objects if thing.type == kind]
             for i, thing in enumerate(alike, start=1):
                 self.names[id(thing)] = kind if len(alike) == 1 else f"{kind}_{i}"
+        self.content: Any = None  # its first state
+        self.first_digests = self.digests()
 
     def digests(self) -> dict[str, bytes]:
         """Return a digest of each attribute that is not plain, to see whether it has changed."""
@@ -67,13 +72,9 @@ class Level:
 
     def words(self, env: Any) -> Words:
         """Return the components of the state that an environment of this level is in."""
-        x, y = env.agent_pos
-        words: dict[str, int | str] = {
-            "level": self.number,
-            "x": int(x),
-            "y": int(y),
-            "direction": DIRECTIONS[env.agent_dir],
-        }
+        x, y = map(int, env.agent_pos)
+        words: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
+        words["direction"] = DIRECTIONS[env.agent_dir]
         for door in self.doors:
             state = 0 if door.is_open else 2 if door.is_locked else 1
             words[self.names[id(door)]] = DOOR_STATES[state]
@@ -92,11 +93,6 @@ class Level:
 
 def _is_plain(value: Any) -> bool:
     return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, PLAIN)
-
-
-def _is_standard(thing: Any) -> bool:
-    """Return whether an object is of MiniGrid's own, of which it is known what steps change."""
-    return type(thing).__module__ == "minigrid.core.world_object"
 
 
 def _place(place: Any) -> Any:
@@ -118,9 +114,9 @@ PROBED = 300  # random steps that show whether a level has a state beside MiniGr
 class MiniGridState:
     """States of MiniGrid: the agent, the grid, the objects in it, and plain attributes.
 
-    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode; as a table of states that are not
-    times it has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a
-    discount below 1 is as short as possible, and best by MiniGrid's own reward as well.
+    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode; a table of states that are no times
+    has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a discount
+    below 1 is as short as possible, and best by MiniGrid's own reward as well.
 
     Components are the agent's `x`, `y` and `direction`; the state of each `door`; and the place of
     each `key`, `ball` and `box`, such as `key_x`: -1 while it is carried, -2 while it is in a box
@@ -129,8 +125,7 @@ class MiniGridState:
     Parameters
     ----------
     own_reward : bool
-        Pay MiniGrid's own reward. The time is then part of a state, `step`: up to max_steps times
-        as many.
+        Pay MiniGrid's own reward. The time is then part of a state, `step`.
     copies : bool
         Whether to save states by copies; by default only where a level (BabyAI's instructions) or a
         wrapper keeps a state elsewhere.
@@ -248,12 +243,11 @@ class MiniGridAccess(StateAccess):
         self.own_reward, self.hint = own_reward, "" if own_reward else TIME_HINT
         self.times = count()
         self.levels = list[Level]()
-        self.by_digest = dict[bytes, tuple[Level, Any]]()
+        self.by_digest = dict[bytes, Level]()
         self.grid_numbers = dict[tuple[Any, ...], int]()
         self.grids = list[list[Any]]()
         self.last_grid = -1  # the number of the grid that was restored last
         self.level: Any = None
-        self.first = list[tuple[Any, dict[str, bytes]]]()  # by level: its first state, its digests
         self.env: Any = None
 
     def prepare(self, env: Environment) -> None:
@@ -267,17 +261,15 @@ class MiniGridAccess(StateAccess):
         self.env = base
         vars(base).pop("gen_obs", None)
         digest = fingerprint(base, left_out(base) | MOVED | SHOWN | REPLACED)
-        if digest in self.by_digest:
-            _, content = self.by_digest[digest]
+        met = self.by_digest.get(digest)
+        if met is not None:
             here = base.agent_pos, base.agent_dir, base.step_count
-            self.restore(base, content)
+            self.restore(base, met.content)
             base.agent_pos, base.agent_dir, base.step_count = here
         else:
-            self.level = Level(len(self.levels), base)
+            self.level = self.by_digest[digest] = Level(len(self.levels), base)
             self.levels.append(self.level)
-            _, content = self.save(base)
-            self.by_digest[digest] = self.level, content
-            self.first.append((content, self.level.digests()))
+            _, self.level.content = self.save(base)
         base.gen_obs = lambda: _View(base)
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
@@ -292,17 +284,10 @@ class MiniGridAccess(StateAccess):
             grid = self.grid_numbers.setdefault(tuple(cells), len(self.grids))
             if grid == len(self.grids):
                 self.grids.append(list(cells))
-        state = (
-            level.number,
-            int(x),
-            int(y),
-            int(base.agent_dir),
-            base.carrying,
-            grid,
-            (tuple(doors), tuple(places), tuple([_items(thing) for thing in level.others])),
-            level.values_of_plain(attributes),
-            base.step_count if self.own_reward else 0,
-        )
+        objects = tuple(doors), tuple(places), tuple([_items(thing) for thing in level.others])
+        step = base.step_count if self.own_reward else 0
+        agent = level.number, int(x), int(y), int(base.agent_dir), base.carrying
+        state = (*agent, grid, objects, level.values_of_plain(attributes), step)
         return state, state
 
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
@@ -340,10 +325,10 @@ class MiniGridAccess(StateAccess):
 
     def missed(self, env: Environment) -> str:
         """Return an attribute that steps have changed though it is not part of what is saved."""
-        for level, (content, digests) in zip(self.levels, self.first, strict=True):
-            self.restore(env, content)
+        for level in self.levels:
+            self.restore(env, level.content)
             for name, digest in level.digests().items():
-                if digest != digests[name]:
+                if digest != level.first_digests[name]:
                     return name
         return ""
 
@@ -354,8 +339,7 @@ class MiniGridAccess(StateAccess):
     def end(self) -> None:
         """Release the environment; TaskError if a state was missed."""
         self.release()
-        missed = self.missed(self.env)
-        if missed:
+        if missed := self.missed(self.env):
             raise TaskError(
                 "states of MiniGrid are saved fast if they are in the agent, the grid, its objects "
                 "and plain attributes, and by MiniGridState(copies=True) else: steps changed "

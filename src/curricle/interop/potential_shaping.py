@@ -13,7 +13,7 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, SupportsFloat, TypeGuard
+from typing import TYPE_CHECKING, Any, NamedTuple, SupportsFloat
 
 import gymnasium
 import numpy as np
@@ -25,7 +25,7 @@ from gymnasium.vector.utils import iterate
 from curricle.arrays import BoolArray, FloatArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import PotentialError, SettingError
-from curricle.learning.potential import StateActionPotential, StatePotential
+from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import CONSTANT, Schedule, schedule
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import stack
@@ -33,7 +33,7 @@ from curricle.tasks.spaces import Space, whole
 from curricle.transfer import aggregate as aggregation
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.mapping import ValueSource
-from curricle.transfer.potential import MappedPotential, ObservationPotential
+from curricle.transfer.potential import ObservationPotential
 
 if TYPE_CHECKING:
     AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
@@ -42,7 +42,7 @@ else:  # it takes types only in newer versions of Gymnasium
 
 
 Steps = int | list[int]  # t of all observations, or of each
-TaskPotential = StatePotential | StateActionPotential | MappedPotential
+TaskPotential = StatePotential | PairPotential
 Potential = Callable[[Any], Any] | TaskPotential | ValueSource
 """A function of an observation, a potential over a task's states, or values of observations."""
 NETWORK_ROUNDING = 1e-3
@@ -51,65 +51,115 @@ a graphics processor, whose products of matrices have 11 bits."""
 
 
 @dataclass(frozen=True, eq=False)
-class FunctionSource:
-    """A potential that a function or a network computes, of an observation or of stacked ones."""
+class Source:
+    """A potential, read from n observations: by their values, or by the states that they show."""
 
     name: str
-    function: Callable[[Any], Any]
+    read_from: Callable[[Any], Any]  # of an observation, or of stacked ones if `batched`
     batched: bool
+    discount: float | None = None  # of the task of the potential, if it has one
     rounding: float = 0.0  # relative difference allowed between two readings
+    # The potential over a task, if it is one: then `read_from` returns states.
+    potential: TaskPotential | None = None
+    n_states: int = 0
+    fixed: FloatArray | None = None  # (S,) Phi where it is an array that time does not change
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        potential: Potential,
+        space: gymnasium.Space[Any],
+        encode: Callable[[Any], Any] | None,
+        batched: bool,
+    ) -> "Source":
+        """Return a potential, to be read from observations of a space."""
+        if isinstance(potential, TaskPotential):
+            if isinstance(potential, StateActionPotential):
+                potential = potential.to_state()
+            task, fixed = generative_model(potential.task), None
+            if isinstance(potential, StatePotential) and len(potential.values) == 1:
+                fixed = potential.at(0) if potential.weight.shape == CONSTANT else None
+            state_of = _numbering(space, task.states) if encode is None else encode
+            of_task = potential, task.states.size, fixed
+            return cls(name, state_of, batched, task.discount, 0.0, *of_task)
+        discount = None
+        if isinstance(potential, ObservationPotential):
+            discount = potential.task.discount
+            if potential.task.observations != space:
+                raise SettingError(
+                    "a potential over observations must be read from those of its task: "
+                    f"{name!r} is one of {potential.task.observations} and gets {space}"
+                )
+        if isinstance(potential, ValueSource):
+            return cls(name, potential.v, True, discount, NETWORK_ROUNDING)
+        if callable(potential):
+            return cls(name, potential, batched)
+        raise PotentialError(
+            "a potential must be a function of an observation, a potential over a task or over "
+            f"observations, or a source of values: {name!r} is {potential!r}"
+        )
 
     def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
-        if not self.batched:
-            singles = list[float]()
-            for observation in rows:
-                value = self.function(observation)
-                try:
-                    singles.append(float(value))
-                except (TypeError, ValueError):
-                    raise PotentialError(
-                        f"a potential must return one number: {self.name!r} returned {value!r} at "
-                        f"observation {observation!r}"
-                    ) from None
-            return singles
-        who = f"a batched potential, {self.name!r},"
-        if self.rounding > 0:
-            who = f"the values of {self.name!r}"
-        values = numbers(f"what {who} returns", self.function(stacked), PotentialError)
-        if values.shape != (len(rows),):
-            raise PotentialError(
-                f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
-            )
-        return values.tolist()  # type: ignore[no-any-return]
+        potential = self.potential
+        if potential is None:
+            return self._values(rows, stacked)
+        states = self._states(rows, stacked)
+        if self.fixed is not None:
+            return [*map(self.fixed.item, states)]
+        if isinstance(potential, PairPotential):
+            return potential.v(np.array(states)).tolist()  # type: ignore[no-any-return]
+        frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
+        weights = np.array([potential.weight(step) for step in each_step(steps, len(states))])
+        phi = weights * potential.values[frame, states]
+        return phi.tolist()  # type: ignore[no-any-return]
 
-
-@dataclass(frozen=True, eq=False)
-class StateSource:
-    """A potential over the states of a task; observations give the states' numbers."""
-
-    rounding: ClassVar[float] = 0.0
-
-    name: str
-    potential: StatePotential | MappedPotential
-    state_of: Callable[[Any], Any]  # of one observation, or of stacked ones if `batched`
-    n_states: int
-    fixed: FloatArray | None  # (S,) Phi where it is an array that time does not change
-    batched: bool
-
-    def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
-        """Return Phi_i of n observations, (n,)."""
-        numbered = self.state_of(stacked) if self.batched else [*map(self.state_of, rows)]
+    def _values(self, rows: Sequence[Any], stacked: Any) -> list[float]:
+        """Return what the function returns, (n,)."""
         if self.batched:
-            array = whole(numbered, "the states of observations")
+            who = f"a batched potential, {self.name!r},"
+            if self.rounding > 0:
+                who = f"the values of {self.name!r}"
+            values = numbers(f"what {who} returns", self.read_from(stacked), PotentialError)
+            if values.shape != (len(rows),):
+                raise PotentialError(
+                    f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
+                )
+            return values.tolist()  # type: ignore[no-any-return]
+        singles: list[float] = []
+        for observation in rows:
+            value = self.read_from(observation)
+            try:
+                singles.append(float(value))
+            except (TypeError, ValueError):
+                raise PotentialError(
+                    f"a potential must return one number: {self.name!r} returned {value!r} at "
+                    f"observation {observation!r}"
+                ) from None
+        return singles
+
+    def _states(self, rows: Sequence[Any], stacked: Any) -> list[int]:
+        """Return the numbers of the states that observations show, (n,)."""
+        if self.batched:
+            array = whole(self.read_from(stacked), "the states of observations")
             if array.shape != (len(rows),):
                 raise SettingError(
                     f"a batch of observations must have states of shape {(len(rows),)}: "
                     f"{self.name!r} got {array.shape}"
                 )
-            states = array.tolist()
+            states: list[int] = array.tolist()
         else:
-            states = [*map(self._whole, numbered, rows)]
+            states = []
+            for observation in rows:
+                state = self.read_from(observation)
+                try:
+                    states.append(operator.index(state))
+                except TypeError:
+                    raise SettingError(
+                        f"an observation's state must be a whole number: {self.name!r} got "
+                        f"{state!r} for observation {observation!r}"
+                    ) from None
         if min(states) < 0 or max(states) >= self.n_states:
             place, state = next((k, s) for k, s in enumerate(states) if not 0 <= s < self.n_states)
             where = f"{place} of {len(rows)} stacked" if self.batched else repr(rows[place])
@@ -117,64 +167,7 @@ class StateSource:
                 f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} got "
                 f"{state} for observation {where}"
             )
-        if self.fixed is not None:
-            return [*map(self.fixed.item, states)]
-        potential, here = self.potential, np.array(states)
-        if isinstance(potential, MappedPotential):
-            phi = potential.pairs(here).max(axis=1)
-            terminal = generative_model(potential.task).terminal
-            phi = phi if terminal is None else np.where(terminal[here], 0.0, phi)
-        else:
-            frame = np.searchsorted(potential.frame_steps, steps, side="right") - 1
-            weights = np.array([potential.weight(step) for step in each_step(steps, len(here))])
-            phi = weights * potential.values[frame, here]
-        return phi.tolist()  # type: ignore[no-any-return]
-
-    def _whole(self, state: Any, observation: Any) -> int:
-        try:
-            return operator.index(state)
-        except TypeError:
-            raise SettingError(
-                f"an observation's state must be a whole number: {self.name!r} got {state!r} for "
-                f"observation {observation!r}"
-            ) from None
-
-
-def source(
-    name: str,
-    potential: Potential,
-    space: gymnasium.Space[Any],
-    encode: Callable[[Any], Any] | None,
-    batched: bool,
-) -> FunctionSource | StateSource:
-    """Return a potential, to be read from observations of a space."""
-    if over_a_task(potential):
-        if isinstance(potential, StateActionPotential):
-            potential = potential.to_state()
-        states = generative_model(potential.task).states
-        state_of = _numbering(space, states) if encode is None else encode
-        fixed = None
-        if isinstance(potential, StatePotential) and len(potential.values) == 1:
-            fixed = potential.at(0) if potential.weight.shape == CONSTANT else None
-        return StateSource(name, potential, state_of, states.size, fixed, batched)
-    if isinstance(potential, ObservationPotential) and potential.task.observations != space:
-        raise SettingError(
-            f"a potential over observations must be read from those of its task: {name!r} is one "
-            f"of {potential.task.observations} and gets {space}"
-        )
-    if isinstance(potential, ValueSource):
-        return FunctionSource(name, potential.v, batched=True, rounding=NETWORK_ROUNDING)
-    if callable(potential):
-        return FunctionSource(name, potential, batched)
-    raise PotentialError(
-        "a potential must be a function of an observation, a potential over a task or over "
-        f"observations, or a source of values: {name!r} is {potential!r}"
-    )
-
-
-def over_a_task(potential: Any) -> TypeGuard[TaskPotential]:
-    """Return whether a potential is over the states of a task."""
-    return isinstance(potential, StatePotential | StateActionPotential | MappedPotential)
+        return states
 
 
 def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
@@ -193,7 +186,8 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
     """Return the function from an observation, or stacked ones, to numbers of a task's states."""
     if isinstance(space, Discrete) and space.n == states.size:
         return partial(operator.add, -int(space.start))
-    sizes, starts = None, list[int]()
+    sizes: tuple[int, ...] = ()
+    starts = list[int]()
     if isinstance(space, MultiDiscrete):
         sizes, starts = tuple(space.nvec.tolist()), space.start.tolist()
     elif isinstance(space, gymnasium.spaces.Tuple) and all(isinstance(x, Discrete) for x in space):
@@ -209,7 +203,7 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
 
 
 def _components(states: Space, starts: list[int], observation: Any) -> Any:
-    """Return the states whose components an observation lists, each counted from its start."""
+    """Return the states whose components an observation lists, counted from its starts."""
     parts = observation if isinstance(observation, tuple) else np.asarray(observation).T
     offsets = [np.asarray(part) - start for part, start in zip(parts, starts, strict=True)]
     if states.is_box:
@@ -241,21 +235,20 @@ class ShapingPotential:
             instance("a potential's name", name, str, SettingError)
         if tolerance is not None:
             number("tolerance", tolerance, SettingError, 0)
-        if encode is not None and not any(map(over_a_task, named.values())):
-            raise SettingError("encode must be left out where no potential is one over a task")
         if aggregate is None and len(named) > 1:
             aggregate = aggregation.mean
         self.space = space
         self.sources = {
-            name: source(name, potential, space, encode, batched)
+            name: Source.of(name, potential, space, encode, batched)
             for name, potential in named.items()
         }
-        stated = {}
-        for name, potential in named.items():
-            if over_a_task(potential):
-                stated[f"the task of {name!r}"] = generative_model(potential.task).discount
-            elif isinstance(potential, ObservationPotential):
-                stated[f"the task of {name!r}"] = potential.task.discount
+        if encode is not None and all(s.potential is None for s in self.sources.values()):
+            raise SettingError("encode must be left out where no potential is one over a task")
+        stated = {
+            f"the task of {name!r}": source.discount
+            for name, source in self.sources.items()
+            if source.discount is not None
+        }
         if discount is not None:
             stated["the argument"] = number("discount", discount, SettingError, 0, 1)
         if not stated:
@@ -291,12 +284,12 @@ class ShapingPotential:
                     f"{rows[place]!r}"
                 )
             columns.append(column)
-        together = columns[0]
-        if self.aggregate is not None and self._batched:
-            arrays = np.array(columns)[:, :, None]
-            together = aggregation.aggregate(self.aggregate, arrays)[:, 0].tolist()
-        elif self.aggregate is not None:
-            g = self.aggregate
+        if self.aggregate is None and self._constant == 1.0:  # the quickest, for one environment
+            return [[phi, phi] for phi in columns[0]]
+        g, together = self.aggregate, columns[0]
+        if g is not None and self._batched:
+            together = aggregation.aggregate(g, np.array(columns)[:, :, None])[:, 0].tolist()
+        elif g is not None:
             together = [aggregation.aggregate_numbers(g, values) for values in zip(*columns)]  # noqa: B905 - all are n
         values_of_rows = [*map(list, zip(together, *columns))]  # noqa: B905
         if self._constant == 1.0:
@@ -393,15 +386,16 @@ class Episodes:
         stacked: Any = None,
     ) -> ShapedStep:
         """Return what shaping makes of a step, given what the step returned."""
-        running, discount = self._running, self._potential.discount
+        running, potential = self._running, self._potential
+        shaping = list[list[float]]()
         steps: Any
         if not (None in running or True in terminated or True in truncated):
             # Most steps, which must be quick.
             self._steps += len(rows)
-            there = self._potential.read(rows, self._steps, stacked)
-            shaping, steps = [], zip(running, there, rewards)  # noqa: B905 - all are n
+            there = potential.read(rows, self._steps, stacked)
+            steps = zip(running, there, rewards)  # noqa: B905 - all are n
             for episode, phi, reward in steps:
-                shaping.append(episode.step(phi, reward, discount))
+                shaping.append(episode.step(phi, reward, potential.discount))
             return ShapedStep(self._all, shaping, there, {})
         running, same_step = running.copy(), self._finals_in is not None
         self._steps += sum(episode is not None for episode in running)
@@ -416,13 +410,23 @@ class Episodes:
                     f"observation at which it cut an episode off, in {self._finals_in}: "
                     f"sub-environment {i} did not"
                 )
-        here, there, starts = self._read(rows, stacked, terminated, ended, finals)
-        of_reset, steps = [0.0] * len(there[0]), zip(running, there, rewards, strict=True)
-        shaping = [
-            of_reset if episode is None else episode.step(phi, reward, discount)
-            for episode, phi, reward in steps
-        ]
-        for i, episode in enumerate(running):
+        # Phi of what was returned, of s', and of where the ended episodes began: in one batch, as a
+        # network costs as much for one observation as for many.
+        read = [i for i in range(len(rows)) if same_step or not terminated[i]]
+        asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
+        at = [self._steps] * (len(read) + len(finals)) + [e.begun for e in ended.values()]
+        values = iter(potential.read(asked, at))
+        of_end = [0.0] * (1 + len(potential.sources))
+        here = [of_end] * len(rows)
+        for i in read:
+            here[i] = next(values)
+        there = [of_end if end else phi for end, phi in zip(terminated, here, strict=True)]
+        for i in finals:
+            there[i] = next(values)
+        steps = enumerate(zip(running, there, rewards, strict=True))
+        for i, (episode, phi, reward) in steps:
+            paid = of_end if episode is None else episode.step(phi, reward, potential.discount)
+            shaping.append(paid)
             if episode is None or (i in ended and same_step):
                 self._running[i] = Episode(rows[i], self._steps, here[i])
             elif i in ended:
@@ -432,52 +436,33 @@ class Episodes:
             place = f"at the end of an episode of sub-environment {i}"
             if len(running) == 1:
                 place = f"after {self._steps - episode.begun} steps"
-            reported[i] = episode.end(self._potential, starts[i], place)
+            reported[i] = episode.end(potential, next(values)[0], place)
         return ShapedStep([e is not None for e in running], shaping, there, reported)
 
-    def _read(
-        self,
-        rows: list[Any],
-        stacked: Any,
-        terminated: Sequence[bool],
-        ended: Mapping[int, Episode],
-        finals: Mapping[int, Any],
-    ) -> tuple[list[list[float]], list[list[float]], dict[int, float]]:
-        """Return Phi of what was returned, of s', and of where the ended episodes began."""
-        if not ended:
-            here = self._potential.read(rows, self._steps, stacked)
-            return here, here, {}
-        same_step = self._finals_in is not None
-        read = [i for i in range(len(rows)) if same_step or not terminated[i]]
-        # In one batch, as a network costs as much for one observation as for many.
-        asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
-        now = [self._steps] * (len(read) + len(finals))
-        begun = [episode.begun for episode in ended.values()]
-        values = iter(self._potential.read(asked, now + begun))
-        of_end = [0.0] * (1 + len(self._potential.sources))
-        here = [of_end] * len(rows)
-        for i in read:
-            here[i] = next(values)
-        there = [of_end if end else phi for end, phi in zip(terminated, here, strict=True)]
-        for i in finals:
-            there[i] = next(values)
-        return here, there, {i: phi[0] for i, phi in zip(ended, values, strict=True)}
+
+class Shaped:
+    """An environment with a potential."""
+
+    _potential: ShapingPotential
+
+    @property
+    def discount(self) -> float:
+        """The discount gamma."""
+        return self._potential.discount
 
 
-class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of an environment.
 
     Phi(s') is 0 where the step terminated and only there: truncation keeps it, and the learner must
     bootstrap from s'. Values learnt from the shaped rewards are Q - Phi; the greedy policy is the
-    same.
-
-    Each step's ``info`` holds
+    same. Each step's ``info`` holds
 
     - ``original_reward``: the environment's own;
     - ``shaping``: F;
     - ``shaping_terms``: F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s) of each source alone; F is
       their mean under `mean`, their sum under `total`, between them under `maximum` and `minimum`;
-    - ``potential``: Phi(s'), which is 0 where the step terminated;
+    - ``potential``: Phi(s');
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
       computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
@@ -496,8 +481,8 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     discount : float, optional
         gamma, which must be the learner's. Needed where no potential has a task to state it.
     weight : float or Schedule
-        w(t), which multiplies Phi; t counts the steps taken through this wrapper, episode after
-        episode, also for a `StatePotential` that changes with time.
+        w(t), which multiplies Phi; t counts the steps taken through this wrapper, also for a
+        `StatePotential` that changes with time.
     aggregate : callable, optional
         g of Phi = w g(Phi_1, ..., Phi_N), (N, S, A) -> (S, A), with A = 1; by default the mean.
     encode : callable, optional
@@ -505,8 +490,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
     tolerance : float or None
         The largest residual allowed, as a share of the largest abs(Phi) in the episode; for a
         `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
-        change, such as a network in training: shaping is sound for these too (Devlin, Kudenko
-        2012).
+        change: shaping is sound for these too (Devlin, Kudenko 2012).
 
     Raises
     ------
@@ -544,11 +528,6 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         self._potential = ShapingPotential(space=env.observation_space, **settings)
         self._episodes = Episodes(self._potential, 1)
 
-    @property
-    def discount(self) -> float:
-        """The discount gamma."""
-        return self._potential.discount
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -574,7 +553,7 @@ class PotentialShaping(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorA
         return observation, reward + shaping, terminated, truncated, {**info, **shown}
 
 
-class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
+class VectorPotentialShaping(Shaped, AnyVectorWrapper, RecordConstructorArgs):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
     It is :class:`PotentialShaping` for vector environments. Where ``metadata["autoreset_mode"]`` is
@@ -592,8 +571,7 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
     ----------
     env : gymnasium.vector.VectorEnv
     potential, discount, weight, aggregate, encode, tolerance
-        As in :class:`PotentialShaping`. The t of potentials that change with time counts the steps
-        of all sub-environments together, as a budget does.
+        As in :class:`PotentialShaping`; t counts the steps of all sub-environments together.
     batched : bool
         Whether potential functions return an (m,) array for m stacked observations, and `encode`
         an (m,) array of integers; m is n, or more where episodes end. Otherwise they are called
@@ -641,11 +619,6 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         self._potential = ShapingPotential(space=env.single_observation_space, **settings)
         self._episodes = Episodes(self._potential, env.num_envs, finals_in)
 
-    @property
-    def discount(self) -> float:
-        """The discount gamma."""
-        return self._potential.discount
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -671,12 +644,11 @@ class VectorPotentialShaping(AnyVectorWrapper, RecordConstructorArgs):
         )
         shaping, stepped = np.array(done.shaping).T, np.array(done.stepped)
         potential = np.array([phi[0] for phi in done.there])
+        terms = dict(zip(self._potential.sources, shaping[1:], strict=True))
         infos = {
             **infos,
             **_shown(stepped, original_reward=rewards, shaping=shaping[0], potential=potential),
-            "shaping_terms": _shown(
-                stepped, **dict(zip(self._potential.sources, shaping[1:], strict=True))
-            ),
+            "shaping_terms": _shown(stepped, **terms),
             "_shaping_terms": stepped,
         }
         if done.ended:

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
@@ -16,9 +16,27 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.toy_text.blackjack import BlackjackEnv
+from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
+from gymnasium.envs.toy_text.taxi import TaxiEnv
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 
 from curricle.errors import SettingError, TaskError
-from curricle.interop.spaces import HARMLESS, TOY_TEXT, acts_as
+
+TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
+HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
+"""Wrappers that change no transition; the time limit is read from the specification."""
+
+
+def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
+    """Return whether an environment is of one of these classes, with the class's own methods."""
+    kind = next((kind for kind in kinds if isinstance(env, kind)), None)
+    return kind is not None and all(
+        getattr(type(env), name) is getattr(kind, name) and name not in vars(env)
+        for name in methods
+    )
+
 
 GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
 SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__  # type: ignore[attr-defined]
@@ -26,28 +44,11 @@ SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__
 SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
 
 
-class Streams:
-    """Where the generators in each place were left, so that no random number is used twice."""
-
-    def __init__(self) -> None:
-        self._left = dict[tuple[int, type], Any]()
-
-    def resume(self, generators: Sequence[Any]) -> None:
-        """Let each generator go on where the generator in its place was left."""
-        for place, generator in enumerate(generators):
-            kind = _kind(generator)
-            _set(generator, self._left.get((place, kind)) or _fresh(kind, place, 0))
-
-    def leave(self, generators: Sequence[Any]) -> None:
-        """Note where each generator is left."""
-        for place, generator in enumerate(generators):
-            self._left[place, _kind(generator)] = state_of(generator)
-
-
-def restart(generators: Sequence[Any], repetition: int) -> None:
-    """Let each generator draw other numbers than in other repetitions, the same for its kind."""
+def restart(generators: Sequence[Any], repetition: int, left: Mapping[Any, Any]) -> None:
+    """Let generators draw other numbers than in other repetitions, or go on as they were `left`."""
     for place, generator in enumerate(generators):
-        _set(generator, _fresh(_kind(generator), place, repetition))
+        kind = kind_of(generator)
+        _set(generator, left.get((place, kind)) or _fresh(kind, place, repetition))
 
 
 @contextmanager
@@ -86,7 +87,7 @@ def _fresh(kind: Any, place: int, repetition: int) -> Any:
     return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 
 
-def _kind(generator: Any) -> type:
+def kind_of(generator: Any) -> type:
     """Return what a generator draws its bits by."""
     if isinstance(generator, np.random.Generator):
         return type(generator.bit_generator)
@@ -147,6 +148,7 @@ class _Reader:
 
     def _read_parts(self, value: Any) -> None:
         """Read a value that has parts or a name."""
+        parts: Collection[Any] | None = None
         if isinstance(value, np.ndarray) and value.dtype != object:
             self.tell("array", value.dtype.str, value.shape, value.tobytes())
         elif isinstance(value, Enum):
@@ -158,15 +160,15 @@ class _Reader:
             self.read(value.__self__)
         elif isinstance(value, CodeType):
             self.tell("code", value.co_code, repr(value.co_names))
-            self._read_all(value.co_consts)
+            parts = value.co_consts
         elif isinstance(value, FunctionType):
             self.tell("function", value.__module__, value.__qualname__)
             self.read(value.__code__)
             self.read(value.__defaults__)
-            self._read_all([cell.cell_contents for cell in value.__closure__ or ()])
+            parts = [cell.cell_contents for cell in value.__closure__ or ()]
         elif isinstance(value, tuple | list | deque | np.ndarray):
             self.tell(type(value).__name__, np.shape(value) if hasattr(value, "shape") else "")
-            self._read_all(list(value))
+            parts = list(value)
         elif isinstance(value, dict):
             self.tell(type(value).__name__, len(value))
             for key in sorted(value, key=repr):
@@ -176,11 +178,10 @@ class _Reader:
             self.tell("set", *sorted(fingerprint(part, self.left_out) for part in value))
         else:
             self._read_object(value)
-
-    def _read_all(self, values: Collection[Any]) -> None:
-        self.tell(len(values))
-        for value in values:
-            self.read(value)
+        if parts is not None:
+            self.tell(len(parts))
+            for part in parts:
+                self.read(part)
 
     def _read_object(self, value: Any) -> None:
         """Read an object by its attributes, or where it has none by what pickle would keep."""
@@ -228,7 +229,7 @@ class StateAccess(ABC):
     def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Change for good what is to be tabulated in another way than the environment has it."""
 
-    def begin(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
+    def begin(self, env: Environment) -> None:  # noqa: B027
         """Note what a reset made."""
 
     @abstractmethod
@@ -319,16 +320,14 @@ class Copies(StateAccess):
         return words_of_state({name: value for name, value in attributes if name not in ignored})
 
 
+@dataclass(eq=False)
 class SaveAndRestore(StateAccess):
     """States are saved and restored by two functions: a hundred times as fast as copies."""
 
+    save_state: Callable[[Any], Hashable]
+    restore_state: Callable[[Any, Any], Any]
+    generators: list[Any] = field(default_factory=list)
     copies = False
-
-    def __init__(
-        self, save_state: Callable[[Any], Hashable], restore_state: Callable[[Any, Any], Any]
-    ):
-        self.save_state, self.restore_state = save_state, restore_state
-        self.generators = list[Any]()
 
     def begin(self, env: Environment) -> None:
         """Find the random generators, wherever the environment can be read."""

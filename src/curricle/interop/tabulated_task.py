@@ -183,11 +183,10 @@ class TabulationRecord:
         Its name, and the seeds of the resets, each a start as likely as the others.
     samples : int or None
         Steps by which each pair's outcomes were estimated; None if outcomes are exact.
-    transitions, drawing : int
+    transitions, drawing, checked : int
         Pairs of a state and an action that were tried or listed; those that drew random numbers,
-        and still led to one state in all 8 repetitions.
-    checked : int
-        Steps of episodes in the environment itself that agree with the tables.
+        and still led to one state in all 8 repetitions; steps of episodes that agree with the
+        tables.
     cut, explored : int
         States in which episodes are only ever truncated: every action stays there, with reward 0.
         States before equivalent ones were merged.
@@ -280,18 +279,13 @@ class TabulatedTask(Frozen):
         ----------
         model : object
             With a method ``predict(observations, deterministic=...)`` that returns actions for
-            stacked observations, alone or first in a tuple.
+            stacked observations, alone or first in a tuple; SettingError if it does not.
         deterministic : bool
             If not, the probability of each action, of policies with a distribution (A2C, PPO).
 
         Returns
         -------
         (S,) int64 or (S, A) float64 array
-
-        Raises
-        ------
-        SettingError
-            When the model returns what is no action for each observation, or has no distribution.
         """
         check_sight(model)
         if any(part.low for part in self.actions.components):
@@ -299,15 +293,26 @@ class TabulatedTask(Frozen):
                 f"a model's actions must count from 0: those of {self.record.environment} do not; "
                 "gymnasium.wrappers.TransformAction makes them, before it is tabulated"
             )
-        table, n_states = self._observations(), self.states.size
-        rows = [np.arange(i, min(i + BATCH, n_states)) for i in range(0, n_states, BATCH)]
-        if not deterministic:
-            return np.concatenate([action_probabilities(model, table.batch(b)) for b in rows])
-        chosen = np.concatenate([_actions(model, table.batch(b), len(b)) for b in rows])
-        if chosen.min() < 0 or chosen.max() >= self.actions.size:
+        table, n_states, answers = self._observations(), self.states.size, []
+        for first in range(0, n_states, BATCH):
+            n = min(BATCH, n_states - first)
+            observations = table.batch(np.arange(first, first + n))
+            if not deterministic:
+                answers.append(action_probabilities(model, observations))
+                continue
+            predicted = model.predict(observations, deterministic=True)
+            actions = np.asarray(predicted[0] if isinstance(predicted, tuple) else predicted)
+            if actions.shape != (n,) or actions.dtype.kind not in "iu":
+                raise SettingError(
+                    f"a model must predict one action for each of {n} observations: got an array "
+                    f"of {actions.dtype} of shape {actions.shape}"
+                )
+            answers.append(actions.astype(np.int64))
+        chosen = np.concatenate(answers)
+        low, high = chosen.min(), chosen.max()
+        if deterministic and (low < 0 or high >= self.actions.size):
             raise SettingError(
-                f"a model's actions must lie in 0..{self.actions.size - 1}: got "
-                f"{chosen.min()}..{chosen.max()}"
+                f"a model's actions must lie in 0..{self.actions.size - 1}: got {low}..{high}"
             )
         return chosen
 
@@ -320,16 +325,17 @@ class TabulatedTask(Frozen):
         return self.observations
 
     def __repr__(self) -> str:
+        record, kinds = self.record, list[str]()
         size = repr(self.mdp).removeprefix("FiniteMDP(").removesuffix(")")
-        samples, drawing = self.record.samples, self.record.drawing
-        kind = "exact" if samples is None else f"estimated from {counted(samples, 'step')} a pair"
-        if self.record.several:
-            seen = f"{len(self.record.seeds)} of several resets seen"
-            kind = seen if samples is None else f"{kind}, {seen}"
-        if drawing:
-            kind += f" unless {drawing:,} pairs that draw random numbers rarely use them"
-        note = f", {self.record.note}" if self.record.note else ""
-        return f"TabulatedTask({self.record.environment}: {size}{note}, {kind})"
+        if record.samples is not None:
+            kinds.append(f"estimated from {counted(record.samples, 'step')} a pair")
+        if record.several:
+            kinds.append(f"{len(record.seeds)} of several resets seen")
+        kind = ", ".join(kinds or ["exact"])
+        if record.drawing:
+            kind += f" unless {record.drawing:,} pairs that draw random numbers rarely use them"
+        note = f", {record.note}" if record.note else ""
+        return f"TabulatedTask({record.environment}: {size}{note}, {kind})"
 
 
 def needs_of(policy: Any) -> str:
@@ -347,17 +353,6 @@ def check_sight(model: Any) -> None:
             f"a policy must act by the observation alone: {type(policy).__name__} needs {needs}, "
             "which learn_deep and TrainedPolicy.episode give it"
         )
-
-
-def _actions(model: Any, observations: Any, n: int) -> IntArray:
-    predicted = model.predict(observations, deterministic=True)
-    actions = np.asarray(predicted[0] if isinstance(predicted, tuple) else predicted)
-    if actions.shape != (n,) or actions.dtype.kind not in "iu":
-        raise SettingError(
-            f"a model must predict one action for each of {n} observations: got an array of "
-            f"{actions.dtype} of shape {actions.shape}"
-        )
-    return actions.astype(np.int64)
 
 
 def action_probabilities(model: Any, observations: Any) -> FloatArray:

@@ -22,7 +22,7 @@ from gymnasium.wrappers import FrameStackObservation
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, StoreError, TaskError
-from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
+from curricle.files import digest_of, local_file, read_saved, write_saved
 from curricle.interop.exploration import (
     Listed,
     ListedOutcomes,
@@ -32,7 +32,17 @@ from curricle.interop.exploration import (
     core_and_views,
     time_limit_of,
 )
-from curricle.interop.gymnasium import Environment, TimeLimit, actions_of, maker_of, opened
+from curricle.interop.gymnasium import (
+    Environment,
+    TimeLimit,
+    actions_of,
+    has_table,
+    maker_of,
+    name_list,
+    names_of,
+    opened,
+    with_names,
+)
 from curricle.interop.minigrid import (
     MiniGridAccess,
     MiniGridState,
@@ -40,7 +50,6 @@ from curricle.interop.minigrid import (
     is_minigrid,
     named_actions,
 )
-from curricle.interop.spaces import has_table, name_list, names_of, with_names
 from curricle.interop.states import (
     SHARED,
     DeepCopy,
@@ -105,19 +114,24 @@ Made = tuple[Tables, TabulationRecord]
 class Plan:
     """How an environment is tabulated."""
 
-    seeds: tuple[int, ...]
+    seeds: Any
     state: Any
     outcomes: Listed | None
     samples: int | None
     max_states: int
     max_seconds: float
     progress: bool | Callable[[Progress], Any] | None
-    cache: Path | None = None
+    cache: Any
 
-    def check(self) -> None:
-        """Raise SettingError if settings are invalid or contradict each other."""
+    def __post_init__(self) -> None:
         pair = isinstance(self.state, tuple) and len(self.state) == 2
         known = self.state is None or callable(getattr(self.state, "open", None))
+        states = whole_number("max_states", self.max_states, 1, SettingError)
+        object.__setattr__(self, "seeds", seed_tuple(self.seeds))
+        object.__setattr__(self, "max_states", states)
+        number("max_seconds", self.max_seconds, SettingError, low=0)
+        if self.cache is not None:
+            object.__setattr__(self, "cache", local_file(self.cache, ENDING))
         if not known and not (pair and all(map(callable, self.state))):
             raise SettingError(
                 "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
@@ -142,32 +156,27 @@ class Plan:
             how = fitting_state(env, core, self.seeds[0])
         elif how is None:
             how = DeepCopy()
-
-        def made(access: Any) -> Made:
-            return self._made(World(env, act, n_actions, self.seeds, self.samples, access, name))
-
-        def made_anew() -> Made:
-            if self.state is not None or how != MiniGridState():
-                return made(SaveAndRestore(*how) if isinstance(how, tuple) else how.open())
-            fast = MiniGridAccess(own_reward=False)
-            try:
-                return made(fast)
-            except TaskError:
-                if not fast.missed(env.unwrapped):
-                    raise
-                fast.release()
-                return made(MiniGridState(copies=True).open())
-
-        if self.cache is None:
-            return made_anew()
-        ways = [*how] if isinstance(how, tuple) else [how]
-        ways += [self.outcomes, self.samples, self.state is None]
-        origin = made_of(env, name, self.seeds, ways)
-        tables = read_tables(self.cache, origin)
-        if tables is None:
-            tables = made_anew()
-            write_tables(self.cache, origin, *tables)
-        return tables
+        origin = dict[str, Any]()
+        if self.cache is not None:
+            ways = [*how] if isinstance(how, tuple) else [how]
+            ways += [self.outcomes, self.samples, self.state is None]
+            origin = made_of(env, name, self.seeds, ways)
+            kept = read_tables(self.cache, origin)
+            if kept is not None:
+                return kept
+        access: Any = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
+        settings = env, act, n_actions, self.seeds, self.samples
+        try:
+            made = self._made(World(*settings, access, name))
+        except TaskError:
+            fast = self.state is None and isinstance(access, MiniGridAccess)
+            if not fast or not access.missed(env.unwrapped):
+                raise
+            access.release()
+            made = self._made(World(*settings, MiniGridState(copies=True).open(), name))
+        if self.cache is not None:
+            write_tables(self.cache, origin, made)
+        return made
 
     def _made(self, world: World) -> Made:
         source: World | ListedOutcomes = world
@@ -187,7 +196,7 @@ class Plan:
             sampled, merge = self.samples is not None, world.access.copies and source is world
             tables = assembled(search, world.n_actions, sampled=sampled, merge=merge)
             world.access.end()
-            checked = 0 if sampled else Checker(world, tables).check(self.seeds)
+            checked = 0 if sampled else steps_checked(world, tables)
         record = TabulationRecord(
             environment=world.name,
             seeds=self.seeds,
@@ -195,12 +204,9 @@ class Plan:
             transitions=source.transitions,
             drawing=world.drawing,
             checked=checked,
-            cut=search.cut,
-            several=search.several,
             explored=len(search.terminal),
-            seconds=search.seconds,
-            observing=search.observing,
             note=world.access.note,
+            **{name: getattr(search, name) for name in ("cut", "several", "seconds", "observing")},
         )
         return tables, record
 
@@ -239,11 +245,8 @@ def tabulate(
 
     Each action is taken in each state, breadth first from those that resets lead to. What
     :func:`solve`, :func:`certify` and :func:`evaluate` prove of the tables holds for the
-    environment.
-
-    Steps must be deterministic, which is checked: each is taken twice, and 8 times if it draws
-    random numbers; up to 1,000 steps of episodes must agree with the tables. Outcomes of random
-    steps must be listed or estimated; the table says which.
+    environment: steps must be deterministic, which repeating them checks, or their outcomes be
+    listed or estimated; up to 1,000 steps of episodes must agree with the tables.
 
     Parameters
     ----------
@@ -296,24 +299,13 @@ def tabulate(
 
     Examples
     --------
-    >>> import curricle as cr
     >>> taxi = tabulate("Taxi-v4", discount=0.9, seeds=3)
     >>> taxi
     TabulatedTask(Taxi-v4: 202 states, ..., time limit 200, 3 of several resets seen)
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """
-    plan = Plan(
-        seeds=seed_tuple(seeds),
-        state=state,
-        outcomes=outcomes,
-        samples=samples,
-        max_states=whole_number("max_states", max_states, 1, SettingError),
-        max_seconds=number("max_seconds", max_seconds, SettingError, low=0),
-        progress=progress,
-        cache=None if cache is None else local_file(cache, ENDING),
-    )
-    plan.check()
+    plan = Plan(seeds, state, outcomes, samples, max_states, max_seconds, progress, cache)
     discount = number("discount", discount, TaskError, low=0, high=1)
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
@@ -366,23 +358,32 @@ Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
-    """Return the tables of explored states."""
-    observations = None
+    """Return the tables of explored states, of which those that are alike become one."""
+    seen = None
     if all(observation is not None for observation in search.observations):
-        observations = stacked_observations(search.observations, search.terminal)
-    rows = _outcome_rows(search, n_actions, sampled)
+        seen = stacked_observations(search.observations, search.terminal)
     terminal = np.array(search.terminal, dtype=bool)
-    start = np.zeros(len(terminal))
+    start, n_states = np.zeros(len(terminal)), len(terminal)
     start[list(search.start)] = list(search.start.values())
-    space, first = Space([Component("state", len(terminal))]), np.array(search.first)
-    tables = Tables(space, *rows, terminal, start, first, observations)
-    blocks = np.arange(len(terminal))
-    if merge and observations is not None:
-        blocks = alike(tables, n_actions)
-        tables = _merged(tables, blocks, n_actions)
+    space, rows = Space([Component("state", n_states)]), _outcome_rows(search, n_actions, sampled)
+    tables = Tables(space, *rows, terminal, start, np.array(search.first), seen)
+    blocks = np.arange(n_states)
+    if merge and seen is not None:
+        blocks = alike(tables, seen, n_actions)
+        first = np.unique(blocks, return_index=True)[1]  # it stands for its block
+        pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
+        parts = {name: part[first] for name, part in seen.parts.items()}
+        tables = tables._replace(
+            probability=tables.probability[pairs],
+            next_state=blocks[tables.next_state[pairs]],
+            reward=tables.reward[pairs],
+            terminal=terminal[first],
+            start=np.asarray(np.bincount(blocks, weights=start), dtype=np.float64),
+            first=blocks[tables.first],
+            observations=ObservationTable(parts, seen.terminal[first]),
+        )
     words, vague = words_of_blocks(search.words, blocks)
-    space = named_states(words, tables.terminal, vague)
-    return tables._replace(states=space)
+    return tables._replace(states=named_states(words, tables.terminal, vague))
 
 
 def _outcome_rows(
@@ -408,15 +409,11 @@ def _outcome_rows(
     return p, s, r
 
 
-# -- states that are alike ------------------------------------------------------------------------
-
-
-def alike(tables: Tables, n_actions: int) -> IntArray:
+def alike(tables: Tables, seen: ObservationTable, n_actions: int) -> IntArray:
     """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
-    assert tables.observations is not None
-    parts = [part.reshape(len(part), -1) for part in tables.observations.parts.values()]
-    seen = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
-    blocks = _in_order(numbered_rows(np.column_stack([*seen, tables.terminal])))
+    parts = [part.reshape(len(part), -1) for part in seen.parts.values()]
+    looks = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
+    blocks = _in_order(numbered_rows(np.column_stack([*looks, tables.terminal])))
     different, rewards = np.unique(tables.reward, return_inverse=True)
     while True:
         outcomes = blocks[tables.next_state] * len(different) + rewards.reshape(tables.reward.shape)
@@ -432,29 +429,7 @@ def alike(tables: Tables, n_actions: int) -> IntArray:
 def _in_order(labels: IntArray) -> IntArray:
     """Return labels renumbered in the order in which they first appear."""
     _, first, which = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return rank[which.reshape(-1)]
-
-
-def _merged(tables: Tables, blocks: IntArray, n_actions: int) -> Tables:
-    """Return the tables of blocks instead of states; the first state stands for its block."""
-    first = np.unique(blocks, return_index=True)[1]
-    pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
-    seen = tables.observations
-    assert seen is not None
-    return Tables(
-        tables.states,
-        tables.probability[pairs],
-        blocks[tables.next_state[pairs]],
-        tables.reward[pairs],
-        tables.terminal[first],
-        np.asarray(np.bincount(blocks, weights=tables.start), dtype=np.float64),
-        blocks[tables.first],
-        ObservationTable(
-            {name: part[first] for name, part in seen.parts.items()}, seen.terminal[first]
-        ),
-    )
+    return np.argsort(np.argsort(first))[which.reshape(-1)]
 
 
 # -- names ----------------------------------------------------------------------------------------
@@ -507,10 +482,9 @@ def _component(name: str, values: Sequence[int | str]) -> Part:
         low, size = int(array.min()), int(array.max()) - int(array.min()) + 1
         if size <= WIDEST:
             return Component(name, size, low), array
-    labels = list(dict.fromkeys(map(str, values)))
-    number = {label: i for i, label in enumerate(labels)}
+    number = {label: i for i, label in enumerate(dict.fromkeys(map(str, values)))}
     numbers = np.array([number[str(value)] for value in values], dtype=np.int64)
-    return Component(name, len(labels), labels=tuple(labels)), numbers
+    return Component(name, len(number), labels=tuple(number)), numbers
 
 
 def _count(parts: Sequence[Part]) -> int:
@@ -535,38 +509,28 @@ def _free(name: str, parts: Sequence[Part]) -> str:
 # -- comparing tables with the environment --------------------------------------------------------
 
 
-class Checker:
-    """Plays episodes and follows them in the tables, to find what a way of saving states missed."""
+def steps_checked(world: World, tables: Tables) -> int:
+    """Return how many steps of episodes are in the tables; TaskError where one is not.
 
-    def __init__(self, world: World, tables: Tables):
-        self.world, self.tables, self.n_actions = world, tables, world.n_actions
-        self.rng = np.random.default_rng(0)
-        self.steps = 0
-
-    def check(self, seeds: Sequence[int]) -> int:
-        """Return how many steps were compared; TaskError where one is not in the tables."""
-        for walk in range(WALKS):
-            k = walk % len(seeds)
-            self._play(seeds[k], int(self.tables.first[k]))
-            if self.steps >= STEPS:
-                break
-        return self.steps
-
-    def _play(self, seed: int, first: int) -> None:
-        """Play one episode: on the way to some state, then at random."""
-        way, env, tables = self._way(first), self.world.env, self.tables
-        observed, _ = env.reset(seed=seed)
+    They find what a way of saving states missed.
+    """
+    rng, steps, n_actions = np.random.default_rng(0), 0, world.n_actions
+    for walk in range(WALKS):
+        k = walk % len(world.seeds)
+        # An episode: on the way to some state, then at random.
+        seed, first = world.seeds[k], int(tables.first[k])
+        way = _way(tables, first, n_actions, rng)
+        observed, _ = world.env.reset(seed=seed)
         possible, truncated, taken = {first}, False, 0
-        self._compare(possible, observed, f"a reset with seed {seed}")
+        _looking_like(observed, possible, tables, f"a reset with seed {seed}", world.name)
         most = len(way) + STEPS // WALKS
         while not truncated and taken < most and not tables.terminal[list(possible)].any():
-            action = way[taken] if taken < len(way) else int(self.rng.integers(self.n_actions))
-            observed, reward, ended, truncated, _ = env.step(self.world.act(action))
+            action = way[taken] if taken < len(way) else int(rng.integers(n_actions))
+            observed, reward, ended, truncated, _ = world.env.step(world.act(action))
             taken += 1
-            self.steps += 1
             reached = set[int]()
             for state in possible:
-                pair = state * self.n_actions + action
+                pair = state * n_actions + action
                 fits = (
                     (tables.probability[pair] > 0)
                     & np.isclose(tables.reward[pair], number_of(reward), rtol=CLOSE, atol=CLOSE)
@@ -574,45 +538,52 @@ class Checker:
                 )
                 reached.update(tables.next_state[pair][fits].tolist())
             where = f"step {taken} after a reset with seed {seed}, action {action}"
-            possible = self._compare(reached, observed, where)
+            possible = _looking_like(observed, reached, tables, where, world.name)
+        steps += taken
+        if steps >= STEPS:
+            break
+    return steps
 
-    def _compare(self, possible: set[int], observed: Any, where: str) -> set[int]:
-        """Return the possible states that look like what was observed, at least one."""
-        if self.tables.observations is not None:
-            seen = self.tables.observations.parts
-            possible = {
-                state
-                for state in possible
-                if same_observation({n: a[state] for n, a in seen.items()}, parts_of(observed))
-            }
-        if not possible:
-            raise TaskError(
-                "tables must say what the environment does, so that all that matters of a state "
-                f"must be saved and compared: {where} led elsewhere in {self.world.name}"
-            )
-        return possible
 
-    def _way(self, first: int) -> list[int]:
-        """Return actions that lead to a state drawn at random if their most likely outcomes do."""
-        tables = self.tables
-        likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
-        likely = likely.reshape(-1, self.n_actions)
-        # Breadth first, the state and action from which each state is first reached; -1 where not.
-        parent = np.full((len(likely), 2), -1)
-        parent[first] = first, 0
-        front = np.array([first])
-        while front.size:
-            front = front[~tables.terminal[front]]
-            new = likely[front]
-            row, move = np.nonzero(parent[new, 0] < 0)
-            reached, which = np.unique(new[row, move], return_index=True)
-            parent[reached, 0], parent[reached, 1] = front[row[which]], move[which]
-            front = reached
-        state, way = int(self.rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
-        while state != first:
-            state, action = parent[state].tolist()
-            way.append(action)
-        return way[::-1]
+def _looking_like(
+    observed: Any, possible: set[int], tables: Tables, where: str, name: str
+) -> set[int]:
+    """Return the possible states that look like what was observed, at least one."""
+    if tables.observations is not None:
+        seen, parts = tables.observations.parts, parts_of(observed)
+        possible = {
+            state
+            for state in possible
+            if same_observation({n: a[state] for n, a in seen.items()}, parts)
+        }
+    if not possible:
+        raise TaskError(
+            "tables must say what the environment does, so that all that matters of a state must "
+            f"be saved and compared: {where} led elsewhere in {name}"
+        )
+    return possible
+
+
+def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -> list[int]:
+    """Return actions that lead to a state drawn at random if their most likely outcomes do."""
+    likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
+    likely = likely.reshape(-1, n_actions)
+    # Breadth first, the state and action from which each state is first reached; -1 where not.
+    parent = np.full((len(likely), 2), -1)
+    parent[first] = first, 0
+    front = np.array([first])
+    while front.size:
+        front = front[~tables.terminal[front]]
+        new = likely[front]
+        row, move = np.nonzero(parent[new, 0] < 0)
+        reached, which = np.unique(new[row, move], return_index=True)
+        parent[reached, 0], parent[reached, 1] = front[row[which]], move[which]
+        front = reached
+    state, way = int(rng.choice(np.flatnonzero(parent[:, 0] >= 0))), list[int]()
+    while state != first:
+        state, action = parent[state].tolist()
+        way.append(action)
+    return way[::-1]
 
 
 # -- tables in a file -----------------------------------------------------------------------------
@@ -626,23 +597,19 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
         return None
     file = read_saved(path, KIND)
     arrays, about = file.arrays, file.about
-    for what, value in made_of.items():
-        if about.get(what) != value:
+    for aspect, value in made_of.items():
+        if about.get(aspect) != value:
             raise StoreError(
-                f"a cache must hold tables of the same {what}, or another file be named: {path} "
-                f"has {about.get(what)}, got {value}"
+                f"a cache must hold tables of the same {aspect}, or another file be named: {path} "
+                f"has {about.get(aspect)}, got {value}"
             )
     try:
-        components = [
-            Component(**{**component, "labels": component["labels"] and tuple(component["labels"])})
-            for component in about["components"]
-        ]
+        states = Space([Component(**part) for part in about["components"]], arrays.get("points"))
         observations = None
         if about["observed"]:
             names = [name for name in arrays if name.startswith(OBSERVED)]
             parts = {name.removeprefix(OBSERVED): arrays[name] for name in names}
             observations = ObservationTable(parts, arrays["terminal"])
-        states = Space(components, arrays.get("points"))
         plain: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
         tables = Tables(states=states, observations=observations, **plain)
         settings = {"seeds": tuple(about["record"]["seeds"]), "cached": True}
@@ -651,16 +618,14 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
         raise StoreError(f"{path} is not as tabulate() writes it: {error!r}") from None
 
 
-def write_tables(
-    path: Path, made_of: dict[str, Any], tables: Tables, record: TabulationRecord
-) -> None:
+def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
     """Write tables, and what they were made of."""
+    tables, record = made
     arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
     if tables.states.points is not None:
         arrays["points"] = tables.states.points
     if tables.observations is not None:
-        for part, array in tables.observations.parts.items():
-            arrays[OBSERVED + part] = array
+        arrays |= {OBSERVED + name: part for name, part in tables.observations.parts.items()}
     about = {
         "components": [asdict(component) for component in tables.states.components],
         "observed": tables.observations is not None,
@@ -669,29 +634,22 @@ def write_tables(
     write_saved(path, KIND, arrays, about | made_of)
 
 
-def made_of(
-    env: gym.Env[Any, Any], name: str, seeds: Sequence[int], ways: Sequence[Any]
-) -> dict[str, Any]:
+def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
     """Return what tables are made of, as JSON has it: not the code of environments or functions."""
     layers = layers_of(env)
-    classes = [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers]
     content = b""  # arguments are in it too, of an environment that is no id but a function or made
     for seed in seeds:
         env.reset(seed=seed)
         content += fingerprint(layers, {"_np_random_seed"})
     packages = {"curricle", "gymnasium", type(env.unwrapped).__module__.partition(".")[0]}
-    shown = [getattr(way, "__qualname__", repr(way)) for way in ways]
-    # MiniGrid's space of missions prints a function with its address, another in every process.
-    spaces = re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}")
+    modules = {package: sys.modules[package] for package in sorted(packages)}
     return {
         "environment": name,
-        "classes": classes,
-        "spaces": spaces,
+        "classes": [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers],
+        # MiniGrid's space of missions prints a function with its address, another in every process.
+        "spaces": re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}"),
         "seeds": list(seeds),
-        "settings": shown,
+        "settings": [getattr(way, "__qualname__", repr(way)) for way in ways],
         "content after a reset": digest_of(content),
-        "versions": {
-            package: str(getattr(sys.modules[package], "__version__", ""))
-            for package in sorted(packages)
-        },
+        "versions": {p: str(getattr(module, "__version__", "")) for p, module in modules.items()},
     }

@@ -51,9 +51,8 @@ class Tracker(Protocol):
 
 
 class Trackers:
-    """Several trackers, none of which stops the study.
+    """Several trackers, none of which stops the study: one that raises is not called again.
 
-    A tracker that raises an `Exception` is reported and not called again; the others go on.
     `report` is called with a sentence for each failure; by default it is printed to stderr.
 
     Examples
@@ -125,9 +124,7 @@ def to_stderr(sentence: str) -> None:
 
 
 def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str, float]]]:
-    """Yield the steps and values of each checkpoint of the k-th seed at which any was measured.
-
-    Values are by tag, such as ``eval/mean_reward``; NaN is left out.
+    """Yield the step and the values by tag of each checkpoint of the k-th seed that has any.
 
     Examples
     --------

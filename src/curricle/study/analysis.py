@@ -17,8 +17,7 @@ from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import OF_TARGETS, SETTINGS
 from curricle.curriculum.result import CurriculumResult
-from curricle.deep.learner import DeepLearner
-from curricle.deep.shaping import PolicyReuse
+from curricle.deep.learner import DeepLearner, PolicyReuse
 from curricle.errors import CurricleError, StoreError
 from curricle.learning.potential import PairPotential
 from curricle.learning.record import Snapshots

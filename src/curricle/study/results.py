@@ -18,7 +18,7 @@ from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues, source_values, sources_read
-from curricle.deep.policy import policies_of
+from curricle.deep.learning import policies_of
 from curricle.display import block
 from curricle.errors import (
     CurricleError,

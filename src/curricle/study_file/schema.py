@@ -54,8 +54,7 @@ from pydantic import (
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
-from curricle.deep.learner import DeepLearner
-from curricle.deep.shaping import PolicyReuse, WeightTransfer
+from curricle.deep.learner import DeepLearner, PolicyReuse, WeightTransfer
 from curricle.interop.encoders import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
 from curricle.learning.learners import (
     SARSA,

@@ -97,16 +97,15 @@ def test_the_text_of_a_task_is_the_same_in_every_process():
 def test_a_dict_of_numbers_becomes_a_vector():
     env = FlatDict(leave_out=["words"])(in_parts())
     seen, _ = env.reset(seed=0)
-    # In the order of the space: sight; card 3 of 1..3; dice 1 of 2 and 0 of 3; lamps; inner.
-    sizes = {"sight": 4, "card": 3, "dice": 5, "lamps": 2, "inner": 2}
     parts = {
         "sight": [0.5, -0.5, 1, 0],
-        "card": [0, 0, 1],
-        "dice": [0, 1, 1, 0, 0],
+        "card": [0, 0, 1],  # 3 of 1..3
+        "dice": [0, 1, 1, 0, 0],  # 1 of 2 and 0 of 3
         "lamps": [1, 0],
         "inner": [0, 1],
     }
-    wanted = np.concatenate([parts[key] for key in PARTS.spaces if key in sizes])
+    # In the order of the space.
+    wanted = np.concatenate([parts[key] for key in PARTS.spaces if key in parts])
     np.testing.assert_array_equal(seen, wanted)
     assert seen.dtype == np.float32
     assert seen in env.observation_space

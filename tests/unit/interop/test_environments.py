@@ -13,7 +13,6 @@ from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space, f
 from curricle.errors import SettingError, TaskError
 from curricle.interop import register
 from curricle.interop.gymnasium import to_gymnasium
-from curricle.planning import rollout
 from curricle.tasks.mdp import generative_model
 from tests.refusals import check_values
 
@@ -73,19 +72,6 @@ def test_registering_imports_nothing_heavy():
 # -- episodes ----------------------------------------------------------------------------------
 
 
-def test_an_episode_is_the_task_s():
-    task = GridWorld(["S.F", "..T"], time_limit=50)
-    environment = to_gymnasium(task)
-    policy = np.array([EAST, SOUTH, WEST, NORTH, EAST, NORTH])
-    expected = rollout(task, policy)
-    state, _ = environment.reset()
-    for reached, reward in zip(expected.states[1:], expected.rewards, strict=True):
-        state, paid, terminated, truncated, info = environment.step(policy[state])
-        assert (state, paid, info["state"]) == (reached, reward, reached)
-    assert terminated
-    assert not truncated
-
-
 def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
     environment = to_gymnasium(GridWorld("S.T", time_limit=2))
     environment.reset()
@@ -104,8 +90,7 @@ def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
 
 
 @pytest.mark.parametrize(
-    "given",
-    [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}],
+    "given", [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}]
 )
 def test_a_start_can_be_named(given):
     hunt = Pursuit(3, 2, capture="all")

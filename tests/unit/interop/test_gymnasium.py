@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
-from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv, generate_random_map
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.envs.toy_text.taxi import TaxiEnv
 from gymnasium.wrappers import TimeLimit, TransformReward
 
@@ -19,7 +19,7 @@ from curricle.tasks.mdp import same_task
 from curricle.tasks.observation_task import EnvironmentMaker
 from tests.refusals import check_values
 
-from .environments import OFF, TWO, Echo, Ring
+from .environments import TWO, Echo, Ring
 
 WORLDS = {
     "lake": ("FrozenLake-v1", {}),
@@ -113,18 +113,6 @@ def test_moves_go_where_their_names_say():
             assert (there["row"], there["column"]) == (row + down, column + right)
 
 
-def test_an_end_that_depends_on_the_transition_is_a_state_of_its_own():
-    tabled = cr.from_gymnasium(Ring, discount=0.5)
-    live = cr.from_gymnasium(Ring, discount=0.5, live=True)
-    assert tabled.states.size == 4
-    assert tabled.terminal.tolist() == [False, False, False, True]
-    np.testing.assert_array_equal(cr.solve(tabled).action_values[:3, 0], [1.75, 1.5, 1.0])
-    learner = cr.QLearning(learning_rate=1.0, epsilon=0.5)
-    learnt = [cr.learn(task, learner, 500, evaluation=OFF).values[0] for task in (tabled, live)]
-    np.testing.assert_array_equal(learnt[0][:3], learnt[1])
-    np.testing.assert_array_equal(learnt[1][:, 0], [1.75, 1.5, 1.0])
-
-
 class Doubled(gym.Wrapper):
     def step(self, action):
         observation, reward, *rest = self.env.step(action)
@@ -183,31 +171,8 @@ NOT_IN_THE_TABLE = {
 def test_what_a_table_does_not_describe_is_live(why):
     task = cr.from_gymnasium(NOT_IN_THE_TABLE[why], discount=0.9)
     assert isinstance(task, cr.tasks.LiveMDP)
-
-
-def test_a_step_of_its_own_is_what_is_learnt_and_tabulated():
-    """Random maps: the optimal policy of the tables earns its value where `step` is overridden."""
-    for seed in range(5):
-        desc = generate_random_map(4, seed=seed)
-
-        def make(desc=desc):
-            return Rotated(desc=desc, is_slippery=False)
-
-        task = cr.tabulate(make, discount=0.9, time_limit=50)
-        env, solution = make(), cr.solve(task)
-        observation, _ = env.reset()
-        earned, over, steps = 0.0, False, 0
-        while not over and steps < 50:
-            action = int(solution.action_values[task.state(observation)].argmax())
-            observation, reward, over, *_ = env.step(action)
-            earned += 0.9**steps * reward
-            steps += 1
-        assert solution.start_value > 0
-        assert earned == pytest.approx(solution.start_value)
-    live = cr.from_gymnasium(make, discount=0.9, time_limit=50)
-    assert live.actions.components[0].labels is None  # west leads south
-    learnt = cr.learn(live, cr.QLearning(learning_rate=0.5, epsilon=0.3), 20_000, seeds=1)
-    assert learnt.greedy_return[0, -1] == pytest.approx(earned)
+    if why == "a subclass's step":  # west leads south
+        assert task.actions.components[0].labels is None
 
 
 def test_a_table_that_was_changed_is_read_as_it_is():
@@ -237,7 +202,7 @@ def test_what_is_no_list_of_outcomes_is_no_table(table):
     assert isinstance(cr.from_gymnasium(Odd, discount=0.9), cr.tasks.LiveMDP)
 
 
-OBSERVATIONS = {
+OBSERVATIONS = {  # the states of two observations, and the names of their components
     "discrete": (spaces.Discrete(4), [0, np.int64(3)], [0, 3], ["state"]),
     "with a start": (spaces.Discrete(4, start=-1), [-1, 2], [0, 3], ["state"]),
     "several": (
@@ -259,10 +224,10 @@ OBSERVATIONS = {
         ["state_1", "state_2_1", "state_2_2"],
     ),
     "dict": (
-        spaces.Dict(dice=spaces.MultiDiscrete([6, 6]), card=spaces.Discrete(3)),
+        spaces.Dict(card=spaces.Discrete(3), dice=spaces.MultiDiscrete([6, 6])),
         [{"dice": np.array([1, 2]), "card": 1}, {"card": 2, "dice": np.array([5, 5])}],
-        None,
-        None,
+        [44, 107],
+        ["card", "dice_1", "dice_2"],
     ),
 }
 
@@ -270,17 +235,15 @@ OBSERVATIONS = {
 @pytest.mark.parametrize("kind", OBSERVATIONS)
 def test_observations_are_numbered(kind):
     space, observations, expected, names = OBSERVATIONS[kind]
-    task = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, observation_space=space,
-                             action_space=TWO, observations=observations)  # fmt: skip
+    world = {"observation_space": space, "action_space": TWO, "observations": observations}
+    task = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, **world)
     seen = cr.planning.rollout(task, np.zeros(task.states.size, int)).states.tolist()
-    if kind == "dict":  # in the order in which Gymnasium has the keys
-        points = [{"dice_1": 1, "dice_2": 2, "card": 1}, {"dice_1": 5, "dice_2": 5, "card": 2}]
-        expected = [int(task.states.encode(**point)) for point in points]
-        names = sorted(points[0])
-        assert sorted(task.states.names) == names
-    else:
-        assert list(task.states.names) == names
+    assert list(task.states.names) == names
     assert seen == expected
+    others = [f"part {i}" for i in range(len(names))]
+    named = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, names=others, **world)
+    assert list(named.states.names) == others
+    assert named.states.shape == task.states.shape
 
 
 def played_actions(space):
@@ -291,18 +254,22 @@ def played_actions(space):
     return task, notes
 
 
-def test_joint_actions_are_what_the_environment_takes():
-    task, notes = played_actions(spaces.MultiDiscrete([2, 3], start=[0, 5]))
-    assert task.actions.names == ("action_1", "action_2")
-    assert [note.tolist() for note in notes] == [[0, 5], [0, 6], [0, 7], [1, 5], [1, 6], [1, 7]]
+@pytest.mark.parametrize(
+    ("space", "taken"),
+    [
+        (spaces.MultiDiscrete([2, 2], start=[0, 5]), [[0, 5], [0, 6], [1, 5], [1, 6]]),
+        (spaces.Discrete(2, start=4), [4, 5]),
+        (spaces.Tuple([TWO, TWO]), [(0, 0), (0, 1), (1, 0), (1, 1)]),
+        (spaces.Dict(a=TWO), [{"a": 0}, {"a": 1}]),
+    ],
+)
+def test_joint_actions_are_what_the_environment_takes(space, taken):
+    task, notes = played_actions(space)
+    assert [note.tolist() if isinstance(note, np.ndarray) else note for note in notes] == taken
     assert all(task.make().action_space.contains(note) for note in notes)
-    assert not notes[0].flags.writeable
-    _, notes = played_actions(spaces.Discrete(2, start=4))
-    assert notes == [4, 5]
-    _, notes = played_actions(spaces.Tuple([TWO, TWO]))
-    assert notes == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    _, notes = played_actions(spaces.Dict(a=TWO))
-    assert notes == [{"a": 0}, {"a": 1}]
+    if isinstance(space, spaces.MultiDiscrete):
+        assert task.actions.names == ("action_1", "action_2")
+        assert not notes[0].flags.writeable
 
 
 def test_names_may_be_given():
@@ -324,20 +291,17 @@ def test_an_encode_of_ones_own():
     def encode(observation):
         return int(observation[0] > 0), int(np.clip(10 * observation[2], -1, 1))
 
-    task = cr.from_gymnasium("CartPole-v1", discount=0.9, states=place, encode=encode)
-    seen = cr.planning.rollout(task, np.zeros(6, int)).states
-    assert seen[0] in (1, 4)  # upright, on one side
-    by_number = cr.from_gymnasium(
-        "CartPole-v1", discount=0.9, states=place,
-        encode=lambda observation: int(place.encode(side=encode(observation)[0],
-                                                    lean=encode(observation)[1])),
-    )  # fmt: skip
-    np.testing.assert_array_equal(cr.planning.rollout(by_number, np.zeros(6, int)).states, seen)
+    def number(observation):
+        return int(place.encode(**dict(zip(place.names, encode(observation), strict=True))))
+
     listed = cr.Space(place.components, [[1, 0], [0, 0], [0, -1], [1, -1], [0, 1], [1, 1]])
-    numbered = cr.from_gymnasium("CartPole-v1", discount=0.9, states=listed, encode=encode)
-    again = cr.planning.rollout(numbered, np.zeros(6, int)).states
-    for name, values in listed.decode(again).items():
-        np.testing.assert_array_equal(values, place.decode(seen)[name])
+    seen = []
+    for states, function in ((place, encode), (place, number), (listed, encode)):
+        task = cr.from_gymnasium("CartPole-v1", discount=0.9, states=states, encode=function)
+        met = cr.planning.rollout(task, np.zeros(6, int)).states
+        seen.append([values.tolist() for values in states.decode(met).values()])
+    assert seen[0] == seen[1] == seen[2]
+    assert seen[0][1][0] == 0  # upright
 
 
 EDGES = {"position": [-1.2, -0.5, 0.6], "velocity": np.linspace(-0.07, 0.07, 8)}
@@ -442,14 +406,6 @@ def test_live_tasks_made_of_the_same_are_one():
     assert same_task(*echoes)
 
 
-SPACES = {
-    "several": (spaces.MultiDiscrete([2, 3], start=[0, 5]), np.array([1, 6]), 4),
-    "binary": (spaces.MultiBinary(2), np.array([1, 0], np.int8), 2),
-    "tuple": (spaces.Tuple([spaces.Discrete(3), spaces.Discrete(2)]), (2, 1), 5),
-    "dict": (spaces.Dict(a=spaces.Discrete(3), b=spaces.Discrete(2)), {"a": 1, "b": 1}, 3),
-}
-
-
 def echo(space, observation, **settings):
     return cr.from_gymnasium(
         Echo,
@@ -460,15 +416,6 @@ def echo(space, observation, **settings):
         action_space=TWO,
         observations=[observation] * 2,
     )
-
-
-@pytest.mark.parametrize("kind", SPACES)
-def test_the_numbers_in_an_observation_are_named_in_their_order(kind):
-    space, observation, state = SPACES[kind]
-    plain, task = echo(space, observation), echo(space, observation, names=["row", "column"])
-    assert task.states.names == ("row", "column")
-    assert task.states.shape == plain.states.shape
-    assert cr.planning.rollout(task, np.zeros(task.states.size, int)).states[0] == state
 
 
 def test_numbers_and_actions_are_named():

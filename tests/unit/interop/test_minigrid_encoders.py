@@ -13,10 +13,6 @@ CROSSING = "MiniGrid-SimpleCrossingS9N1-v0"
 DOOR = "MiniGrid-DoorKey-6x6-v0"
 
 
-def first_views(env):
-    return [MiniGridView()(env).reset(seed=seed) for seed in range(20)]
-
-
 def one_hot(codes):
     """The cells of a view as a list of zeros and ones."""
     numbers = []
@@ -146,7 +142,10 @@ def test_minigrids_own_limit_is_the_tasks():
         (lambda: MiniGridView(picture=True, mission=True), SettingError, "goes with a vector"),
         (lambda: MiniGridView()(gym.make("CartPole-v1")), TaskError, "is for MiniGrid's"),
         (
-            lambda: first_views(minigrid.wrappers.FullyObsWrapper(gym.make(DOOR))),
+            lambda: [
+                MiniGridView()(minigrid.wrappers.FullyObsWrapper(gym.make(DOOR))).reset(seed=seed)
+                for seed in range(20)
+            ],
             TaskError,
             r"must be below \(11, 6, 3\): got up to \[10, ., 3\]",
         ),

@@ -3,7 +3,6 @@
 import copy
 import pickle
 import re
-from contextlib import contextmanager
 from functools import partial
 
 import gymnasium as gym
@@ -84,18 +83,11 @@ def test_an_environment_that_resets_itself_keeps_the_reward_of_its_reset():
     assert resets > 5
 
 
-@contextmanager
-def logged_warnings(monkeypatch):
-    said = []
-    monkeypatch.setattr(gym.logger, "warn", lambda message, *rest, **settings: said.append(message))
-    yield said
-
-
 def test_gymnasiums_own_checker_passes(monkeypatch):
-    lake = gym.make("FrozenLake-v1", disable_env_checker=True)
+    lake, said = gym.make("FrozenLake-v1", disable_env_checker=True), []
     env = PotentialShaping(lake, lambda square: square / 15, discount=0.9)
-    with logged_warnings(monkeypatch) as said:
-        check_env(env, skip_render_check=True)  # pictures of the lake need pygame
+    monkeypatch.setattr(gym.logger, "warn", lambda message, *rest, **settings: said.append(message))
+    check_env(env, skip_render_check=True)  # pictures of the lake need pygame
     # It says of every wrapper that it is one.
     assert [text for text in said if "different from the unwrapped version" not in text] == []
 
@@ -305,10 +297,7 @@ def test_a_potential_of_something_else_is_refused_at_the_end():
     with pytest.raises(PotentialError, match=re.escape(said)):
         run_episode(env)
     envs = VectorPotentialShaping(
-        SyncVectorEnv([partial(world, NONE)] * 2),
-        Clock().batch,
-        discount=DISCOUNT,
-        batched=True,
+        SyncVectorEnv([partial(world, NONE)] * 2), Clock().batch, discount=DISCOUNT, batched=True
     )
     with pytest.raises(PotentialError, match="is off by 7 at the end of an episode of sub-env"):
         run_episode(SomeEnvs(envs))

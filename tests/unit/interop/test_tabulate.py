@@ -224,10 +224,7 @@ def test_listed_outcomes_of_ones_own():
     assert cr.solve(task).start_value == pytest.approx(cr.solve(near).start_value, abs=0.05)
     with pytest.raises(TaskError, match=r"sums to 0\.75"):
         cr.tabulate(
-            make,
-            discount=0.5,
-            outcomes=lambda s, a: outcomes(s, a)[1:],
-            state=(save, restore),
+            make, discount=0.5, outcomes=lambda s, a: outcomes(s, a)[1:], state=(save, restore)
         )
 
 
@@ -338,10 +335,7 @@ def square(n, form=np.array, private=True):
     """Return the class of a square of n x n cells, where it is kept privately or under no name."""
 
     class Square(gym.Env):
-        observation_space, action_space = (
-            gym.spaces.MultiDiscrete([n, n]),
-            gym.spaces.Discrete(4),
-        )
+        observation_space, action_space = (gym.spaces.MultiDiscrete([n, n]), gym.spaces.Discrete(4))
 
         def reset(self, *, seed=None, options=None):
             super().reset(seed=seed)

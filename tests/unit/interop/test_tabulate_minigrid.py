@@ -109,21 +109,20 @@ def test_observations_are_those_of_the_environment(wrapper):
 
     task = cr.tabulate(make, discount=0.9)
     with make() as env:
-        state, (seen, _) = int(np.flatnonzero(task.mdp.start)[0]), env.reset(seed=0)
-        rng = np.random.default_rng(0)
-        for _ in range(200):
+        state, (seen, _), over = int(np.flatnonzero(task.mdp.start)[0]), env.reset(seed=0), False
+        for action in np.random.default_rng(0).integers(7, size=200).tolist():
             kept = task.observations.batch([state])
-            for name in seen if isinstance(seen, dict) else [None]:
-                one, other = (seen, kept) if name is None else (seen[name], kept[name])
-                assert np.array_equal(one, other[0])
+            parts = [(seen, kept)]
+            if isinstance(seen, dict):
+                parts = [(seen[name], kept[name]) for name in seen]
+            assert all(np.array_equal(part, stored[0]) for part, stored in parts)
             if wrapper == "FullyObsWrapper" and not task.observations.ambiguous[state]:
                 assert task.state(seen) == state
-            action = int(rng.integers(7))
+            if over:
+                break
             seen, _, over, _, _ = env.step(action)
             state = task.mdp.next_state[task.mdp.outcome_row[state, action], 0]
             assert over == task.mdp.terminal[state]
-            if over:
-                break
 
 
 class Notes(minigrid.envs.EmptyEnv):

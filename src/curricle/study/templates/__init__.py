@@ -12,7 +12,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.spaces import Box, Dict, Discrete
 
 from curricle.errors import ConfigError
-from curricle.interop.spaces import has_table, is_discrete
+from curricle.interop.gymnasium import has_table, is_discrete
 from curricle.study_file.own_code import suggestion
 from curricle.study_file.schema import unknown
 
