@@ -22,7 +22,7 @@ from gymnasium.wrappers import FrameStackObservation
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, StoreError, TaskError
-from curricle.files import digest_of, local_file, read_saved, write_saved
+from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
 from curricle.interop.exploration import (
     Listed,
     ListedOutcomes,
