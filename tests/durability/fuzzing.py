@@ -45,10 +45,13 @@ def limited(seconds: float):
     memory, most = resource.getrlimit(resource.RLIMIT_AS)
     try:
         resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, most))
-        signal.setitimer(signal.ITIMER_PROF, seconds)
-        signal.setitimer(signal.ITIMER_REAL, WAITING * seconds)
+        # Again and again: where a thread gets no memory to start, waiting for it would never end.
+        signal.setitimer(signal.ITIMER_PROF, seconds, seconds)
+        signal.setitimer(signal.ITIMER_REAL, WAITING * seconds, seconds)
         yield
     finally:
+        for number in timers:
+            signal.signal(number, signal.SIG_IGN)
         for number, timer in timers.items():
             signal.setitimer(timer, 0)
             signal.signal(number, before[number])
