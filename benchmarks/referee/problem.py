@@ -4,7 +4,7 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -24,7 +24,9 @@ TARGET = "target"
 EXACT = cr.GreedyEvaluation(method="exact")
 PATIENCE = 3
 """Evaluations in a row that must reach the return that counts as learnt."""
-READING = "threshold", "fraction", "plateau", "drop", "settled"
+READING = {field.name for field in fields(cr.StoppingRule)} - {
+    *("max_steps", "min_steps", "patience", "when")
+}
 """Conditions of a stopping rule that read evaluations."""
 TIMED_SEEDS, CAP = 2, 1.5
 """Seeds of scratch by which trainings are shortened, and their length over that of scratch: what

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.transfer.aggregate import aggregate
+from curricle.transfer.aggregate import BUILT_IN, aggregate
 from tests.tasks import mdps
 
 
@@ -42,7 +42,7 @@ def test_identity_mapping_lifts_q_to_itself(mdp, data):
 stacks = arrays(
     np.float64, st.tuples(*(st.integers(1, 4) for _ in range(3))), elements=st.floats(-1e6, 1e6)
 )
-AGGREGATES = [cr.minimum, cr.mean, cr.maximum, cr.total]
+AGGREGATES = [known.function for known in BUILT_IN.values()]
 
 
 @st.composite

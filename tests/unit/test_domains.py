@@ -15,6 +15,8 @@ from curricle.show.grids import draw_potential
 from curricle.show.replay import grid_drawing
 from curricle.show.views import GridView
 from curricle.study.record import ViewRecord
+from curricle.study_file.schema import tags
+from curricle.study_file.task_tables import DOMAIN_TASKS
 from curricle.tasks.domain import Domain
 from curricle.tasks.family import rules_of
 from tests.refusals import check_values
@@ -93,7 +95,7 @@ def test_a_uniform_start_is_anywhere_but_at_an_end(name):
     assert task.mdp.start == pytest.approx(alive / alive.sum())
 
 
-IN_FILES = ("four_rooms", "key_lock_pit", "block_dude", "river_swim", "deep_sea")
+IN_FILES = sorted(tags(DOMAIN_TASKS))
 """Types in a study file whose keys are those of the class."""
 
 

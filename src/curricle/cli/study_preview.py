@@ -8,7 +8,7 @@ from typing import Any
 from curricle.cli.tables import line_width, print_table, print_text, wrapped
 from curricle.comparison.forecasting import Forecast, JudgedPotentials, forecast
 from curricle.comparison.plan import numbered_seeds
-from curricle.comparison.trial import AGGREGATES, affordable, candidates_of, hindrance
+from curricle.comparison.trial import affordable, candidates_of, hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
@@ -26,6 +26,7 @@ from curricle.study_file.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
+from curricle.transfer.aggregate import COMPARED
 from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 from curricle.transfer.transfer import transfer_names
 
@@ -275,7 +276,7 @@ def _trials(curricula: Iterable[Curriculum], a_seed: float, target: Cost) -> tup
 def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
     """Return the seconds that judging an arm's potentials and sources takes at most, a seed."""
     node, edges = curriculum.node(curriculum.target), curriculum.in_edges(curriculum.target)
-    potentials = len(AGGREGATES) + 1 + len(edges) if len(edges) > 1 else 1
+    potentials = len(COMPARED) + 1 + len(edges) if len(edges) > 1 else 1
     try:
         horizon = node.evaluation.horizon(node.task)
     except SettingError:  # which the forecast will say

@@ -13,6 +13,7 @@ import numpy as np
 
 from curricle.arrays import FloatArray
 from curricle.checks import one_of
+from curricle.comparison.comparison import ARM_MEASURES
 from curricle.comparison.plan import numbered_seeds
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
@@ -70,7 +71,7 @@ EXPLANATIONS = {
     'sources included; "> 1,000 (2 never)": 2 seeds do not get there, so the mean is more',
     "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
     "random policy's to the optimum",
-    "mean return": "the mean height of the learning curve: its area, divided by all steps",
+    **{measure.head: measure.meaning for measure in ARM_MEASURES.values()},
     INTERVAL: "after a number: its interval of 95 % confidence over seeds",
     "strong gain": "mean return above that of scratch, source steps charged (strong transfer)",
     "weak gain": "the same with the source steps free (weak transfer)",

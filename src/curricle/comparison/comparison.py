@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -448,7 +448,7 @@ class Comparison:
             over, knows = self.control_verdicts.get(name), self.knowledge_verdicts.get(name)
             intervals = {
                 "steps_to_threshold": times.restricted_mean(confidence=self.confidence),
-                "mean_return": self.mean_return(name),
+                **{key: measure.of(self, name) for key, measure in ARM_MEASURES.items()},
                 **{measure: getattr(contrast, measure) for measure in MEASURES},
                 "gain_over_controls": UNKNOWN if over is None else over.gain,
                 "gain_by_knowledge": UNKNOWN if knows is None else knows.gain,
@@ -534,7 +534,8 @@ class Comparison:
             verdict += f", {contrast.reason}" if contrast.reason else ""
         elif name == self.best_scratch and len(self.scratches) > 1:
             verdict = "the best from scratch: gains are over it"
-        return name, steps, short(self.mean_return(name)), strong, weak, verdict
+        measured = (short(measure.of(self, name)) for measure in ARM_MEASURES.values())
+        return name, steps, *measured, strong, weak, verdict
 
     @property
     def sentences(self) -> list[str]:
@@ -602,7 +603,27 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
     return f"{name} gains more than {several}: {verdict}; the strongest is {strongest}"
 
 
-HEADS = ("", "steps to threshold", "mean return", "strong gain", "weak gain", "verdict")
+class ArmMeasure(NamedTuple):
+    """A measure of every arm: a new one is a row of `ARM_MEASURES`, which all tables loop over."""
+
+    head: str
+    meaning: str
+    of: Callable[[Comparison, str], Interval]  # of the arm of that name
+
+
+ARM_MEASURES = {
+    "mean_return": ArmMeasure(
+        "mean return",
+        "the mean height of the learning curve: its area, divided by all steps",
+        Comparison.mean_return,
+    ),
+}
+"""Key in :meth:`Comparison.rows` -> a column of printed tables and of the report's."""
+HEADS = (
+    *("", "steps to threshold"),
+    *(measure.head for measure in ARM_MEASURES.values()),
+    *("strong gain", "weak gain", "verdict"),
+)
 
 
 def short(interval: Interval) -> str:

@@ -34,16 +34,13 @@ from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted
-from curricle.transfer.aggregate import BUILT_IN, Aggregate
+from curricle.transfer.aggregate import COMPARED, Aggregate
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
 # -- Candidates: the ways of using a curriculum's sources, each a curriculum of its own -----------
 #
-# A forecast compares them: every aggregate of all transfers into the target, and each transfer
-# alone.
-
-AGGREGATES = tuple(known.function for known in BUILT_IN.values())
+# A forecast compares them: aggregates of all transfers into the target, and each transfer alone.
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +68,7 @@ def candidates_of(
     raw = [replace(edge, calibrate=False) for edge in edges]
     usual, calibrated = curriculum.setting("aggregate", target), curriculum.calibration(target)
     # The minimum, the mean and the maximum of a single potential are the same.
-    several = AGGREGATES if len(edges) > 1 else ()
+    several = COMPARED if len(edges) > 1 else ()
     functions = list[Aggregate]()
     for function in (*several, usual, *aggregates):
         if not any(function is known for known in functions):

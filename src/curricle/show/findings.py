@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import ARM_MEASURES, Comparison
 from curricle.comparison.verdicts import not_asked
 from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
@@ -211,7 +211,7 @@ def _p(measure: str, comparison: Comparison, row: Row) -> Cell:
 
 
 class Column(NamedTuple):
-    """A column of the table: a new measure is a row of `COLUMNS`, which the page loops over."""
+    """A column of the table: a new one is a row of `COLUMNS`, which the page loops over."""
 
     head: str
     meaning: str  # below the table; with {threshold} and {window} of the comparison
@@ -233,7 +233,7 @@ COLUMNS = {
     "asymptotic_gain": Column(
         "asymp&shy;totic gain", f"return at the end of all steps, {ABOVE}", _interval
     ),
-    "mean_return": Column("mean return", "mean height of the curve over all steps", _interval),
+    **{key: Column(made.head, made.meaning, _interval) for key, made in ARM_MEASURES.items()},
     "steps_to_threshold": Column("steps to threshold", TIME, _steps),
     "strong_steps_saved": Column("steps saved", SAVED, _saved),
     "weak_gain": Column("gain", f"mean return over target steps, {ABOVE}", _interval, WEAK),

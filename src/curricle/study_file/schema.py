@@ -475,7 +475,7 @@ AnyEncoder: Any = _encoder_of(
 
 # -- Settings of learning: learner, budget, how potentials enter, evaluation, storage --------------
 
-AGGREGATES = ("maximum", "mean", "minimum", "total")
+AGGREGATES = tuple(sorted(aggregate.BUILT_IN))
 DEEP = "deep"  # the `type` of a learner that is a network
 
 
@@ -559,9 +559,11 @@ _AGGREGATE = f"be one of {', '.join(AGGREGATES)}, or a function as module:functi
 class Settings(Table):
     """Settings for all tasks, or for one."""
 
-    aggregate: Annotated[str, word(_AGGREGATE, AGGREGATES, function=True)] = "mean"
-    """How several potentials into a task become one: maximum, mean, minimum, total, or a function
-    (N, S, A) -> (S, A) as module:function."""
+    aggregate: Annotated[str, word(_AGGREGATE, AGGREGATES, function=True)] = Field(
+        "mean",
+        description=f"How several potentials into a task become one: {', '.join(AGGREGATES)}, or "
+        "a function (N, S, A) -> (S, A) as module:function.",
+    )
     unknown_value: Number | None = None
     """The potential of pairs that all mappings leave unmapped; 0 by default."""
     learner: AnyLearner = LEARNERS[0]()
@@ -584,7 +586,7 @@ class Settings(Table):
         """Return a setting, such as ``"learner"``, as :class:`Curriculum` takes it."""
         value = getattr(self, which)
         if which == "aggregate" and value in AGGREGATES:
-            return getattr(aggregate, value)
+            return aggregate.BUILT_IN[value].function
         return built(value, folder)
 
 

@@ -47,18 +47,16 @@ from curricle.study_file.schema import (
     wrong,
     wrong_at,
 )
-from curricle.tasks.block_dude import BlockDude
-from curricle.tasks.built_in import BUILT_IN
-from curricle.tasks.domain import MOVES
-from curricle.tasks.exploration import DeepSea, RiverSwim
-from curricle.tasks.family import FamilyMember, TaskFamily
+from curricle.tasks.built_in import BUILT_IN, DOMAINS
+from curricle.tasks.domain import MOVES, GridDomain, MapDomain
+from curricle.tasks.family import FamilyMember, TaskFamily, rules_of
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
-from curricle.tasks.toy_text import FrozenLake
+from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 
 # -- Where episodes start: a ring around the goal, reachable states, or where a policy goes --------
 
@@ -528,15 +526,16 @@ def _level(value: Any) -> int | str:
     return _without_margins(value) if isinstance(value, str) else whole_number(value)
 
 
-def _domain(makes: Any, tag: str, base: type[TaskTable] = TaskTable, **types: Any) -> Any:
-    """Return the table of a task of the library's; `types` are those that TOML writes otherwise."""
+def _domain(makes: Any, tag: str, **types: Any) -> Any:
+    """Return the table of a domain; `types` are those that TOML writes otherwise than the class."""
+    base: type[TaskTable] = TaskTable
+    if issubclass(makes, GridDomain):
+        types.setdefault("start", _cells_or(*(rules_of(makes)["start"][1].values or ())))
+    if issubclass(makes, MapDomain):
+        base, types["map"] = _MazeTask, Annotated[str, AfterValidator(_without_margins)]
     return table_of(makes, base, tag=tag, time_limit=TimeLimit, **types)
 
 
-_MAP = {
-    "map": Annotated[str, AfterValidator(_without_margins)],
-    "start": _cells_or("map", "uniform"),
-}
 _ENDS = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
 _NEEDS = _listed_or(
     "be 'all' or a list of keys for each lock", tuple[tuple[Whole, ...], ...], "all"
@@ -545,7 +544,7 @@ _HALLWAY = _listed_or("be a hallway or a list of a row and a column", Pair, *MOV
 _PLACES = _listed_or("be 'uniform' or a list of positions", tuple[Whole, ...], "uniform")
 _ROWS = tuple[tuple[Number, ...], ...]
 _CAPTURES = ("all", "any", "as_published")
-MazeTask = _domain(GridWorld, "maze", _MazeTask, ends=_ENDS, **_MAP)
+MazeTask = _domain(GridWorld, "maze", ends=_ENDS)
 PursuitTask = _domain(
     Pursuit,
     "pursuit",
@@ -567,15 +566,25 @@ PursuitTask = _domain(
         ),
     ],
 )
+_WRITTEN: dict[str, dict[str, Any]] = {
+    "four_rooms": {"goal": _HALLWAY},
+    "key_lock_pit": {"needs": _NEEDS},
+    "block_dude": {"level": Annotated[int | str, BeforeValidator(_level)]},
+    "river_swim": {"start": Annotated[_PLACES, AfterValidator(_in_order)]},
+}
+"""Domain -> the parameters whose annotations do not say how TOML writes them."""
+# GridWorld and Pursuit are above; the others are Gymnasium's, and members of families.
+_OTHERWISE = (GridWorld, Pursuit, FrozenLake, CliffWalking, Taxi)
+DOMAIN_TASKS = tuple(
+    _domain(kind, name, **_WRITTEN.get(name, {}))
+    for name, kind in DOMAINS.items()
+    if kind not in _OTHERWISE
+)
 TASKS = (
     MazeTask,
     CropTask,
     PursuitTask,
-    _domain(FourRooms, "four_rooms", goal=_HALLWAY, start=_cells_or("corner", "uniform")),
-    _domain(KeyLockPit, "key_lock_pit", _MazeTask, needs=_NEEDS, **_MAP),
-    _domain(BlockDude, "block_dude", level=Annotated[int | str, BeforeValidator(_level)]),
-    _domain(RiverSwim, "river_swim", start=Annotated[_PLACES, AfterValidator(_in_order)]),
-    _domain(DeepSea, "deep_sea", start=_cells_or("surface", "uniform")),
+    *DOMAIN_TASKS,
     GymnasiumTask,
     TabulatedTaskTable,
     FactoryTask,

@@ -99,6 +99,11 @@ def _checks(domain: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     return tuple(checks)
 
 
+def name_of(domain: type[Domain]) -> str:
+    """Return what the family of a domain, and its type in study files, are called."""
+    return re.sub(r"(?<=.)(?=[A-Z])", "_", domain.__name__).lower()
+
+
 def family_of(
     domain: type[Domain],
     factory: Callable[..., Any] | None = None,
@@ -107,7 +112,7 @@ def family_of(
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> TaskFamily:
     """Return the family of a domain, named after it; what is `declared` overrides annotations."""
-    name = re.sub(r"(?<=.)(?=[A-Z])", "_", domain.__name__).lower()
+    name = name_of(domain)
     if factory is not None:
         taken = {parameter.name for parameter in complete_parameters((), factory, name)}
         others = complete_parameters(declared, domain, name)

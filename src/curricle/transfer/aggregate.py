@@ -2,7 +2,7 @@
 
 A source that knows nothing of a pair (its mapping leaves it unmapped) has NaN there, which an
 aggregate skips. Where none knows anything phi is one stated value. A new aggregate is a function
-here and a line of ``BUILT_IN``: forecasts and study files know it by its name.
+here and a line of ``BUILT_IN``, by which study files know it; forecasts compare ``COMPARED``.
 """
 
 import math
@@ -88,7 +88,9 @@ BUILT_IN = {
     "maximum": BuiltIn(maximum, MAXIMUM, max),
     "total": BuiltIn(total, TOTAL, sum),
 }
-"""The library's aggregates by name, in the order in which they are compared."""
+"""The library's aggregates by name."""
+COMPARED = (minimum, mean, maximum, total)
+"""Those that a forecast compares, in this order; each costs a trial an arm."""
 
 
 def built_in(function: Aggregate) -> BuiltIn | None:
