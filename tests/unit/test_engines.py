@@ -44,7 +44,7 @@ class FakeEngine(Engine):
     def __init__(self, numbers):
         self.numbers, self.held, self.most = list(numbers), [], []
 
-    def each(self, function):
+    def on_all(self, function):
         return {"here": function()}
 
     def close(self, whole):

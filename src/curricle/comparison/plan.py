@@ -241,9 +241,9 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
     """Raise CurriculumError unless all arms have one target with the same settings."""
     # An arm may learn the target with another of `learners` than the first arm does, which learn it
     # from scratch too; with any learner where that is None.
-    (name, first), *others = arms.items()
+    (name, first), *later = arms.items()
     target = first.target
-    for other_name, other in others:
+    for other_name, other in later:
         pair = f"{name!r} and {other_name!r}"
         if other.target != target:
             raise CurriculumError(
@@ -255,11 +255,11 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
                 f"arms must share their target: those of {pair} differ in {'; '.join(apart)}"
             )
         for which in ("evaluation", "budget", "learner", "eval_freq"):
-            mine, yours = first.setting(which, target), other.setting(which, target)
-            fair = which == "learner" and (learners is None or yours in learners)
-            if mine != yours and not fair:
+            value, other_value = first.setting(which, target), other.setting(which, target)
+            fair = which == "learner" and (learners is None or other_value in learners)
+            if value != other_value and not fair:
                 raise CurriculumError(
-                    f"arms must share their target's {which}: {pair} have {mine} and {yours}"
+                    f"arms must share their target's {which}: {pair} have {value} and {other_value}"
                 )
 
 

@@ -45,8 +45,8 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
             return (f"observations ({task!r} against {other!r})",)
         names = {"longest": "time_limit", "make": "environment"}
         parts = ("observations", "actions", "discount", "longest", "make")
-        mine, yours = ({names.get(x, x): getattr(seen, x) for x in parts} for seen in pair)
-        return tuple(_unequal(mine, yours))
+        values = ({names.get(x, x): getattr(seen, x) for x in parts} for seen in pair)
+        return tuple(_unequal(*values))
     first, second = map(generative_model, pair)
     lines = [
         f"{kind} ({getattr(first, kind).size:,} against {getattr(second, kind).size:,})"
@@ -54,8 +54,8 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
         if getattr(first, kind) != getattr(second, kind)
     ]
     alike = not lines
-    mine, yours = ({x: getattr(m, x) for x in ("discount", "time_limit")} for m in (first, second))
-    lines += _unequal(mine, yours)
+    values = ({x: getattr(m, x) for x in ("discount", "time_limit")} for m in (first, second))
+    lines += _unequal(*values)
     looked_up = alike and all(map(_comparable, pair))
     if looked_up:
         lines += _of_tables(tables(task), tables(other))
@@ -75,10 +75,10 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _unequal(mine: Mapping[str, Any], yours: Mapping[str, Any]) -> Iterator[str]:
+def _unequal(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
     """Yield the names whose values differ, with both of them."""
-    for name in dict.fromkeys((*mine, *yours)):
-        value, other = mine.get(name, "absent"), yours.get(name, "absent")
+    for name in dict.fromkeys((*first, *second)):
+        value, other = first.get(name, "absent"), second.get(name, "absent")
         if value != other:
             yield f"{name} ({value} against {other})"
 
@@ -107,12 +107,12 @@ def _of_tables(mdp: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     weight = np.random.default_rng(0).normal(size=space.size)
     unit = max(largest_reward(mdp), largest_reward(other))
     pairs = zip(moments(mdp, weight, unit), moments(other, weight, unit), strict=True)
-    for name, (mine, yours) in zip(MOMENTS, pairs, strict=True):
-        apart = abs(mine - yours) > CLOSE * np.maximum(1.0, abs(mine))
+    for name, (first, second) in zip(MOMENTS, pairs, strict=True):
+        apart = abs(first - second) > CLOSE * np.maximum(1.0, abs(first))
         where = np.argwhere(apart & alive[:, None])
         if len(where):
             s, a = where[0]
-            values = f": {mine[s, a]:g} against {yours[s, a]:g}" if name == "reward" else ""
+            values = f": {first[s, a]:g} against {second[s, a]:g}" if name == "reward" else ""
             yield f"{name} (from {state_name(space, int(s))}{values})"
             break  # the later moments differ as a consequence
     if abs(mdp.start - other.start).max() > CLOSE:
@@ -143,14 +143,14 @@ def largest_reward(mdp: FiniteMDP) -> float:
     return float(abs(_rewards(mdp)).max(initial=0.0)) or 1.0
 
 
-def _equal(mine: Any, yours: Any) -> bool:
+def _equal(first: Any, second: Any) -> bool:
     """Return whether two parameters are equal, arrays inside tuples included."""
-    if isinstance(mine, tuple) and isinstance(yours, tuple):
-        alike = type(mine) is type(yours) and len(mine) == len(yours)
-        return alike and all(map(_equal, mine, yours))
-    if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
-        return np.array_equal(mine, yours)
-    return bool(mine == yours)
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        alike = type(first) is type(second) and len(first) == len(second)
+        return alike and all(map(_equal, first, second))
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        return np.array_equal(first, second)
+    return bool(first == second)
 
 
 # -- The same from plain data, as a study's folder holds it ---------------------------------------
@@ -197,9 +197,9 @@ def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...
     lines = list(_unequal(task.spaces, other.spaces))
     alike = not lines or lines[0].split()[0] not in ("states", "actions", "observations")
     if alike and task.projections and other.projections:
-        for name, (mine, size) in task.projections.items():
-            yours, its_size = other.projections.get(name, (np.nan, 0.0))
-            if not abs(mine - yours) <= AGREE * max(size, its_size):
+        for name, (value, size) in task.projections.items():
+            other_value, other_size = other.projections.get(name, (np.nan, 0.0))
+            if not abs(value - other_value) <= AGREE * max(size, other_size):
                 lines.append(name)
                 break  # later parts differ as a consequence
         if not lines:

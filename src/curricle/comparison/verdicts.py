@@ -145,10 +145,10 @@ def verdicts_of(
     if not rivals:
         return {}
     arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
-    for name, others in rivals.items():
-        if not others:
+    for name, of_name in rivals.items():
+        if not of_name:
             raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
-        for arm in (name, *others):
+        for arm in (name, *of_name):
             if arm not in arrays:
                 raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
             if (size := arrays[arm].size) != arrays[name].size:
@@ -157,8 +157,8 @@ def verdicts_of(
                     f"{size}"
                 )
     apart = {
-        name: np.stack([difference(arrays[name], arrays[rival]) for rival in others])
-        for name, others in rivals.items()
+        name: np.stack([difference(arrays[name], arrays[rival]) for rival in of_name])
+        for name, of_name in rivals.items()
     }
     draws = _draws(looks, sum(map(len, apart.values())))
     p = [math.nan if interim else _p_value(rows, draws, looks) for rows in apart.values()]
@@ -195,10 +195,10 @@ def too_few_seeds(seeds: int, needed: int) -> str:
     return f"too few seeds for a verdict ({seeds}; {needed} or more)" if seeds < needed else ""
 
 
-def difference(mine: FloatArray, yours: FloatArray) -> FloatArray:
-    """Return mine - yours (K,); 0 where they differ by no more than rounding, NaN with a NaN."""
-    noise = ROUNDING * np.maximum(np.abs(mine), np.abs(yours))
-    apart = np.subtract(mine, yours)
+def difference(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return first - second (K,); 0 where they differ by no more than rounding, NaN with a NaN."""
+    noise = ROUNDING * np.maximum(np.abs(first), np.abs(second))
+    apart = np.subtract(first, second)
     return np.where(np.abs(apart) < noise, 0.0, apart)
 
 

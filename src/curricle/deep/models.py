@@ -228,10 +228,10 @@ class DeepRun:
                         f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times "
                         f"envs: {rollout:,} steps are more than {left:,}"
                     )
-                others = [] if self.learner.callbacks is None else self.learner.callbacks()
+                callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
                 model.learn(
                     left - model.num_timesteps,
-                    callback=[recorder, *others],
+                    callback=[recorder, *callbacks],
                     reset_num_timesteps=saved is None,
                     progress_bar=self.learner.progress_bar,
                 )

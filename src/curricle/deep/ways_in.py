@@ -207,8 +207,8 @@ def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
                 f"{shaping.name} from this source takes observations and actions as they are: the "
                 f"mapping of {edge.source!r} has {mapping.description}"
             )
-    (source, *others) = shaping.potential.values
-    if others or not isinstance(source, NetworkValues):
+    (source, *further_sources) = shaping.potential.values
+    if further_sources or not isinstance(source, NetworkValues):
         raise SettingError(
             "weights are carried over from one source that is a network: got "
             f"{', '.join(type(values).__name__ for values in shaping.potential.values)}"
@@ -218,17 +218,17 @@ def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
             "weights are carried over from a network that computes all of Q: got a residual on a "
             "potential"
         )
-    mine, theirs = model.policy.state_dict(), source.policy.state_dict()
+    in_target, in_source = model.policy.state_dict(), source.policy.state_dict()
     left = (*VALUE_HEAD, "critic") if actor_alone else ()
-    names = [name for name in theirs if not name.startswith(left)]
+    names = [name for name in in_source if not name.startswith(left)]
     for name in names:
-        if name not in mine or mine[name].shape != theirs[name].shape:
-            here = tuple(mine[name].shape) if name in mine else "missing"
+        if name not in in_target or in_target[name].shape != in_source[name].shape:
+            here = tuple(in_target[name].shape) if name in in_target else "missing"
             raise SettingError(
                 "weights are carried over between networks of one shape: "
-                f"{name} is {tuple(theirs[name].shape)} in the source and {here} in the target"
+                f"{name} is {tuple(in_source[name].shape)} in the source and {here} in the target"
             )
-    model.policy.load_state_dict({**mine, **{name: theirs[name] for name in names}})
+    model.policy.load_state_dict({**in_target, **{name: in_source[name] for name in names}})
 
 
 def pull(progress_remaining: float) -> float:

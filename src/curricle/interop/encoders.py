@@ -344,8 +344,8 @@ class _MiniGridEncoder:
         width, height = self._size(env.unwrapped, (seen[0], seen[1]))
         shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
         if not self.picture:
-            words = len(WORDS) if self.mission else 0
-            shape = (width * height * CHANNELS + DIRECTIONS + words,)
+            n_words = len(WORDS) if self.mission else 0
+            shape = (width * height * CHANNELS + DIRECTIONS + n_words,)
         return EncodedObservations(env, self._encoded, Box(0, 1, shape, np.float32))
 
     def _encoded(self, base: Any, observation: Any) -> Cells:
@@ -354,8 +354,8 @@ class _MiniGridEncoder:
         if self.picture:
             planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, *cells.shape[1::-1]))
             return np.concatenate([cells.transpose(2, 1, 0), planes])
-        words = [_words(observation["mission"])] if self.mission else []
-        return np.concatenate([cells.reshape(-1), direction, *words])
+        mission = [_bag_of_words(observation["mission"])] if self.mission else []
+        return np.concatenate([cells.reshape(-1), direction, *mission])
 
 
 @dataclass(frozen=True)
@@ -457,7 +457,7 @@ def _one_hot(codes: npt.NDArray[Any]) -> Cells:
         ) from None
 
 
-def _words(mission: str) -> Cells:
+def _bag_of_words(mission: str) -> Cells:
     """Return which of MiniGrid's words a mission has, (59,)."""
     has = np.zeros(len(WORDS), np.float32)
     for word in mission.lower().replace(",", " ").split():

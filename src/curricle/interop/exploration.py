@@ -79,7 +79,7 @@ class Search:
     ):
         self.world, self.show = world, show
         self.max_states, self.max_seconds = max_states, max_seconds
-        self.observations, self.words, self.terminal = list[Any](), list[Words](), list[bool]()
+        self.observations, self.components, self.terminal = list[Any](), list[Words](), list[bool]()
         self.start = dict[int, float]()  # the probability of each start
         self.first = list[int]()  # the state that each start leads to
         # An outcome is a place in each of four lists; a pair is state x A + action.
@@ -121,8 +121,8 @@ class Search:
             for pair in range(state * n_actions, (state + 1) * n_actions):
                 self._add(pair, state, STAY)
         self.cut = len(staying)
-        others = (self.world.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
-        known = (self._numbers.get((other.key, False)) in self.start for other in others)
+        resets = (self.world.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
+        known = (self._numbers.get((other.key, False)) in self.start for other in resets)
         self.several = len(self.start) > 1 or not all(known)
         self.seconds = time.perf_counter() - began
         return self
@@ -136,13 +136,13 @@ class Search:
             if state >= self.max_states:
                 raise self._too_many()
             before = time.perf_counter()
-            observation, words = self.world.look()
+            observation, components = self.world.look()
             self.observing += time.perf_counter() - before
             self._contents.append(reached.content)
             self._queued.append(False)
             self.terminal.append(reached.terminated)
             self.observations.append(deepcopy(observation))  # which a step may change
-            self.words.append({**words, **words_of_state(observation, "_")})
+            self.components.append({**components, **words_of_state(observation, "_")})
         if not (self._queued[state] or reached.terminated or reached.truncated):
             self._contents[state] = reached.content
             self._queued[state] = True
@@ -157,11 +157,11 @@ class Search:
 
     def _too_many(self) -> TaskError:
         """Return the error of a state budget, which says in what states differ most."""
-        everywhere = set(self.words[0]).intersection(*self.words)
+        everywhere = set(self.components[0]).intersection(*self.components)
         values = dict[str, set[Any]]()
-        for words in self.words:
+        for components in self.components:
             parts = dict[str, list[int | str]]()
-            for name, value in words.items():
+            for name, value in components.items():
                 # Entries that some states lack are those of a list that grows.
                 whole = name if name in everywhere else name.rstrip("0123456789").rstrip("_")
                 parts.setdefault(whole, []).append(value)
@@ -169,11 +169,12 @@ class Search:
                 values.setdefault(name, set()).add(tuple(part))
         name = max(values, key=lambda name: len(values[name]), default="")
         hint = ", most of which differ in what is no whole number or word"
-        if 2 * len({frozenset(words.items()) for words in self.words}) > len(self.words):
+        different = {frozenset(components.items()) for components in self.components}
+        if 2 * len(different) > len(self.components):
             hint = f", which differ most in {name!r}, of {len(values[name]):,} values"
         return TaskError(
             f"a table may have at most max_states, {self.max_states:,} states: tabulating "
-            f"{self.world.name} found more{hint if len(self.words) > 1 else ''}"
+            f"{self.world.name} found more{hint if len(self.components) > 1 else ''}"
         )
 
 
@@ -345,7 +346,7 @@ class ListedOutcomes:
     seeds: Sequence[int]
     name: str
     save: Callable[[Any], Hashable] | None = None
-    words: Callable[[Any], Words] | None = None
+    parts: Callable[[Any], Words] | None = None
     transitions: int = 0
     _state: Any = None  # the last that was reached
 
@@ -389,8 +390,8 @@ class ListedOutcomes:
     def look(self) -> tuple[Any, Words]:
         """Return the state, if it is an observation, and its words."""
         state = self._state
-        words = words_of_state(state) if self.words is None else self.words(state)
-        return state if self.save is None else None, words
+        components = words_of_state(state) if self.parts is None else self.parts(state)
+        return state if self.save is None else None, components
 
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
         self._state = state

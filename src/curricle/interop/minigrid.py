@@ -70,25 +70,25 @@ class Level:
             if name not in self.plain
         }
 
-    def words(self, env: Any) -> Words:
+    def components(self, env: Any) -> Words:
         """Return the components of the state that an environment of this level is in."""
         x, y = map(int, env.agent_pos)
-        words: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
-        words["direction"] = DIRECTIONS[env.agent_dir]
+        components: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
+        components["direction"] = DIRECTIONS[env.agent_dir]
         for door in self.doors:
             state = 0 if door.is_open else 2 if door.is_locked else 1
-            words[self.names[id(door)]] = DOOR_STATES[state]
+            components[self.names[id(door)]] = DOOR_STATES[state]
         places = {id(thing): i for i, thing in enumerate(env.grid.grid) if thing is not None}
         for thing in self.movable:
             x = y = CARRIED if thing is env.carrying else AWAY
             if id(thing) in places:
                 y, x = divmod(places[id(thing)], env.width)
-            words |= {f"{self.names[id(thing)]}_x": x, f"{self.names[id(thing)]}_y": y}
+            components |= {f"{self.names[id(thing)]}_x": x, f"{self.names[id(thing)]}_y": y}
         for name in self.plain:
             value = vars(env)[name]
             if isinstance(value, str | bool | int) and value != "":
-                words.setdefault(name, value)
-        return words
+                components.setdefault(name, value)
+        return components
 
 
 def _is_plain(value: Any) -> bool:
@@ -181,7 +181,7 @@ def named_actions(env: Environment) -> Space | None:
     return Space([Component("action", len(labels), labels=labels)])
 
 
-def _one() -> float:
+def _unit() -> float:
     return 1.0
 
 
@@ -189,9 +189,9 @@ def _pay_one(env: Environment) -> str:
     """Let the goal pay 1, and return a note of it; nothing, where the reward is a subclass's."""
     base: Any = env.unwrapped
     known = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
-    if type(base)._reward is not known or vars(base).get("_reward", _one) is not _one:
+    if type(base)._reward is not known or vars(base).get("_reward", _unit) is not _unit:
         return ""
-    base._reward = _one
+    base._reward = _unit
     return "goal reward 1"
 
 
@@ -320,8 +320,8 @@ class MiniGridAccess(StateAccess):
 
     def describe(self, env: Environment) -> Words:
         """Return the components of the state."""
-        words = self.level.words(self.env)
-        return {**words, "step": self.env.step_count} if self.own_reward else words
+        components = self.level.components(self.env)
+        return {**components, "step": self.env.step_count} if self.own_reward else components
 
     def missed(self, env: Environment) -> str:
         """Return an attribute that steps have changed though it is not part of what is saved."""

@@ -117,7 +117,7 @@ def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) 
     for name in of_states[0]:
         leaves: list[Any] = [state_parts.get(name) for state_parts in of_states]
         shapes = {np.shape(leaf) for leaf in leaves}
-        if len(shapes) > 1 or any(len(others) != len(of_states[0]) for others in of_states):
+        if len(shapes) > 1 or any(len(state) != len(of_states[0]) for state in of_states):
             raise TaskError(
                 f"observations must have one shape to be tabulated: {name or 'they'} came in "
                 f"{len(shapes)} shapes"
@@ -150,10 +150,10 @@ def same_observation(first: Any, second: Any) -> bool:
     """Return whether two observations are equal, part by part; what is unseen equals all."""
     if isinstance(first, Unseen) or isinstance(second, Unseen):
         return True
-    mine, yours = parts_of(first), parts_of(second)
-    return mine.keys() == yours.keys() and all(
-        np.array_equal(part, yours[name], equal_nan=np.asarray(part).dtype.kind == "f")
-        for name, part in mine.items()
+    first_parts, second_parts = parts_of(first), parts_of(second)
+    return first_parts.keys() == second_parts.keys() and all(
+        np.array_equal(part, second_parts[name], equal_nan=np.asarray(part).dtype.kind == "f")
+        for name, part in first_parts.items()
     )
 
 

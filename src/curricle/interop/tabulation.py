@@ -187,7 +187,7 @@ class Plan:
             source = ListedOutcomes(env, self.outcomes, *known, save)
         elif self.state is None and self.samples is None and has_table(env):
             table: Any = base
-            source = ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
+            source = ListedOutcomes(env, lambda s, a: table.P[s][a], *known, parts=words_of(base))
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -345,11 +345,11 @@ def words_of(world: Any) -> Callable[[Any], Words] | None:
     if states is None or states.size != len(world.P):
         return None
 
-    def words(state: Any) -> Words:
+    def components(state: Any) -> Words:
         values = zip(states.components, values_of(states, int(state)).values(), strict=True)
         return {part.name: part.label(value) if part.labels else value for part, value in values}
 
-    return words
+    return components
 
 
 # -- tables of explored states --------------------------------------------------------------------
@@ -382,8 +382,8 @@ def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> 
             first=blocks[tables.first],
             observations=ObservationTable(parts, seen.terminal[first]),
         )
-    words, vague = words_of_blocks(search.words, blocks)
-    return tables._replace(states=named_states(words, tables.terminal, vague))
+    components, vague = words_of_blocks(search.components, blocks)
+    return tables._replace(states=named_states(components, tables.terminal, vague))
 
 
 def _outcome_rows(
@@ -435,35 +435,35 @@ def _in_order(labels: IntArray) -> IntArray:
 # -- names ----------------------------------------------------------------------------------------
 
 
-def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
+def words_of_blocks(of_states: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
     """Return the words of each block, `ANY` where they differ, and the names of which some do."""
     words_of_block = dict[int, dict[str, int | str]]()
     vague = set[str]()
-    for state_words, block in zip(words, blocks.tolist(), strict=True):
-        shared = words_of_block.setdefault(block, dict(state_words))
-        for name in {**shared, **state_words}:
-            if shared.get(name) != state_words.get(name):
+    for components, block in zip(of_states, blocks.tolist(), strict=True):
+        shared = words_of_block.setdefault(block, dict(components))
+        for name in {**shared, **components}:
+            if shared.get(name) != components.get(name):
                 shared[name] = ANY
                 vague.add(name)
     return [words_of_block[block] for block in sorted(words_of_block)], vague
 
 
-def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
+def named_states(of_states: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
     """Return the space whose components are what differs between states."""
-    names = dict.fromkeys(name for state_words in words for name in state_words)
+    names = dict.fromkeys(name for components in of_states for name in components)
     parts = list[Part]()
     # Public names first, then those with an underscore, then vague ones; at last a number.
     for name in sorted(names, key=lambda name: 2 if name in vague else name.startswith("_")):
         public = name not in vague and not name.startswith("_")
-        if not public and _count(parts) == len(words):
+        if not public and _count(parts) == len(of_states):
             break
-        values = [state_words.get(name, ABSENT) for state_words in words]
+        values = [components.get(name, ABSENT) for components in of_states]
         part = _component(_free(name.lstrip("_") or name, parts), values)
         # Of the rest only what tells states apart that are alike so far.
         if part[0].size > 1 and (public or _count([*parts, part]) > _count(parts)):
             parts.append(part)
     if not parts:
-        return Space([Component("state", len(words), arbitrary=True)])
+        return Space([Component("state", len(of_states), arbitrary=True)])
     if _copy_numbers(parts).any() and terminal.any() and not terminal.all():
         ended = Component(_free("ended", parts), 2, labels=("no", "yes"))
         parts.append((ended, terminal.astype(np.int64)))

@@ -483,7 +483,7 @@ def _claims(step: float, arms: Arms) -> list[Claim]:
         starts[f"{start} start, net"] = mean_interval(arm.net)
     fixed, uniform = starts["fixed start, net"], starts["uniform start, net"]
     explained = fixed.low < 500 and uniform.low > max(0, fixed.high)
-    words = (
+    explanation = (
         "Yes: with the target's own fixed start it gains nothing net, with a uniform start it does."
         if explained
         else "Not by these runs."
@@ -518,7 +518,7 @@ def _claims(step: float, arms: Arms) -> list[Claim]:
         Claim(
             f"f3.random-start.{tag}",
             "Open question: does random initialisation explain why a full-size source beats "
-            f"learning from scratch? {words}",
+            f"learning from scratch? {explanation}",
             f"{setting}; full-size source, fixed against uniform start",
             answer(explained),
             starts,

@@ -122,7 +122,7 @@ def trust(studies: Studies) -> FigureResult:
     controls = compare(
         {"mean, calibrated": study.curriculum("mean, calibrated")},
         controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
-        progress=lambda words: studies.say(f"5x5, controls: {words}"),
+        progress=lambda sentence: studies.say(f"5x5, controls: {sentence}"),
         seeds=seeds,
         **how,
     )
@@ -196,8 +196,8 @@ def _draw_forecast(panel: Any, forecast: Forecast) -> None:
     for y, name in enumerate(names):
         row = forecast[name]
         panel.barh(y, row.mean("start") - low, 0.55, low, color=COLOURS["sky"])
-        words = f"{row.mean('optimistic'):.0%} of pairs above Q*, by {row.mean('excess'):.2g}"
-        panel.text(low, y + 0.33, f" {words}; c = {row.scale:.2g}", fontsize=7.5)
+        optimism = f"{row.mean('optimistic'):.0%} of pairs above Q*, by {row.mean('excess'):.2g}"
+        panel.text(low, y + 0.33, f" {optimism}; c = {row.scale:.2g}", fontsize=7.5)
     bounds = {"random policy": (low, "left"), "optimum": (forecast.optimum, "right")}
     for word, (value, side) in bounds.items():
         panel.axvline(value, color=COLOURS["grey"], lw=0.8, ls=":")
@@ -279,16 +279,16 @@ def _forecast_claims(predicted: Forecast, compared: Comparison, hunts: Hunts) ->
         answer(seen and order == sorted(order, reverse=True)),
         _predicted(rows, first),
     )
-    words = {name: predicted[name].verdict for name in ("minimum", "mean")}
+    verdicts = {name: predicted[name].verdict for name in ("minimum", "mean")}
     change = {name: _change(hunts[5, name]) for name in ("min", "mean")}
-    right = "expect a fall" in words["mean"] and "no fall" in words["minimum"]
+    right = "expect a fall" in verdicts["mean"] and "no fall" in verdicts["minimum"]
     yield Claim(
         "trust.collapse-foretold",
         "Open question: why does performance collapse? Overestimation; measured before training, "
         "it predicts which aggregate collapses and which does not",
         f"{WHERE}; training return, last minus first tenth",
         answer(right and change["mean"].high < 0 < change["min"].low),
-        _predicted(words, change),
+        _predicted(verdicts, change),
     )
 
 

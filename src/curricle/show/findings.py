@@ -112,17 +112,17 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Find
         f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[comparison.best_scratch]),
     ]
-    others = [*map(comparison.cluster_sentence, (name, comparison.best_scratch))]
+    remarks = [*map(comparison.cluster_sentence, (name, comparison.best_scratch))]
     if name in comparison.control_verdicts:
-        others.append(comparison.control_sentence(name).removeprefix(f"{name} "))
+        remarks.append(comparison.control_sentence(name).removeprefix(f"{name} "))
     if name in comparison.verdicts:
         # Why a curriculum pays, as far as the verdict does not say it.
         reason = comparison.reasons[name]
-        others.append(comparison.cheaper_way(name))
+        remarks.append(comparison.cheaper_way(name))
         if reason.why in ("level", "mostly level") and reason.share < 1:
-            others.append(f"at most {reason.share:.0%} of its gain is by what it knows")
-        others.append(not_asked([reason]))
-    sentences += map(_sentence, filter(None, (*others, row["unlearnt"])))
+            remarks.append(f"at most {reason.share:.0%} of its gain is by what it knows")
+        remarks.append(not_asked([reason]))
+    sentences += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
 

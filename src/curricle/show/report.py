@@ -531,14 +531,14 @@ def arms_so_far(study: StudyResults) -> list[str]:
         for name, arm in record.arms.items()
         if name not in study.failed
     }
-    others = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
+    finished = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
     # The n arms for which n times the number of seeds that all have finished is largest.
     best, most, common = 0, 0, done[SCRATCH]
-    for number, name in enumerate(others, start=1):
+    for number, name in enumerate(finished, start=1):
         common = common & done[name]
         if common and (number + 1) * len(common) >= most:
             best, most = number, (number + 1) * len(common)
-    chosen = {SCRATCH, *others[:best]}
+    chosen = {SCRATCH, *finished[:best]}
     # A control says nothing without the arm that it is of.
     kept = {name: arm for name, arm in record.arms.items() if name in chosen}
     kept = {name: arm for name, arm in kept.items() if arm.control_of in {"", *kept}}

@@ -247,9 +247,9 @@ class LabelScene:
 
     def image(self, state: int) -> Pixels:
         """Return a card with a line for each component."""
-        first, *others = self.states.components
+        first, *further = self.states.components
         lines = list[str]()  # none of the one component of plain numbered states
-        if others or not self.states.is_box or first.low != 0 or first.labels is not None:
+        if further or not self.states.is_box or first.low != 0 or first.labels is not None:
             lines = _lines_of(self.states, state, self.states.names)
         if len(lines) > MOST_LINES:
             lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
@@ -309,7 +309,7 @@ def scene_of_view(view: GridView) -> GridScene:
 def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
     """Return the agent among walls, objects and what else moves; other components are lines."""
     states, letters = generative_model(task).states, _letters_of(layout, layout.wall_cells)
-    others = set(states.names) - {*layout.components, *layout.markers}
+    unplaced = set(states.names) - {*layout.components, *layout.markers}
     moving = [*layout.markers.values(), layout.cells]
     markers = [str(i + 1) for i in range(len(layout.markers))]
 
@@ -329,7 +329,7 @@ def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
     figures = [*(tile(number, COATS[2]) for number in markers), AGENT]
 
     def lines(state: int) -> list[str]:
-        return _lines_of(states, state, others) if others else []
+        return _lines_of(states, state, unplaced) if unplaced else []
 
     canvas, names = Canvas(letters, (glowing, starts)), [*markers, "@"]
     return GridScene(text, canvas, letters, cells, names, figures, lines=lines)

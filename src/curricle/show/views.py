@@ -127,20 +127,20 @@ def _says_where(task: Any) -> bool:
 def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
     """Return the view of a task that says where its states lie."""
     space = generative_model(task).states
-    others = [part for part in space.components if part.name not in layout.components]
-    if fixed and not others:
+    unplaced = [part for part in space.components if part.name not in layout.components]
+    if fixed and not unplaced:
         raise SettingError(
             f"a {type(task).__name__} is drawn whole, without at: got at {dict(fixed)}"
         )
-    _check_names(fixed, [part.name for part in others])
-    values = space.decode() if others else {}
+    _check_names(fixed, [part.name for part in unplaced])
+    values = space.decode() if unplaced else {}
     start = 0  # a state that episodes start in; of a task given by functions the first state
-    if others and has_tables(task):
+    if unplaced and has_tables(task):
         start = int(tables(task).start_states[0])
-    elif others and is_live(task):
+    elif unplaced and is_live(task):
         start = reset_state(task)
     shown, keys = np.ones(space.size, bool), list[str]()
-    for part in others:
+    for part in unplaced:
         value = _value(part, fixed.get(part.name, int(values[part.name][start])))
         shown &= values[part.name] == value
         if part.name not in layout.markers:

@@ -727,8 +727,8 @@ def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
-    arm, *others = study.arms
-    if others:
+    arm, *further_arms = study.arms
+    if further_arms:
         raise ConfigError(
             "a forecast is of one arm: give forecast(study.curriculum(ARM)), where study is "
             f"read_study(FILE) and ARM one of {listed(study.arms)}"

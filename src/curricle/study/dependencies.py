@@ -18,19 +18,19 @@ from curricle.transfer.transfer import mappings_digest
 MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")  # no result depends on it
 
 
-def differences(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
+def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
     """Yield the keys, with both values, in which two descriptions differ and results may too."""
-    if isinstance(mine, list) and isinstance(yours, list) and len(mine) == len(yours):
-        mine, yours = dict(enumerate(mine)), dict(enumerate(yours))
-    if not (isinstance(mine, dict) and isinstance(yours, dict)):
-        if mine != yours:
-            yield name, (mine, yours)
+    if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        first, second = dict(enumerate(first)), dict(enumerate(second))
+    if not (isinstance(first, dict) and isinstance(second, dict)):
+        if first != second:
+            yield name, (first, second)
         return
-    for key in sorted({*mine, *yours}):
+    for key in sorted({*first, *second}):
         place = f"{name}.{key}" if name and name != "configuration" else key
         # The record follows from the configuration and the study's own functions.
         if not (name == "configuration" and key in MAY_CHANGE) and place != "record":
-            yield from differences(mine.get(key), yours.get(key), place)
+            yield from differences(first.get(key), second.get(key), place)
 
 
 def shown(value: Any) -> str:
@@ -70,14 +70,14 @@ def dependencies_of(
     keys: dict[str, str] = {}
     graph, version = NameGraph.of(dict(arm)), metadata.version("curricle")
     for name in curriculum.order:
-        task, *others = (arm["tasks"][drawing] for drawing in graph.drawings(name))
+        task, *wholes = (arm["tasks"][drawing] for drawing in graph.drawings(name))
         into = [edge for edge in arm["transfers"] if edge["target"] == name]
         is_target = name == curriculum.target
         dependencies = {
             "curricle": version,
             "name": name,
             "task": task,
-            "parts_of": [{k: v for k, v in of.items() if k not in SETTINGS} for of in others],
+            "parts_of": [{k: v for k, v in of.items() if k not in SETTINGS} for of in wholes],
             "transfers": into,
             "sources": {edge["source"]: keys[edge["source"]] for edge in into},
             "total": total if is_target else None,

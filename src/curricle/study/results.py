@@ -74,9 +74,9 @@ def failure_records(failures: Failures) -> list[FailureRecord]:
 
 def failure_error(failures: Failures) -> StudyError:
     """Return one error for all; its cause is the first that is not the library's own."""
-    (unit, first), *others = failures.errors
+    (unit, first), *later = failures.errors
     text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
-    for other, error in others:
+    for other, error in later:
         if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
             text += f"; {other.label} failed too: {in_words(error)}"
     errors = [error for _, error in failures.errors]
@@ -518,13 +518,13 @@ def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
             f"studies must share their target: those of {pair} differ in {'; '.join(different)}"
         )
     for which in ("evaluation", "learner", "eval_freq"):
-        mine, yours = (
+        value, other_value = (
             record.arms[SCRATCH].nodes[record.target].settings.get(which)
             for record in (first, other)
         )
-        if mine != yours:
+        if value != other_value:
             raise CurriculumError(
-                f"studies must share their target's {which}: {pair} have {mine} and {yours}"
+                f"studies must share their target's {which}: {pair} have {value} and {other_value}"
             )
 
 

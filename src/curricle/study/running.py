@@ -396,10 +396,10 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
             versions[name] = metadata.version(name)
     for library, version in versions.items():
         there = {earlier.versions[library] for earlier in runs if library in earlier.versions}
-        others = sorted(there - {version})
-        if others and library != "curricle":
+        earlier_versions = sorted(there - {version})
+        if earlier_versions and library != "curricle":
             remarks.append(
-                f"{library} was {' and '.join(others)} in earlier runs and is {version}: "
+                f"{library} was {' and '.join(earlier_versions)} in earlier runs and is {version}: "
                 "their units are used, and may differ from today's in the last bits"
             )
     for sentence in remarks:

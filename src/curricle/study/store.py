@@ -281,8 +281,8 @@ def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
     """Return the content of a unit's file; equal results have equal bytes."""
     ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
     decisions = as_parquet(result.decisions.combine_chunks())
-    others = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
-    return archive_content(ordered, others, _snapshots_of(ordered))
+    further_files = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
+    return archive_content(ordered, further_files, _snapshots_of(ordered))
 
 
 def _snapshots_of(names: Iterable[str]) -> list[str]:

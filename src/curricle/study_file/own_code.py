@@ -49,12 +49,12 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     function = getattr(module, name, None)
     if not callable(function):
         public = {key: of for key, of in vars(module).items() if key[0] != "_" and callable(of)}
-        mine = [
+        local = [
             key for key, of in public.items() if getattr(of, "__module__", "") == module.__name__
         ]
-        others = suggestion(name, public) or (f": it has {listed(mine)}" if mine else "")
+        hint = suggestion(name, public) or (f": it has {listed(local)}" if local else "")
         raise ConfigError(
-            f"{reference} names no function: {module_name} has no {name} to call{others}"
+            f"{reference} names no function: {module_name} has no {name} to call{hint}"
         )
     return function  # type: ignore[no-any-return]
 

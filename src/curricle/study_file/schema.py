@@ -161,8 +161,8 @@ def not_one_of(value: Any, known: Collection[str]) -> str:
 
 def unknown(word: Any, known: Collection[str]) -> str:
     """Return that a word is unknown, with the closest known word or else all of them."""
-    others = f": known are {', '.join(known)}" if known else ""
-    return f"is unknown{suggestion(word, known) or others}"
+    all_known = f": known are {', '.join(known)}" if known else ""
+    return f"is unknown{suggestion(word, known) or all_known}"
 
 
 # -- Single values: numbers, names, words, seeds, and choices among tables -------------------------
@@ -637,10 +637,10 @@ class _TransferTable(ObjectTable):
         ways = [name for name in MAPPINGS if getattr(self, name) is not None]
         if len(ways) != 1:
             raise wrong(f"must have one of {', '.join(MAPPINGS)}: got {', '.join(ways) or 'none'}")
-        others = self.actions is not None or self.status is not None
-        if others and self.observations is None and self.mapping != "identity":
+        of_observations = self.actions is not None or self.status is not None
+        if of_observations and self.observations is None and self.mapping != "identity":
             raise wrong("has actions or status, which go with observations or mapping = 'identity'")
-        whole = self.mapping == "identity" and not others
+        whole = self.mapping == "identity" and not of_observations
         if self.unmapped_value is not None and (self.factory is not None or whole):
             raise wrong(
                 "has an unmapped_value that is not used: a factory sets its own, and identity "

@@ -318,8 +318,8 @@ def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Varia
     if study.get("scratch") is False:
         return {}
     patch = table(study.get("arms")).get(next(iter(complete)))
-    first, *others = _variants(study, SCRATCH, patch, alone=True).items()
-    variants = {SCRATCH: first[1], **dict(others)}
+    first, *later = _variants(study, SCRATCH, patch, alone=True).items()
+    variants = {SCRATCH: first[1], **dict(later)}
     for learner in table(study.get("scratch_learners")):
         label = f"{SCRATCH}, {learner}"
         for name, variant in [*variants.items()]:
@@ -445,16 +445,16 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
 
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
     """Return why a setting cannot vary; empty if it can."""
-    first, *others = setting.key
+    first, *parts = setting.key
     if first not in (known := ("tasks", "transfers", *SETTINGS)):
         return f"must name a setting of tasks or transfers: {first} {unknown(first, known)}"
     if first in ("tasks", "transfers"):
         there = study.get(first)
         names = list(map(str, range(len(there)))) if isinstance(there, list) else [*table(there)]
-        if others and others[0] not in names:
-            return f"must name a key of one of the {first}: {others[0]} {unknown(others[0], names)}"
-        if len(others) < 2:
-            which = others[0] if others else next(iter(names), "NAME")
+        if parts and parts[0] not in names:
+            return f"must name a key of one of the {first}: {parts[0]} {unknown(parts[0], names)}"
+        if len(parts) < 2:
+            which = parts[0] if parts else next(iter(names), "NAME")
             key = "budget" if first == "tasks" else "scale"
             return f"must name a key of one of the {first}, such as {first}.{which}.{key}"
     patches, nowhere = table(study.get("arms")), True

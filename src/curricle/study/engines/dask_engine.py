@@ -53,7 +53,7 @@ class DaskEngine(Engine):
         """Return how many threads the workers have."""
         return sum(self.client.nthreads().values())
 
-    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every worker, or its exception, by address."""
         answers_by_address: Mapping[str, Any] = self.client.run(function, on_error="return")
         there = self.client.nthreads()

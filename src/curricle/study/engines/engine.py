@@ -174,7 +174,7 @@ class Engine(ABC):
         """Return how many calls run side by side now; any error where nothing answers."""
 
     @abstractmethod
-    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every machine or worker, or its exception, by name."""
 
     @abstractmethod
@@ -268,14 +268,14 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
     except CurricleError:
         raise
     except Exception as error:  # each engine has its own
-        first, *others = str(error).strip().splitlines() or [""]
-        reason = " ".join([first, *others[-1:]])  # a trace's last line says what it is
+        first, *further_lines = str(error).strip().splitlines() or [""]
+        reason = " ".join([first, *further_lines[-1:]])  # a trace's last line says what it is
         raise SettingError(
             f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
         ) from None
     whole = True
     try:
-        check_versions(on, engine.each(versions_here))
+        check_versions(on, engine.on_all(versions_here))
         yield engine
     except BaseException as error:
         whole = isinstance(error, Exception)  # and no interrupt

@@ -86,7 +86,7 @@ class RayEngine(Engine):
             self._open.clear()
         return False
 
-    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
         """Return what a call returns on every machine, or its exception, by name."""
         asked, answers_by_name = {}, dict[str, Any]()
         for name, node in _alive().items():
