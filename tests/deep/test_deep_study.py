@@ -207,7 +207,7 @@ def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     ("change", "sentence"),
     [
         ("learner.settings.batch_sise=8", "got 'batch_sise', did you mean 'batch_size'?"),
-        ("shaping='WeightTransfer'", "networks of its sources: chase is learnt in a table"),
+        ("shaping='WeightTransfer'", "must be networks: chase is learnt in a table"),
         ("tasks.hunt.learner={type='deep', algorithm='TD3'}", "StateShaping serves every"),
     ],
 )

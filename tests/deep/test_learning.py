@@ -265,7 +265,7 @@ def test_weights_and_a_policy_are_carried_over(observed):
     with pytest.raises(cr.errors.SettingError, match="in the source and missing in the target"):
         cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.PolicyReuse(critic))
     table = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
-    with pytest.raises(cr.errors.SettingError, match="one source that is a network"):
+    with pytest.raises(cr.errors.SettingError, match="a single source, a network"):
         cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.WeightTransfer(table))
 
 
@@ -285,7 +285,7 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
         ({"shaping": cr.StateShaping(guard=cr.Guard())}, "a guard is for learners with tables"),
-        ({"evaluation": cr.GreedyEvaluation("exact")}, "an exact evaluation needs tables"),
+        ({"evaluation": cr.GreedyEvaluation("exact")}, "since an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
     ],

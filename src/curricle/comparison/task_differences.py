@@ -54,8 +54,8 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
         if getattr(first, kind) != getattr(second, kind)
     ]
     alike = not lines
-    values = ({x: getattr(m, x) for x in ("discount", "time_limit")} for m in (first, second))
-    lines += _unequal(*values)
+    settings = ({x: getattr(m, x) for x in ("discount", "time_limit")} for m in (first, second))
+    lines += _unequal(*settings)
     looked_up = alike and all(map(_comparable, pair))
     if looked_up:
         lines += _of_tables(tables(task), tables(other))

@@ -281,7 +281,9 @@ def test_names_may_be_given():
     assert live.actions == lake.actions
     jack = cr.from_gymnasium("Blackjack-v1", discount=0.9)
     assert jack.states.label(5) == "player=0 dealer=2 ace=usable"
-    with pytest.raises(cr.errors.TaskError, match="actions must name the environment's 4: got 5"):
+    with pytest.raises(
+        cr.errors.TaskError, match="actions must name all 4 of the environment's: got 5"
+    ):
         cr.from_gymnasium("FrozenLake-v1", discount=0.9, actions=cr.Space([cr.Component("a", 5)]))
 
 
@@ -441,7 +443,11 @@ def test_numbers_and_actions_are_named():
 
 GRID = spaces.MultiDiscrete([2, 3])
 REFUSED_NAMES = {
-    "sizes alone": (TWO, {"sizes": [2]}, r"sizes need names of what has them: got sizes \[2\]"),
+    "sizes alone": (
+        TWO,
+        {"sizes": [2]},
+        r"sizes need the names of their components: got sizes \[2\]",
+    ),
     "sizes of several": (
         GRID,
         {"names": ["a", "b"], "sizes": [2, 3]},
@@ -450,7 +456,7 @@ REFUSED_NAMES = {
     "other sizes": (
         TWO,
         {"names": ["a", "b"], "sizes": [2, 3]},
-        "must make the environment's 2 states when multiplied: 2 x 3 is 6",
+        "must be the environment's 2 states: 2 x 3 is 6",
     ),
     "states too": (
         TWO,
