@@ -64,7 +64,7 @@ class Unit:
 
 
 def numbered_seeds(seeds: Collection[int]) -> str:
-    """Return seeds with their numbers, in the singular for one."""
+    """Return the text ``seed 3`` or ``seeds 0-2+7``."""
     return f"seed{'s' * (len(seeds) != 1)} {seed_ranges(seeds)}"
 
 
@@ -78,7 +78,7 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PlannedArm:
-    """An arm as it is trained."""
+    """An arm that is to be trained."""
 
     curriculum: Curriculum  # the budget of its target is the total, if there is one
     keys: Mapping[str, Any]  # of each task
@@ -95,7 +95,7 @@ of its tasks."""
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What is trained."""
+    """The arms that are to be trained, and their keys."""
 
     arms: Mapping[str, PlannedArm]  # from scratch first; controls follow their arm
     target: str  # the task that all arms end with
@@ -157,7 +157,7 @@ class Plan:
 
     @property
     def dependencies(self) -> dict[tuple[str, str], Dependencies]:
-        """What the key of each task of each arm is made of."""
+        """The data from which the key of each task of each arm is made."""
         return self._by_task("dependencies")
 
     def _by_task(self, mapping: str) -> dict[tuple[str, str], Any]:
@@ -166,7 +166,7 @@ class Plan:
 
     @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
-        """The keys, and the target of its curriculum for a control: it stands or falls with it."""
+        """The keys that each arm needs: its own, and for a control its curriculum's target."""
         controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
         return self.keys | beside
@@ -188,12 +188,12 @@ class Plan:
         )
 
     def controlled(self, unit: Unit) -> Any:
-        """Return the key of the target that a control's unit changes; None of other units."""
+        """Return the key of the target that a control's unit changes; None for other units."""
         of = self.arms[unit.arm].of
         return self.arms[of].keys[unit.task] if of and unit.task == self.target else None
 
     def read_by(self, unit: Unit) -> set[Any]:
-        """Return the keys of what a unit reads: values of sources, a curriculum's potentials."""
+        """Return the keys whose results a unit reads: sources, and a control's curriculum."""
         return {*unit.sources.values(), self.controlled(unit)} - {None}
 
     def without(self, arms: Collection[str]) -> Self:
@@ -269,7 +269,7 @@ Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, b
 
 
 def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
-    """Return a curriculum's target without its sources, with another learner if one is given."""
+    """Return a curriculum's target without its sources, by default with its own learner."""
     target = curriculum.target
     which = [setting for setting in SETTINGS if setting not in OF_TARGETS]
     settings: Any = {setting: {target: curriculum.setting(setting, target)} for setting in which}
@@ -318,7 +318,7 @@ def _name(learner: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What the seeds of a unit learnt."""
+    """The results of the seeds of a unit."""
 
     result: LearningResult
     source_steps: IntArray  # (K,): what each seed spent before
@@ -336,7 +336,7 @@ def train(
     uncontrolled: Trained | None = None,
     **how: Any,
 ) -> Trained:
-    """Return what a unit of an arm learns from what its sources learnt."""
+    """Train a unit of an arm with the results of its sources, and return its results."""
     # With `charge` the target's budget pays for the sources too. A control reads the potentials of
     # its curriculum in `uncontrolled`, or computes them again.
     curriculum, task = arm.curriculum, unit.task
@@ -362,7 +362,7 @@ takes about as long as a small unit."""
 
 
 class Queue:
-    """Units that are still to be sent: the first of those whose sources are trained comes first."""
+    """Units that are still to be sent, in order, as soon as their sources are trained."""
 
     def __init__(self, units: Iterable[Unit]):
         self.units = list(units)
@@ -380,7 +380,7 @@ class Queue:
         return self.units[heappop(self.ready)]
 
     def trained(self, unit: Unit) -> None:
-        """Note that a unit is stored: others may have waited for it alone."""
+        """Release the units that waited for a unit, which is stored now."""
         self._order.done(self._numbers[unit.key, unit.seeds[0]])
         for number in self._order.get_ready():
             heappush(self.ready, number)
@@ -402,7 +402,7 @@ class Scheduler:
     _asked: float = field(default=-inf, init=False)
 
     def number(self) -> int:
-        """Return how many workers there are, or were a moment ago."""
+        """Return the number of workers, now or a moment ago."""
         if monotonic() - self._asked >= ASKED_AGAIN:
             self._number, self._asked = self.workers.number(), monotonic()
         return self._number
@@ -462,7 +462,7 @@ class Failures:
         return bool(self.errors)
 
     def add(self, unit: Unit, error: Exception) -> None:
-        """Note that a unit failed; a BrokenExecutor's cause is why."""
+        """Record that a unit failed, with the cause of a BrokenExecutor."""
         self.executor_failed |= isinstance(error, BrokenExecutor)
         cause = error.__cause__ if isinstance(error, BrokenExecutor) else None
         self.errors.append((unit, cause or error))
@@ -486,7 +486,7 @@ LARGEST_KEPT = 50_000_000  # bytes of tables up to which a source's values are k
 
 
 class _Learning(NamedTuple):
-    """All that the result of a task depends on, except the seed."""
+    """Everything on which the result of a task depends, except the seed."""
 
     node: Node
     transfers: tuple[Transfer, ...]
@@ -494,7 +494,7 @@ class _Learning(NamedTuple):
     control: str
 
     def equals(self, other: "_Learning") -> bool:
-        """Return whether what is learnt is equal."""
+        """Return whether both give equal results."""
         if self.node.task is not other.node.task or self[2:] != other[2:]:
             return False
         if len(self.transfers) != len(other.transfers):
@@ -506,7 +506,7 @@ class _Learning(NamedTuple):
 
 
 class Memory:
-    """What was learnt in this process, by keys that tell what is learnt alike."""
+    """Results of this process by key; tasks that give equal results have the same key."""
 
     def __init__(self) -> None:
         self._learnings = list[_Learning]()
@@ -535,7 +535,7 @@ class Memory:
         workers: int | None,
         bars: Bars,
     ) -> Iterator[None]:
-        """Train the units of a plan that are not known, all seeds of a unit together, in turn."""
+        """Train in turn the units of a plan without a result yet, all seeds of a unit together."""
         # Yields after each unit. Those of a plan are in an order in which sources come first.
         units, missing = plan.units(seeds, {}), list[Unit]()
         readers = Counter[Any]()  # how many units are still to read what each key's seeds learnt
@@ -562,7 +562,7 @@ class Memory:
                 self._forget(plan, unit.key, seeds)
 
     def _learnt(self, plan: Plan, unit: Unit, **how: Any) -> Trained:
-        """Return what a unit learns from its sources, which are known."""
+        """Return the results of a unit, from those of its sources."""
         sources = {
             name: SourceValues.of(self.trained[key, unit.seeds].result)
             for name, key in unit.sources.items()
@@ -571,7 +571,7 @@ class Memory:
         return train(plan.arms[unit.arm], unit, sources, uncontrolled=uncontrolled, **how)
 
     def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
-        """Let go of what nothing reads any more but small tables of sources, which plans share."""
+        """Drop results that nothing reads any more, except small tables, which plans share."""
         if (known := self.trained.get((key, seeds))) is None:
             return
         values = known.result.values

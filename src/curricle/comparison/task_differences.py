@@ -1,6 +1,6 @@
-"""Whether two tasks are the same problem, and their differences if not; tasks in plain data.
+"""The differences of two tasks, none if they are the same problem; and tasks as plain data.
 
-The plain data of a task is enough to tell whether two stored studies have one target.
+The plain data of a task is enough to see whether two stored studies have the same target.
 """
 
 import inspect
@@ -25,9 +25,9 @@ CLOSE = 1e-9  # relative difference of moments, or difference of start probabili
 def differences(task: Task, other: Task) -> tuple[str, ...]:
     """Return the differences of two tasks, with both values or a state; () for the same problem.
 
-    Compared are spaces, discount, time limit, end rule, rewards, transitions and start, by the
-    tables if they fit in memory, and the parameters of tasks of one type. Observation tasks are the
-    same problem if the same function with the same arguments makes their environments.
+    It compares spaces, discount, time limit, end rule, rewards, transitions and start, by tables if
+    they fit in memory, and the parameters of tasks of the same type. Observation tasks are the same
+    problem if the same function with the same arguments makes their environments.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
 
 
 def _unequal(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the names whose values differ, with both of them."""
+    """Yield the names whose values differ, with both values."""
     for name in dict.fromkeys((*first, *second)):
         value, other = first.get(name, "absent"), second.get(name, "absent")
         if value != other:
@@ -90,7 +90,7 @@ def _comparable(task: Task) -> bool:
 
 
 def _parameters(task: Any) -> list[str]:
-    """Return the names of what a task was made from; none where it is no dataclass."""
+    """Return the names of a task's parameters; none if it is not a dataclass."""
     parts = fields(task) if is_dataclass(task) else ()
     return [part.name for part in parts if part.compare and part.init]
 
@@ -161,7 +161,7 @@ DIGEST_BYTES = 8
 
 @dataclass(frozen=True)
 class TaskSummary:
-    """What a task is, in plain data."""
+    """A task as plain data."""
 
     kind: str  # its type
     spaces: dict[str, str]  # its spaces, discount and time limit
@@ -193,7 +193,7 @@ def task_summary(task: Any) -> TaskSummary:
 
 
 def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...]:
-    """Return how two tasks differ, with both values where they are short; () for one problem."""
+    """Return the differences of two tasks, with both values if short; () for the same problem."""
     lines = list(_unequal(task.spaces, other.spaces))
     alike = not lines or lines[0].split()[0] not in ("states", "actions", "observations")
     if alike and task.projections and other.projections:
