@@ -186,7 +186,7 @@ def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
     with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
         cr.deep.learn_deep(observed, DQN, 200, saves=tmp_path)
     (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
-    with pytest.raises(cr.errors.StoreError, match="one that curricle wrote"):
+    with pytest.raises(cr.errors.StoreError, match="must be written by curricle"):
         cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
 
 

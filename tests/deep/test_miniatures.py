@@ -300,7 +300,7 @@ BAD = {
     r"'small' has .*actions as 3 2 1 0": lambda: mapped(
         WeightTransfer(), PPO, actions=SIDEWAYS
     ).train(1),
-    r"from this source .*'small' has .*actions as 3 2 1 0": lambda: mapped(
+    r"PolicyReuse needs a mapping .*'small' has .*actions as 3 2 1 0": lambda: mapped(
         PolicyReuse(), PPO, actions=SIDEWAYS
     ).train(1),
     # A pull ends only within a budget in steps.

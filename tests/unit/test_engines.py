@@ -156,7 +156,7 @@ def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch)
     assert run_study(own_study, tmp_path / "out").seeds == (0, 1)
     assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
-    with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
+    with pytest.raises(ConfigError, match=r"rules\.py must not change during a run"):
         train_sent(other)
 
 

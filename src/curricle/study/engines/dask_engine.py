@@ -1,4 +1,4 @@
-"""Dask: a cluster that is there, or processes on this machine."""
+"""Dask: a running cluster, or processes on this machine."""
 
 import asyncio
 import logging
@@ -38,7 +38,7 @@ class DaskEngine(Engine):
         return asyncio.run_coroutine_threadsafe(self._outcome(there), loop)
 
     async def _outcome(self, there: Any) -> Any:
-        """Return what a call returns, also where its first result was lost with its worker."""
+        """Return the result of a call, even if its first result was lost with its worker."""
         # Dask's own executor never ends the future of a call that then raises.
         try:
             return await self.client.gather(there, asynchronous=True)
@@ -54,20 +54,20 @@ class DaskEngine(Engine):
         return sum(self.client.nthreads().values())
 
     def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every worker, or its exception, by address."""
+        """Return the result of a call on every worker, or its exception, by address."""
         answers_by_address: Mapping[str, Any] = self.client.run(function, on_error="return")
         there = self.client.nthreads()
         return {place: answer for place, answer in answers_by_address.items() if place in there}
 
     def _note(self, event: tuple[float, Any]) -> None:
-        """Count the calls that a worker takes with it, which are begun again elsewhere."""
+        """Count the calls that are lost with a worker and begun again elsewhere."""
         news = event[1]
         if isinstance(news, dict) and news.get("action") == "remove-worker":
             gone = {*news.get("processing-tasks", ()), *news.get("lost-computed-tasks", ())}
             self.repeated += len(gone.intersection(self.client.futures))
 
     def close(self, whole: bool) -> None:
-        """Leave the scheduler, which forgets what was not begun; end a cluster started here."""
+        """Leave the scheduler, which drops calls not begun; end a cluster started here."""
         # Dask logs again unless the run was interrupted or its scheduler is lost: Dask's threads
         # log that for some time after this.
         host, _, port = self.client.scheduler.address.rpartition("://")[2].rpartition(":")
