@@ -1,4 +1,4 @@
-"""What a figure consists of, and the paper's mazes: figures 1 to 3 and reward hacking."""
+"""The parts of a figure, and the paper's mazes: figures 1 to 3 and reward hacking."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,7 +47,7 @@ INTERVAL = ("estimate", "low", "high")
 
 @dataclass(frozen=True)
 class Studies:
-    """The paper's studies, each run once; a run that was stopped goes on where it was."""
+    """The paper's studies, which run only once; a stopped run goes on where it was."""
 
     folder: Path  # where their results are
     seeds: int
@@ -222,7 +222,7 @@ class Maze:
         return cls(study, curve, threshold, times(curve, threshold).steps)
 
     def arm(self, name: object) -> Arm:
-        """Return what the source called `name` saves."""
+        """Return the arm of the source called `name`."""
         cost = self.study.source_steps(str(name))
         curve = Curve.of(self.study.results[str(name)]["target"], cost)
         to_threshold = times(curve, self.threshold)
@@ -259,7 +259,7 @@ TARGETS = {
 
 
 def figure1(studies: Studies) -> FigureResult:
-    """Return figure 1, for which nothing is learnt."""
+    """Return figure 1, which needs no learning."""
     source = GridWorld(SOURCE, start="uniform", representation="relative")
     figure, axes = new_figure(1, 3, width=9, height=3.4)
     draw_maze(axes[0, 0], source)

@@ -82,7 +82,7 @@ def reproduce(
 
 
 def seeds_words(seeds: int) -> str:
-    """Return how many seeds everything is learnt with, and whether these are too few."""
+    """Return a sentence on the seeds of every learner, with a warning if they are too few."""
     sentence = f"Every learner is trained with {counted(seeds, 'seed')}."
     if seeds < INTENDED_SEEDS:
         sentence += (

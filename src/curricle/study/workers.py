@@ -36,7 +36,7 @@ Workers end by themselves too, but not while they start: they import libraries f
 
 
 class _Worker(SpawnProcess):
-    """A process whose number the reaper gets as soon as it has been started."""
+    """A process whose number is sent to the reaper as soon as it has started."""
 
     def start(self) -> None:
         super().start()
@@ -48,14 +48,14 @@ class _Worker(SpawnProcess):
 
 
 class _Workers(SpawnContext):
-    """The way to start processes afresh, as those of a :class:`WorkerProcesses`."""
+    """The context that starts the processes of a :class:`WorkerProcesses` afresh."""
 
     Process = _Worker
 
 
 @cache
 def _reaper(process: int) -> subprocess.Popen[bytes]:
-    """Return the reaper of this process, of that number; the first call starts it."""
+    """Return the reaper of this process, whose number is `process`; the first call starts it."""
     reaper = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", REAPER],
         stdin=subprocess.PIPE,
@@ -69,7 +69,7 @@ def _reaper(process: int) -> subprocess.Popen[bytes]:
 
 
 def _end(reaper: subprocess.Popen[bytes]) -> None:
-    """End a reaper when this process ends by itself; its workers have ended before."""
+    """End a reaper when this process ends normally, after its workers."""
     assert reaper.stdin is not None
     reaper.stdin.close()
     with suppress(subprocess.TimeoutExpired):  # a process that was forked may have the pipe too

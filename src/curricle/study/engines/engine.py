@@ -149,7 +149,7 @@ class ExecutorWorkers:
         return self.workers
 
     def lost(self) -> Exception:
-        """Return why a unit was cancelled that nobody here cancelled."""
+        """Return why a unit was cancelled that this process did not cancel."""
         return BrokenExecutor("the executor cancelled it")
 
 
@@ -209,7 +209,7 @@ class Engine(ABC):
         return self._number
 
     def lost(self, why: str = "") -> Exception:
-        """Return why a unit was cancelled that nobody here cancelled."""
+        """Return why a unit was cancelled that this process did not cancel."""
         return EngineError(f"{self.on} was lost or cancelled it{why}: go on with --resume")
 
 
