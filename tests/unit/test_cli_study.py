@@ -270,7 +270,7 @@ def test_decisions_are_sentences(curricle, refused, finished):
         for reason in StudyResults(finished).decisions("chain", "corner")[1]
     ]
     refused(1, "arm any, task any, seed 9", "show", finished, "--decisions", "--seed", "9")
-    refused(2, "a seed is that of --decisions", "show", finished, "--seed", "1")
+    refused(2, "--seed needs --decisions", "show", finished, "--seed", "1")
 
 
 def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):

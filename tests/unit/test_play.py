@@ -123,7 +123,7 @@ def hall(folder):
         (
             ["--set", "tasks.maze.budget=5", "--arm", "chain"],
             2,
-            "--set changes the file of --study",
+            "--set needs --study",
         ),
         (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),

@@ -159,7 +159,7 @@ def too_few(comparison: Comparison) -> str:
 
 
 def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, list[float]]]:
-    """Return the positions of 0 and of each gain's low, estimate and high on an axis, in percent."""
+    """Return the positions of 0 and each gain's low, estimate and high, in percent of an axis."""
     gains = [finding.gain for finding in answers]
     low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
     # One seed has no interval.
