@@ -208,7 +208,7 @@ def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     [
         ("learner.settings.batch_sise=8", "got 'batch_sise', did you mean 'batch_size'?"),
         ("shaping='WeightTransfer'", "must be networks: chase is learnt in a table"),
-        ("tasks.hunt.learner={type='deep', algorithm='TD3'}", "StateShaping serves every"),
+        ("tasks.hunt.learner={type='deep', algorithm='TD3'}", "StateShaping suits every"),
     ],
 )
 def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(

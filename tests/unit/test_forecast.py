@@ -65,7 +65,7 @@ def test_pursuit_is_ranked_as_training_ranks_it(seeds, calls):
         middle.verdict,
     )
     assert "near or below the random policy" in most.verdict
-    assert most.verdict.endswith(": what learning gains from there is open")
+    assert most.verdict.endswith(": the gain from there is unknown")
     assert "expect" not in most.verdict
     # Twice the mean: the same policy, hence the same start, and no longer optimistic.
     assert twice.mean("start") == middle.mean("start")
@@ -310,9 +310,7 @@ def test_a_weak_start_is_said_to_be_one_and_no_more():
     foreseen = look(pursuit(4, cr.maximum, budget=50_000, evaluation=SUMMED), seeds=1)
     whole = foreseen.optimum - foreseen.random_return
     assert 0.1 < (foreseen["maximum"].mean("start") - foreseen.random_return) / whole < 0.5
-    words = (
-        r"starts at -\d\S*, a weak start, \d+% optimistic: what learning gains from there is open"
-    )
+    words = r"starts at -\d\S*, a weak start, \d+% optimistic: the gain from there is unknown"
     assert re.fullmatch(words, foreseen["maximum"].verdict)
 
 
@@ -414,14 +412,16 @@ def test_steps_are_those_that_the_sources_were_trained_for():
 
 def test_a_source_that_cannot_be_solved_has_no_perfect_forecast(monkeypatch):
     monkeypatch.setattr("curricle.planning.target.LARGEST_SOLVED", 0)
-    with pytest.raises(cr.errors.CurriculumError, match="tasks that can be solved: 'chase' cannot"):
+    with pytest.raises(
+        cr.errors.CurriculumError, match="sources that can be solved: 'chase' cannot"
+    ):
         cr.forecast(pursuit(3, cr.minimum, budget=100), perfect=True)
 
 
 def test_perfect_sources_are_not_given():
     plan = corner(source=10)
     given = cr.forecast(plan, seeds=1).trained
-    with pytest.raises(cr.errors.CurriculumError, match="takes no trained ones: got corner"):
+    with pytest.raises(cr.errors.CurriculumError, match="must have no trained sources: got corner"):
         cr.forecast(plan, perfect=True, trained=given)
 
 
@@ -431,7 +431,7 @@ def test_without_a_trial_no_forecast_says_what_learning_gains():
     foreseen = cr.forecast(plan, seeds=1, trial=False)
     assert "no better than" not in str(foreseen)
     assert foreseen.answer == "whether it pays is open"
-    assert foreseen["mean"].verdict.endswith("what learning gains from there is open")
+    assert foreseen["mean"].verdict.endswith("the gain from there is unknown")
 
 
 @pytest.mark.parametrize(("seeds", "few"), [(5, "(5; 6 or more)"), (6, "")])

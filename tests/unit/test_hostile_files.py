@@ -37,7 +37,7 @@ def test_deep_nesting_is_refused(depth, begin, end):
     with pytest.raises(ConfigError, match="not valid TOML: tables and lists must be at most 50 d"):
         read_study("study.toml")
     Path("study.toml").write_text(MAZE)
-    with pytest.raises(ConfigError, match="a setting is given as key=value"):
+    with pytest.raises(ConfigError, match="a setting must be key=value"):
         read_study("study.toml", set=[".".join(["a"] * depth) + "=1"])
 
 

@@ -161,5 +161,5 @@ def test_an_episode_off_its_grid_is_refused(copied):
         episode["cells"] = [[2000] for _ in episode["cells"]]
 
     change(copied / "analysis.json", far)
-    with pytest.raises(StoreError, match="that is off its grid"):
+    with pytest.raises(StoreError, match="that leaves its grid"):
         stored_episode(StudyResults(copied), "chain", "maze")

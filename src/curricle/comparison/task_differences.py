@@ -45,8 +45,8 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
             return (f"observations ({task!r} against {other!r})",)
         names = {"longest": "time_limit", "make": "environment"}
         parts = ("observations", "actions", "discount", "longest", "make")
-        values = ({names.get(x, x): getattr(seen, x) for x in parts} for seen in pair)
-        return tuple(_unequal(*values))
+        settings = ({names.get(x, x): getattr(seen, x) for x in parts} for seen in pair)
+        return tuple(_unequal(*settings))
     first, second = map(generative_model, pair)
     lines = [
         f"{kind} ({getattr(first, kind).size:,} against {getattr(second, kind).size:,})"

@@ -367,7 +367,7 @@ def learn_deep(
     instance("learner", learner, DeepLearner, SettingError)
     if isinstance(task, Miniatures):
         raise SettingError(
-            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
+            "miniatures are solved and distilled as a task of a Curriculum, not learnt by "
             f"steps: got {task}"
         )
     check_spaces(task, learner)

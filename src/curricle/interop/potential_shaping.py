@@ -198,7 +198,7 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
         return partial(_components, states, starts)
     raise SettingError(
         f"observations must number the task's {states.size} states, as a whole or component by "
-        f"component, or encode= must say how: got {space}"
+        f"component, or encode= must number them: got {space}"
     )
 
 

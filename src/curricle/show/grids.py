@@ -141,7 +141,7 @@ def draw_potential(
     bar: bool = True,
     unit: str = "return",
 ) -> AxesImage:
-    r"""Draw values of states, or the best of their actions, as a heat map of a grid.
+    r"""Draw values of states, or of their best actions, as a heat map on a grid.
 
     Colours diverge from white at 0 where the limits have both signs. States in which the episode is
     over are hatched.

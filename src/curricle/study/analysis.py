@@ -359,8 +359,8 @@ def stored_episode(
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)
     if pair is None or about.view is None:
         raise StoreError(
-            f"{results.store.path} stores no episode of {task!r} in arm {arm!r}: it stores those "
-            "of tasks with a grid and snapshots, when the run of all arms has ended; "
+            f"{results.store.path} stores no episode of {task!r} in arm {arm!r}: episodes are "
+            "stored of tasks with a grid and snapshots, when the run of all arms has ended; "
             f"{IN_THE_TASK}"
         )
     snapshots = results.result(arm, task).snapshots
@@ -372,7 +372,7 @@ def stored_episode(
         )
     view, record, cells = about.view.view, pair.after, pair.after.cells
     if cells.shape[1] != len(view.markers) or cells.max() >= np.prod(view.shape):
-        raise StoreError(f"{results.store.path} stores an episode of {task!r} that is off its grid")
+        raise StoreError(f"{results.store.path} stores an episode of {task!r} that leaves its grid")
     scene, moments = scene_of_view(view), np.arange(len(cells))
     return first, Episode(
         frames=Drawn(lambda moment: scene.image(cells[moment]), moments),

@@ -731,7 +731,7 @@ def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     arm, *further_arms = study.arms
     if further_arms:
         raise ConfigError(
-            "a forecast is of one arm: give forecast(study.curriculum(ARM)), where study is "
+            "a forecast is of one arm: call forecast(study.curriculum(ARM)), where study is "
             f"read_study(FILE) and ARM one of {listed(study.arms)}"
         )
     said = {"seeds": study.seeds[:FORECAST_SEEDS], "threshold": study.threshold}

@@ -89,7 +89,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
     key, equals, value = text.partition("=") if isinstance(text, str) else ("", "", "")
     keys = dotted(key)
     if not equals or not keys:
-        raise ConfigError(f"a setting is given as key=value, with dots in the key: got {text!r}")
+        raise ConfigError(f"a setting must be key=value, with dots in the key: got {text!r}")
     try:
         return keys, nested(keys, parsed(f"value = {value}")["value"])
     except ValueError:
