@@ -267,9 +267,7 @@ def show(
     decisions: Annotated[bool, Option(help="Why each task went on or stopped.")] = False,
     arm: Annotated[str | None, Option(help="Only this arm.")] = None,
     task: Annotated[str | None, Option(help="Only this task.")] = None,
-    seed: Annotated[
-        int | None, Option(help="With --decisions: all decisions of this seed.")
-    ] = None,
+    seed: Annotated[int | None, Option(help="With --decisions: all of this seed's.")] = None,
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""

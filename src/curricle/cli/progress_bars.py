@@ -1,7 +1,6 @@
 """Running a study from the command line: bars, lines, what is compiled, and the page of the run.
 
-Without a terminal it prints a line for each unit, or in a study of very many units a line a second
-on their pace.
+Without a terminal it prints a line for each unit, or at most a line a second on their pace.
 """
 
 import gc

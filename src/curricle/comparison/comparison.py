@@ -683,8 +683,7 @@ def compare(
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
-        True shows a bar for each task of each arm; a function is called with each arm's name at its
-        end.
+        True shows a bar for each task of each arm; a function is called with each trained arm.
 
     Raises
     ------

@@ -148,11 +148,9 @@ def source_learning(
     ----------
     curriculum : Curriculum
     sources : dict of str to SourceValues
-        Results such as ``CurriculumResult.sources``. Only sources in dense tables that other tasks
-        build on are measured.
+        Such as ``CurriculumResult.sources``. Only sources in dense tables that are read count.
     fresh : bool
-        Whether a source that cannot be solved, and is not live, is measured by a fresh learner of
-        twice its steps.
+        Whether to measure an unsolvable source that is not live by a learner of twice its steps.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
@@ -696,10 +694,7 @@ def forecast(
 def _planned_trial(
     candidates: list[Candidate], trial: bool | Curriculum | None, perfect: bool
 ) -> tuple[list[Candidate], int, str]:
-    """Return the candidates and seeds of the trial, or none and the reason.
-
-    CurriculumError, before any training, if a trial is required and impossible.
-    """
+    """Return a trial's candidates and seeds, or none and why; CurriculumError if it is required."""
     if perfect and trial:
         raise CurriculumError(
             "a trial trains the sources: with perfect=True, trial must be False or left out"

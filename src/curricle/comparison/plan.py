@@ -3,8 +3,7 @@
 All arms have one target and spend one total of steps, sources included. Each task of each arm has a
 key: what is learnt under one key is equal, so that arms share it. A unit is one such task for some
 seeds; it is trained after its sources, and an arm that fails is given up. A comparison trains its
-units in turn and remembers them (`Memory`); a study sends them to workers and stores them
-(`Scheduler`).
+units in turn in memory (`Memory`); a study sends them to workers and stores them (`Scheduler`).
 """
 
 from collections import Counter

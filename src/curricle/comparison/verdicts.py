@@ -132,8 +132,7 @@ def verdicts_of(
     Raises
     ------
     SettingError
-        If an arm is unknown, has no rival, or has other seeds than the rest; or a return is not
-        finite.
+        If an arm is unknown, has no rival or other seeds than the rest, or a return is not finite.
 
     Examples
     --------

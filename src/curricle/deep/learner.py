@@ -279,8 +279,7 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     """Return the policy class with which a network computes phi + a residual.
 
     A DQN acts, bootstraps and is evaluated on phi(s, a) + residual(s, a), in the online and the
-    target network alike. The residual starts at 0; the potential is saved with the model. Among the
-    ``policy_kwargs`` are
+    target network alike. The residual starts at 0; phi is saved with the model. ``policy_kwargs``:
 
     - ``potential``, an :class:`ObservationPotential`;
     - ``reads``, the part of phi that the residual reads besides the observation, standardised by

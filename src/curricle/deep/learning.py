@@ -325,8 +325,7 @@ def learn_deep(
     seeds : int or sequence of int
         As in :func:`learn`; but results may differ with torch's version and the machine.
     shaping : Shaping or sequence of K Shaping, optional
-        One for all seeds or one for each seed, with an :class:`ObservationPotential` or another
-        ``ValueSource``:
+        One for all seeds or one a seed, with an :class:`ObservationPotential` or ``ValueSource``:
 
         - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q(s, a) = phi(s, a) + residual(s, a)
           wherever DQN reads its network; the residual starts at 0 (Wiewiora 2003).

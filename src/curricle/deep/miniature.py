@@ -206,8 +206,7 @@ def miniatures(
     Raises
     ------
     TaskError
-        When there is no member, or their spaces or discounts differ; later, when a member cannot be
-        tabulated.
+        When there is no member, their spaces or discounts differ, or (later) a member has no table.
 
     Examples
     --------

@@ -108,10 +108,7 @@ def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
 def check_learner(
     learner: DeepLearner, shaping: Shaping | None = None, in_tables: Sequence[str] = ()
 ) -> None:
-    """Raise SettingError unless an algorithm takes its settings and the shaping.
-
-    `in_tables` names the sources that are learnt in tables.
-    """
+    """Raise SettingError unless an algorithm takes its settings, and shaping by tabular sources."""
     algorithm, known = learner.algorithm_class(), learner.takes
     for name in learner.settings:
         if name not in known:

@@ -88,8 +88,7 @@ class SourceCandidate(Frozen):
     kind, words : str
         A kind of :func:`source_candidates`, or "proposed"; and a description for people.
     share : float, optional
-        Size or distance as a share of the target's: the side of a crop, or the way to the goal from
-        the starts or from a bottleneck.
+        Share of the target's size or distance: of a crop's side, or of the way to the goal.
     member : FamilyMember, optional
         The task's address, if it is a member of the target's family.
     optimum, random_return : float
@@ -145,10 +144,9 @@ def mappings_between(
     """Return the mappings by which a source reads an earlier source.
 
     Members of a family map onto each other as the family declares. Other sources, which must have
-    tables, read each other through the target. A pair of the later source is read by some target
-    pairs, and maps to the pair of the earlier source that most of these target pairs read. Of
-    several mappings those are returned in which nearly all target pairs agree, or else those in
-    which most agree.
+    tables, read each other through the target: a pair of the later source maps to the pair of the
+    earlier source that most of its target pairs read. Of several mappings it returns those in which
+    nearly all target pairs agree, or else those in which most agree.
 
     Parameters
     ----------
@@ -320,8 +318,7 @@ def source_candidates(
     most : int
         Most candidates to return.
     propose : callable, optional
-        A function of the target task that returns further :class:`SourceCandidate`, which come
-        first.
+        Returns further :class:`SourceCandidate` of the target task, which come first.
 
     Raises
     ------

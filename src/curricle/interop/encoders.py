@@ -29,8 +29,7 @@ from curricle.tasks.spaces import Component, Space
 class Bins:
     """Encoder that sorts each of an observation's n numbers into the bins of a component.
 
-    For `encode` of :func:`from_gymnasium`. A number outside the outermost edges falls into the
-    first or the last bin.
+    For `encode` of :func:`from_gymnasium`. Numbers outside the edges fall into the nearest bin.
 
     Parameters
     ----------

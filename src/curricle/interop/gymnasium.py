@@ -627,8 +627,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
     time limit first. ``info`` has the number of the state, ``state``, and its ``label``.
-    ``reset(options={"state": ...})`` starts in a state: its number, or the value or label of each
-    of its components by name.
+    ``reset(options={"state": ...})`` starts in a state: its number, or a dict of values or labels.
 
     Parameters
     ----------

@@ -342,6 +342,5 @@ class MiniGridAccess(StateAccess):
         if missed := self.missed(self.env):
             raise TaskError(
                 "a state outside the agent, the grid, its objects and plain attributes must be "
-                "saved by MiniGridState(copies=True): steps changed "
-                f"{missed!r} of {self.env}"
+                f"saved by MiniGridState(copies=True): steps changed {missed!r} of {self.env}"
             )

@@ -461,8 +461,7 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
     - ``original_reward``: the environment's own;
     - ``shaping``: F;
     - ``shaping_terms``: F_i = w(t + 1) gamma Phi_i(s') - w(t) Phi_i(s) of each source alone; F is
-      their mean under `mean`, their sum under `total`, and between the least and the largest under
-      `maximum` and `minimum`;
+      their mean under `mean`, their sum under `total`, between them under `maximum` and `minimum`;
     - ``potential``: Phi(s');
     - at an episode's end ``original_return``, the undiscounted sum of the original rewards, and
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
@@ -496,9 +495,8 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
     Raises
     ------
     PotentialError, SettingError
-        When a value is not finite or a residual exceeds the tolerance; when no discount is stated,
-        or two different ones, observations do not number a task's states, or `env` is shaped
-        already.
+        When a value is not finite or a residual exceeds the tolerance; when there is not exactly
+        one discount, observations do not number a task's states, or `env` is shaped already.
 
     Examples
     --------

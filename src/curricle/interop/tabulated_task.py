@@ -35,8 +35,7 @@ class ObservationTable(Frozen):
         The arrays of all states, by place in an observation: ``""`` if it is a single array, else
         the keys on the way to it, joined by ``/``; ``#0`` is the first part of a tuple.
     terminal : (S,) bool array
-        Which states end an episode. An observation that a terminal state shares with another state
-        shows the other.
+        Which states end an episode; an observation shared with one of them shows the other state.
 
     Examples
     --------
@@ -185,9 +184,8 @@ class TabulationRecord:
     samples : int or None
         Steps by which each pair's outcomes were estimated; None if outcomes are exact.
     transitions, drawing, checked : int
-        Pairs of a state and an action that were tried or listed; those that drew random numbers,
-        and still led to a single state in all 8 repetitions; steps of episodes that agree with the
-        tables.
+        Pairs of a state and an action that were tried or listed; those that drew random numbers but
+        led to a single state in all 8 repetitions; steps of episodes that agree with the tables.
     cut, explored : int
         States in which episodes are only ever truncated: every action stays there, with reward 0;
         and states before equivalent states were merged.
@@ -282,8 +280,7 @@ class TabulatedTask(Frozen):
             With a method ``predict(observations, deterministic=...)`` that returns actions for
             stacked observations, alone or first in a tuple; SettingError if it does not.
         deterministic : bool
-            If False, return the probability of each action; for policies with a distribution (A2C,
-            PPO).
+            If False, return probabilities of actions; for policies with a distribution (A2C, PPO).
 
         Returns
         -------

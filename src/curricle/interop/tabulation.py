@@ -286,9 +286,8 @@ def tabulate(
     Returns
     -------
     TabulatedTask
-        Its states have a component for each number or word that differs between states: first those
-        in the environment's attributes or in what `save` returns, then those in private attributes
-        and observations.
+        Its states have a component for each number or word that differs between states, taken first
+        from the environment's attributes or `save`, then from private attributes and observations.
 
     Raises
     ------

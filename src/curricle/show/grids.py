@@ -143,8 +143,7 @@ def draw_potential(
 ) -> AxesImage:
     r"""Draw values of states, or of their best actions, as a heat map on a grid.
 
-    Colours diverge from white at 0 where the limits have both signs. States in which the episode is
-    over are hatched.
+    Colours diverge from white at 0 where the limits have both signs. Terminal states are hatched.
 
     Parameters
     ----------
@@ -156,8 +155,7 @@ def draw_potential(
     label, unit : str
         Titles of the panel and of its bar of colours.
     at : dict of str to int, str or (int, int), optional
-        Values of the other components of the state, such as ``{"prey": (1, 2)}``; letters mark
-        them.
+        Values of the other components, such as ``{"prey": (1, 2)}``; letters mark them.
     limits : (float, float), optional
         Values at the ends of the colours, to compare panels; by default of the drawn values.
     difference : bool

@@ -65,9 +65,8 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     Raises
     ------
     CurricleError
-        When the subject or the file's ending is another, values come without a task or a task
-        without values, states lie on no grid, the file cannot be written, or a study cannot be
-        compared.
+        When the subject or the file's ending is another, values and task do not come together,
+        states lie on no grid, the file cannot be written, or a study cannot be compared.
 
     Examples
     --------

@@ -1,8 +1,7 @@
 """The report of a study: one HTML page without a network and without other files.
 
 It has curves twice: as pictures, for paper and for readers without scripts, and as numbers. An
-interim report is made from the folder, whichever process runs the study, so that ``run --open``
-and ``watch`` do the same.
+interim report is made from the folder alone, so that ``run --open`` and ``watch`` do the same.
 """
 
 import base64

@@ -241,8 +241,7 @@ class StudyConfig(RunTable):
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
     scratches : dict of str to ArmTables, optional
-        The arms from scratch that a sweep or a tuning made; by default they follow from the first
-        arm.
+        The arms from scratch that a sweep or a tuning made; by default those of the first arm.
     variants : dict of str to VariantRecord, optional
         The settings that a sweep or a tuning gave each arm, scratch included.
     tune : Tuning, optional

@@ -185,8 +185,7 @@ def run_study(
     trackers : sequence of str or Tracker
         Trackers that also get each unit's curves: "tensorboard", or a :class:`Tracker` of yours.
     report : callable, optional
-        Called with a sentence for each failed tracker and stale or damaged task; by default they
-        are printed to stderr.
+        Called with a sentence for each failed tracker and stale or damaged task; default: stderr.
     progress : bool or callable, optional
         Bars by default; a function is called with a :class:`Progress` at the start and each unit.
 

@@ -94,8 +94,7 @@ class TuningRecord(Plain):
     """A tuning that is complete."""
 
     of: str
-    """A digest of all that it depends on, but Optuna's version; empty where stale trials were
-    kept."""
+    """A digest of its dependencies except Optuna's version; empty if stale trials were kept."""
     of_settings: str  # a digest of that but for code and Curricle's version
     optuna: str  # the version of Optuna that searched
     seeds: tuple[Count, ...] = Field(min_length=1)
