@@ -218,7 +218,7 @@ def test_a_placebo_of_miniatures_with_a_source_of_their_own():
     comparison = cr.compare(curriculum, seeds=2, controls=["placebo"], threshold=0.3, window=1)
     assert comparison.arms["transfer, placebo"].control
     distilled, edge = curriculum.transfers
-    with pytest.raises(cr.errors.CurriculumError, match="miniatures take none"):
+    with pytest.raises(cr.errors.CurriculumError, match="which miniatures never do"):
         replace(curriculum, transfers=[replace(distilled, calibrate=True), edge])
 
 

@@ -91,7 +91,7 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
 
 
 def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
-    """Return a curriculum in whose miniatures each observation has the answer of another."""
+    """Return a curriculum with answers in its miniatures shuffled over observations."""
     tasks: dict[str, Any] = dict(curriculum.tasks)
     for name, task in tasks.items():
         if isinstance(task, Miniatures):

@@ -1,7 +1,7 @@
-"""The plan of a comparison or a study: arms with one total of steps, and what trains their units.
+"""The plan of a comparison or a study: arms with the same total of steps, and their units.
 
-All arms have one target and spend one total of steps, sources included. Each task of each arm has a
-key: what is learnt under one key is equal, so that arms share it. A unit is one such task for some
+All arms have one target and spend the same total of steps, sources included. Each task of each arm
+has a key. Equal keys mean equal results, which arms then share. A unit is a task of an arm for some
 seeds; it is trained after its sources, and an arm that fails is given up. A comparison trains its
 units in turn in memory (`Memory`); a study sends them to workers and stores them (`Scheduler`).
 """

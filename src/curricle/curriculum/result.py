@@ -135,7 +135,7 @@ class CurriculumResult:
         )
 
     def _ended(self, name: str) -> str:
-        """Return a sentence on what ended a task's training; empty if no rule did."""
+        """Return a sentence on the rule that ended a task's training; empty if no rule did."""
         if name not in self.curriculum.tasks:
             return ""
         try:

@@ -130,7 +130,7 @@ class TrainedPolicy:
     def episode(
         self, *, seed: int = 0, deterministic: bool = True, max_steps: int | None = None
     ) -> Episode:
-        """Return one episode of the policy, with a picture of each step.
+        """Return an episode of the policy, with a picture of each step.
 
         Parameters
         ----------

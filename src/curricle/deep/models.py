@@ -1,6 +1,6 @@
 """Models of Stable-Baselines3: made for a learner and a shaping, trained for a seed, saved.
 
-Checkpoints are pickles: read only those of your own runs. Results are no pickles.
+Checkpoints are pickles: read checkpoints of your own runs only. Results are not pickles.
 """
 
 import io
@@ -198,7 +198,7 @@ class DeepRun:
     def train(
         self, seed: int, shaping: Shaping | None, warm_up: WarmUp, charged: int, saves: Place | None
     ) -> Outcome:
-        """Return what a seed learns; resume from the file `saves`, and save to it."""
+        """Train a seed and return its outcome; resume from the file `saves`, and save to it."""
         start = stream_start(seed, self.stream)
         shaped = None if shaping is None else shaping.name
         run = f"{self.task}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"

@@ -130,7 +130,7 @@ class ResidualQNetwork(QNetwork):
         return torch.from_numpy((plain.read(inputs) + phi).argmax(axis=1))
 
     def _features(self, obs: Any, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
-        """Return what the residual reads, (n, features); phi is (n, A), best Phi(s), (n, 1)."""
+        """Return the residual's input, (n, features); phi is (n, A), best is Phi(s), (n, 1)."""
         features: torch.Tensor = self.extract_features(obs, self.features_extractor)
         if self.reads == "nothing":
             return features

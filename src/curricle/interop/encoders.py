@@ -1,4 +1,4 @@
-"""Encoders turn an environment's observations into what a table or a network reads.
+"""Encoders turn an environment's observations into the input of a table or a network.
 
 All are frozen dataclasses: equal settings are equal encoders, with the same text in every process.
 """
@@ -246,7 +246,7 @@ def _of_numbers(space: gym.Space[Any]) -> bool:
 
 @dataclass(frozen=True)
 class StackedFrames:
-    """Encoder that shows the last n observations together, where a single one shows too little.
+    """Encoder that shows the last n observations together, where the last alone shows too little.
 
     Vectors are joined end to end and pictures by their channels, the oldest first. An episode
     begins with n copies of its first observation. :func:`tabulate` refuses stacked frames, because

@@ -53,7 +53,7 @@ class Progress:
 
 
 class Reached(NamedTuple):
-    """One outcome of an action: where it leads, and how likely."""
+    """An outcome of an action: the next state, its probability and its reward."""
 
     probability: float
     key: Hashable  # equal for equal states
@@ -128,7 +128,7 @@ class Search:
         return self
 
     def _number(self, reached: Reached) -> int:
-        """Return the number of a state, a new one if it was not met before."""
+        """Return the number of a state, which is a new number if the state is new."""
         name = reached.key, reached.terminated  # entered with the episode's end it is another
         state = self._numbers.get(name)
         if state is None:

@@ -234,7 +234,7 @@ def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
 
 
 def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextManager[Any]:
-    """Return a context with a caller's environment, or with a new one that it closes at the end."""
+    """Return a context with the caller's environment, or a new environment that it closes."""
     if isinstance(environment, gym.Env):
         return nullcontext(environment)
     with refusals_of_make(environment):
@@ -345,7 +345,7 @@ def name_list(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def with_space(points: str, space: Space, other: Space | None) -> Space:
-    """Return the space that a caller gives instead of another with as many points, if any."""
+    """Return `other`, a space with as many points, in place of a space; by default the space."""
     if other is not None and other.size != space.size:
         raise TaskError(
             f"{points} must name all {space.size} of the environment's: got {other.size}"
@@ -744,7 +744,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         return scene_of(self.task)
 
     def _check(self) -> None:
-        """Raise TaskError if a function of the task returned what makes no sense."""
+        """Raise TaskError if a function of the task returned an invalid value."""
         if self._users_code and self._model.failure["by"][0]:
             self._under_way, model, self._model = False, self._model, self._rules.model
             check_answers(self.task, model)

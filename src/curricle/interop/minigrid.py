@@ -144,7 +144,7 @@ class MiniGridState:
         instance("copies", self.copies, bool, SettingError)
 
     def open(self) -> StateAccess:
-        """Return what saves and restores the states."""
+        """Return the :class:`StateAccess` that saves and restores the states."""
         if self.copies:
             return Copies(frozenset()) if self.own_reward else _TimelessCopies()
         return MiniGridAccess(own_reward=self.own_reward)
@@ -235,7 +235,7 @@ class _View(Unseen, UserDict[str, Any]):
 
 
 class MiniGridAccess(StateAccess):
-    """Saves states as tuples, and restores them into the one environment."""
+    """Saves states as tuples, and restores them into the same environment."""
 
     copies = False
 

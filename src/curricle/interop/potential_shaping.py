@@ -116,7 +116,7 @@ class Source:
         return phi.tolist()  # type: ignore[no-any-return]
 
     def _values(self, rows: Sequence[Any], stacked: Any) -> list[float]:
-        """Return what the function returns, (n,)."""
+        """Return the values of n observations, (n,); PotentialError unless they are n numbers."""
         if self.batched:
             who = f"a batched potential, {self.name!r},"
             if self.rounding > 0:
@@ -310,7 +310,7 @@ def check_unshaped(info: Mapping[str, Any]) -> None:
 
 @dataclass(eq=False)
 class Episode:
-    """One episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
+    """An episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
 
     first: Any  # the observation it began with
     begun: int  # the step at which it began
@@ -385,7 +385,7 @@ class Episodes:
         final: Callable[[int], Any] | None = None,  # where episode i was cut off; None if unknown
         stacked: Any = None,
     ) -> ShapedStep:
-        """Return the shaped step, made of what the environments' step returned."""
+        """Return the shaped step, from the results of the environments' step."""
         running, potential = self._running, self._potential
         shaping = list[list[float]]()
         steps: Any

@@ -1,4 +1,4 @@
-"""The states of an environment: told apart, saved and restored."""
+"""The states of an environment: how they are distinguished, saved and restored."""
 
 import hashlib
 import random
@@ -88,7 +88,7 @@ def _fresh(kind: Any, place: int, repetition: int) -> Any:
 
 
 def kind_of(generator: Any) -> type:
-    """Return what a generator draws its bits by."""
+    """Return the kind of a generator: the type that draws its bits."""
     if isinstance(generator, np.random.Generator):
         return type(generator.bit_generator)
     return next(kind for kind in GENERATORS if isinstance(generator, kind))
@@ -230,7 +230,7 @@ class StateAccess(ABC):
         """Change the environment once, before it is tabulated."""
 
     def begin(self, env: Environment) -> None:  # noqa: B027
-        """Note what a reset made."""
+        """Prepare for the states after a reset."""
 
     @abstractmethod
     def save(self, env: Environment) -> tuple[Hashable, Any]:
@@ -244,7 +244,7 @@ class StateAccess(ABC):
         """Check the settings as soon as all actions have been taken in the first state."""
 
     def observation(self, env: Environment, returned: Any) -> Any:
-        """Return the observation, made of what a step or reset returned."""
+        """Return the observation, from the observation that a step or reset returned."""
         return returned
 
     @abstractmethod

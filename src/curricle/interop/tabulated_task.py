@@ -22,7 +22,7 @@ POSITION = "#"  # begins the name of a part of a tuple, before its position
 
 
 class Unseen:
-    """Stands for an observation that a step did not make, as it may never be read."""
+    """Stands for an observation that a step did not compute, because it may never be read."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -544,7 +544,7 @@ def steps_checked(world: World, tables: Tables) -> int:
 def _looking_like(
     observed: Any, possible: set[int], tables: Tables, where: str, name: str
 ) -> set[int]:
-    """Return the possible states that look like what was observed, at least one."""
+    """Return the possible states with this observation; TaskError if there are none."""
     if tables.observations is not None:
         seen, parts = tables.observations.parts, parts_of(observed)
         possible = {
@@ -615,7 +615,7 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
 
 
 def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
-    """Write tables, and what they were made of."""
+    """Write tables, with the description that :func:`made_of` returns."""
     tables, record = made
     arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
     if tables.states.points is not None:
@@ -631,7 +631,7 @@ def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
 
 
 def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
-    """Return what tables are made of, as JSON has it: not the code of environments or functions."""
+    """Return the origin of tables for JSON: environment and settings, but no code."""
     layers = layers_of(env)
     content = b""  # arguments are in it too, of an environment that is no id but a function or made
     for seed in seeds:

@@ -140,7 +140,7 @@ def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str,
 
 
 def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
-    """Return nested settings as one level, with dotted names; lists and None become JSON text."""
+    """Return nested settings as a flat dict with dotted names; lists and None become JSON text."""
     flat: dict[str, bool | int | float | str] = {}
     for name, value in json.loads(json.dumps(dict(configuration), default=str)).items():
         if isinstance(value, dict) and value:

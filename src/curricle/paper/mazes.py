@@ -81,7 +81,7 @@ class Studies:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper, or an answer to an open question of it, and the verdict."""
+    """A statement of the paper, or an answer to one of its open questions, with the verdict."""
 
     id: str
     claim: str  # the statement

@@ -1,6 +1,6 @@
 """All drawing: figures, mazes and potentials, and a study's report as an HTML page.
 
-``views`` defines cells and what moves over them, ``style`` the colours and numbers as text. From
+``views`` defines cells and markers that move over them, ``style`` colours and numbers as text. From
 both come Matplotlib's figures, SVG on a page, pixels, and text in a terminal.
 """
 

@@ -143,7 +143,7 @@ def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
 
 
 def too_few(comparison: Comparison) -> str:
-    """Return why no difference could have been shown; empty if one could."""
+    """Return why no difference could have been shown; empty if a difference could."""
     few = [verdict for verdict in comparison.verdicts.values() if verdict.withheld]
     if not few or comparison.interim:
         return ""

@@ -165,7 +165,7 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 
 
 def page_of(study: StudyResults, banner: str = "") -> str:
-    """Return the page of a study, an interim one if it has a `banner`; StoreError without arms."""
+    """Return the page of a study, an interim page with a `banner`; StoreError without arms."""
     comparison, tuning, analysis = study.comparison, read_tuning(study.store), study.analysis
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
@@ -324,7 +324,7 @@ SEEN, SEEN_NEAR_ZERO = 4000, 100  # rounded to a share of an axis, of a symlog a
 def curve_data(
     comparison: Comparison, styles: Mapping[str, ArmStyle], panels: Mapping[str, Axes]
 ) -> dict[str, Any]:
-    """Return what the script of a page draws curves from, as data for JSON."""
+    """Return the data for JSON from which the script of a page draws curves."""
     scale, symlog = panels["strong"].yaxis.get_transform(), None
     if isinstance(scale, SymmetricalLogTransform):
         symlog = [float(scale.linthresh), float(scale.linscale)]

@@ -227,7 +227,7 @@ class GridScene:
         return np.concatenate([grid, np.array(below)])
 
     def text(self, moment: Any) -> str:
-        """Return the map with the names of what moves, and the lines."""
+        """Return the map with the names of the moving figures, and the lines."""
         cells = self.cells(moment)
         named = zip(self.names, *zip(*cells, strict=True), strict=True)
         there = stacked(named) if self.gap else dict(zip(cells, self.names, strict=True))

@@ -278,7 +278,7 @@ def _section(
 def _extent(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, n_groups: int
 ) -> tuple[int, bool, list[str]]:
-    """Return the seeds of the forecast, whether to certify, and what is left out and why."""
+    """Return the forecast's number of seeds, whether to certify, and sentences on omitted parts."""
     first, values = results[arms[0]], dict[str, list[Any]]()
     for arm in arms:
         edges = results[arm].curriculum.in_edges(target)

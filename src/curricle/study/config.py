@@ -1,7 +1,7 @@
 """A study's configuration: its tables, how a file is read into them, and their curricula.
 
-A file is validated twice: as it is written (:class:`FileTable`), which finds keys that nobody
-reads, and with every arm complete (:class:`StudyConfig`), which runs, is stored and makes keys.
+A file is validated twice: as it is written (:class:`FileTable`), to find keys that nothing reads,
+and with every arm complete (:class:`StudyConfig`), which is run, stored and hashed into keys.
 """
 
 import ast

@@ -178,7 +178,7 @@ class ArmRecord(Plain):
 
 
 class CurriculaRecord(Plain):
-    """Tasks and arms, of a study or of curricula that were trained without one."""
+    """Tasks and arms, of a study or of curricula that were trained without a study."""
 
     tasks: tuple[TaskRecord, ...]
     arms: dict[str, ArmRecord]

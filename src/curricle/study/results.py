@@ -404,7 +404,7 @@ class StudyResults:
         return dict(sorted(values.items()))
 
     def ended_by(self, arm: str, task: str) -> dict[int, str]:
-        """Return what ended the training of each seed in a task, in a few fixed words."""
+        """Return the reason why training in a task ended for each seed, from a few fixed texts."""
         criteria = self.decisions(arm, task, "criterion")
         return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
 

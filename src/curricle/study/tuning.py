@@ -404,7 +404,7 @@ class Effects:
         tried: Sequence[tuple[str, Mapping[str, Any], Any]],
         sum_up: Callable[[Any], tuple[float, float, float]],
     ) -> Self:
-        """Return the main effects of what was tried: arms, values of settings, and returns."""
+        """Return the main effects of `tried`: arms, values of settings, and returns."""
         levels = list[Level]()
         for key, arm in product(settings, dict.fromkeys(arm for arm, _, _ in tried)):
             results: dict[str, list[Any]] = {text: [] for text in settings[key].levels}

@@ -77,7 +77,7 @@ def _end(reaper: subprocess.Popen[bytes]) -> None:
 
 
 class WorkerProcesses(ProcessPoolExecutor):
-    """An executor of processes, by default one a processor, all of which end with this one.
+    """An executor of processes, by default one a processor, which end when this process ends.
 
     They are started afresh (``spawn``), so a script that uses them needs the guard
     ``if __name__ == "__main__":``. An interrupt (Ctrl-C) is left to this process.
@@ -127,7 +127,7 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Ignore interrupts, and end this process when the one that started it is gone."""
+    """Ignore interrupts, and end this process when the process that started it is gone."""
     # A thread waits for that; compiled loops release the GIL, so they do not keep it from running.
     # It is what ends workers where there is no reaper.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -326,7 +326,7 @@ class ObjectTable(Table):
         return type(self).makes(**self.arguments_in(folder))
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments for what makes the object: inner tables built, functions loaded."""
+        """Return the arguments of `makes`, with inner tables built and functions loaded."""
         return {name: built(getattr(self, name), folder) for name in self.parameters}
 
 
@@ -372,7 +372,7 @@ def table_of(
 
 
 def annotated(hint: Any) -> Any:
-    """Return the type that validates what TOML may say for a parameter of this type."""
+    """Return the type that validates TOML's values for a parameter of this type."""
     if hint in _PLAIN:
         return _PLAIN[hint]
     members = get_args(hint)
@@ -496,7 +496,7 @@ class _DeepLearnerTable(ObjectTable):
 
 
 def _loaded(value: Any, folder: Path) -> Any:
-    """Return a setting with its texts ``module:name`` replaced by what they name."""
+    """Return a setting with its texts ``module:name`` replaced by the named objects."""
     if isinstance(value, dict):
         return {name: _loaded(inner, folder) for name, inner in value.items()}
     if isinstance(value, list):
@@ -723,7 +723,7 @@ class NameGraph(NamedTuple):
 
     @property
     def learnt(self) -> list[str]:
-        """The tasks that are learnt: all but those that are there only to be cropped."""
+        """The tasks that are learnt: all except tasks that are only cropped."""
         linked = {name for edge in self.edges for name in edge}
         cropped = set(self.parts.values())
         return [name for name in self.parts if name in linked or name not in cropped]

@@ -152,7 +152,7 @@ class TaskTable(ObjectTable, Settings):
             yield ("start_states",), text
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments for what makes the task."""
+        """Return the arguments of the function that makes the task."""
         arguments = super().arguments_in(folder)
         if arguments.get("time_limit") == NONE:
             arguments["time_limit"] = None
@@ -515,7 +515,7 @@ class FactoryTask(TaskTable):
     """Passed to it by name."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return what the function returns, if it is a task."""
+        """Return the function's result; ConfigError unless it is a task."""
         make = built(self.factory, folder)
         with users_code(self.factory):
             made = make(**self.arguments)
@@ -529,7 +529,7 @@ def _level(value: Any) -> int | str:
 
 
 def _domain(makes: Any, tag: str, base: type[TaskTable] = TaskTable, **types: Any) -> Any:
-    """Return the table of a task of the library's; `types` are those that TOML writes otherwise."""
+    """Return the table of a task of the library; `types` replace the types of some parameters."""
     return table_of(makes, base, tag=tag, time_limit=TimeLimit, **types)
 
 

@@ -84,7 +84,7 @@ class DaskEngine(Engine):
 
 
 def connected(address: str | None, workers: int | None) -> DaskEngine:
-    """Return the scheduler at host:port, or one started here with processes of one thread each."""
+    """Return the scheduler at host:port, or a new scheduler with processes of one thread."""
     if address is not None:
         return DaskEngine(Client(f"tcp://{address}", timeout=REACHED_IN), None)
     here = {"dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}

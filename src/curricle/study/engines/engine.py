@@ -1,4 +1,4 @@
-"""Engines: clusters that train units, what is sent to them, and how they are opened."""
+"""Engines: clusters that train units, the data sent to them, and how they are opened."""
 
 import atexit
 import pickle
