@@ -195,8 +195,8 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
 @pytest.mark.parametrize(
     ("arguments", "fragment"),
     [
-        (["--shard", "3/2"], "a shard is i/n"),
-        (["--shard", "half"], "a shard is i/n"),
+        (["--shard", "3/2"], "a shard must be i/n"),
+        (["--shard", "half"], "a shard must be i/n"),
         (["--workers", "0"], "--workers"),
         (["--workers", "two"], "--workers"),
         (["--fast"], "No such option: --fast"),

@@ -118,7 +118,7 @@ def test_a_record_names_the_arm_of_each_control(tmp_path):
 
 
 def test_controls_that_make_no_sense_are_refused(tmp_path):
-    with pytest.raises(SettingError, match="controls are compared with scratch"):
+    with pytest.raises(SettingError, match="controls need the comparison with scratch"):
         Arms.of(study(tmp_path, "", changes=["scratch=false", CONTROLS]))
     with pytest.raises(ConfigError, match="controls"):
         study(tmp_path, changes=['controls=["placebos"]'])

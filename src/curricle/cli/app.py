@@ -203,13 +203,15 @@ def run(
     from curricle.study.arms import Arms
 
     if on is not None and processes:
-        raise BadParameter(f"units are trained in one place: got --on {on} and --processes")
+        raise BadParameter(
+            f"--on and --processes exclude each other: got --on {on} and --processes"
+        )
     _announce_imports()
     study = _read(file, seeds, changes)
     i, slash, n = shard.partition("/")
     numbers = slash and i.isdecimal() and n.isdecimal()
     if not numbers or not 1 <= int(i) <= int(n):
-        raise BadParameter(f"a shard is i/n, i from 1 to n, such as 1/4: got {shard!r}")
+        raise BadParameter(f"a shard must be i/n, i from 1 to n, such as 1/4: got {shard!r}")
     part, folder = (int(i), int(n)), out or study.results_folder
     if dry_run:
         for line in units_left(study, folder, part, keep_stale=keep_stale):

@@ -123,7 +123,7 @@ class Plan:
             total = max(-(-(budget + most) // node.eval_freq) * node.eval_freq, least_total)
         elif compared and len(curricula) + bool(scratches) > 1:
             raise SettingError(
-                f"arms are compared at one total of steps: the budget of {target!r} is "
+                f"arms must have one total of steps to be compared: the budget of {target!r} is "
                 f"{node.budget}; give it in steps, or let each arm have its own budget with "
                 "compared = false"
             )

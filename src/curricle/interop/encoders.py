@@ -163,7 +163,7 @@ class FunctionEncoder:
         encoded = self.function(observation)
         if self.space.shape is not None and np.shape(encoded) != self.space.shape:
             raise TaskError(
-                f"an encoder's function must return what is in its space, {self.space}: "
+                f"an encoder's function must return points of its space, {self.space}: "
                 f"{named(self.function)} returned an array of shape {np.shape(encoded)}"
             )
         return encoded

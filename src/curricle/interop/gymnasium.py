@@ -126,7 +126,7 @@ def from_gymnasium(
         )
     if names is not None and states is not None:
         raise TaskError(
-            f"names go without states, whose components have names: got both, names {names!r}"
+            f"names must be left out with states, which name the components: got names {names!r}"
         )
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)

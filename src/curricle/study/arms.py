@@ -49,7 +49,9 @@ class Arms(Plan):
         controls = study.controls or ()
         if controls and not (scratches and study.compared):
             setting = "compared" if scratches else "scratch"
-            raise SettingError(f"controls are compared with scratch: leave out {setting} = false")
+            raise SettingError(
+                f"controls need the comparison with scratch: leave out {setting} = false"
+            )
         for name, curriculum in study.curricula.items():
             check_fit(controls, name, curriculum)
         learners = [

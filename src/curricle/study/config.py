@@ -598,7 +598,7 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
     with problems.at(mapped=True):
         config = StudyConfig.from_data(fields, folder, problems.positions)
     problems.raise_any()
-    assert config is not None, "what is not wrong is configured"
+    assert config is not None, "a configuration without mistakes is complete"
     return config
 
 

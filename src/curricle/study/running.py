@@ -217,12 +217,12 @@ def run_study(
     if workers is not None:
         whole_number("workers", workers, 1, SettingError)
     if report is not None and not callable(report):
-        raise SettingError(f"report must be a function of a sentence: got {report!r}")
+        raise SettingError(f"report must be a function that takes a sentence: got {report!r}")
     if not isinstance(resume, bool):
         raise SettingError(f"resume must be True or False: got {resume!r}")
     whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
     if not (whole and 1 <= shard[0] <= shard[1]):
-        raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
+        raise SettingError(f"a shard must be (i, n), whole numbers, i from 1 to n: got {shard!r}")
     arms = arms_in(study, path, keep_stale=keep_stale)
     study.check_networks()
     trackers = trackers_of(trackers)
@@ -369,7 +369,7 @@ def _workers(
 ) -> Workers:
     """Return the workers of a run; workers that were started for it end with it."""
     if on is not None and executor is not None:
-        raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
+        raise SettingError(f"on and an executor exclude each other: got on={on!r} and an executor")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise SettingError(f"executor must be a concurrent.futures.Executor: got {executor!r}")
     all_arms = with_trials(study, arms)

@@ -461,7 +461,7 @@ REFUSED_NAMES = {
     "states too": (
         TWO,
         {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
-        r"names go without states, whose components have names: got both, names \['a'\]",
+        r"names must be left out with states, which name the components: got names \['a'\]",
     ),
 }
 

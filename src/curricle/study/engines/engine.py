@@ -241,10 +241,10 @@ ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
 def parsed(on: str) -> tuple[str, str | None]:
     """Return the name of an engine and its host:port; SettingError for any other text."""
     if "@" in str(on):
-        raise SettingError("on is an address without a user or a password: got one before @")
+        raise SettingError("on must be an address without user and password: got one before @")
     if (match := WORD.fullmatch(str(on))) is None:
         raise SettingError(
-            f"on is dask or ray, or one of them at an address, such as dask://host:8786: got {on!r}"
+            f"on must be dask or ray, or an address such as dask://host:8786: got {on!r}"
         )
     return match[1], match[2] and f"{match[2]}:{match[3]}"
 
