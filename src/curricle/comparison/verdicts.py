@@ -107,11 +107,11 @@ def verdicts_of(
 
     For an arm with n rivals and the p-values p_c of the n paired differences, p = max_c p_c if it
     is ahead of all (each of the n claims must hold: an intersection-union test, which needs no
-    correction), else p = n min p_c over the rivals ahead of it. If p below
-    5 % decides, either wrong answer has a probability of at most 2.5 %. The interval is [min_c
-    low_c, min_c high_c], with lower bounds at 97.5 % each and upper bounds at 1 - 0.025 / n each:
-    it covers the smallest true difference in 95 % of studies. If p is below 5 % but the interval
-    holds 0, which skewed differences can cause, p is that of Student's tests, like the interval.
+    correction), else p = n min p_c over the rivals ahead of it. If p below 5 % decides, either
+    wrong answer has a probability of at most 2.5 %. The interval is [min_c low_c, min_c high_c],
+    with lower bounds at 97.5 % each and upper bounds at 1 - 0.025 / n each: it covers the smallest
+    true difference in 95 % of studies. If p is below 5 % but the interval holds 0, which skewed
+    differences can cause, p is that of Student's tests, like the interval.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ def mappings_between(
     Raises
     ------
     CurriculumError
-        When the sources are not of the same family and have no tables.
+        When the sources are not members of one family and have no tables.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """Any Gymnasium environment as tables, by visiting every state that can be reached.
 
-It needs to save a state, to restore it, and to step. Deep copies do this for every environment.
+Tabulation saves states, restores them, and steps. Deep copies do this for every environment.
 Equivalent states are merged, so that counters and notes do no harm. Episodes are then played beside
 the tables: they find what a way of saving states has missed.
 """
