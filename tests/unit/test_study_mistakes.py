@@ -284,7 +284,7 @@ REFUSED = [
     (lambda: read_study("hunt.toml", set="a=1"), "set must be a list of settings, each key=value"),
     (lambda: read_study("hunt.toml").curriculum("trasfer"), "hunt.toml: arm 'trasfer' is unknown"),
     *(
-        (lambda change=change: read_study("hunt.toml", set=[change]), "a setting is given as key=")
+        (lambda change=change: read_study("hunt.toml", set=[change]), "a setting must be key=")
         for change in (3, "tasks", "=3", "a b=3", "a..b=3", "")
     ),
 ]
