@@ -36,8 +36,8 @@ def test_the_page_makes_its_study(study):
 @pytest.mark.slow
 def test_learning_starts_near_what_is_right(study, tmp_path):
     run_study(study, tmp_path / "results")
-    found = StudyResults(tmp_path / "results")
+    results = StudyResults(tmp_path / "results")
     scratch, distilled = (
-        found.result(arm, "acrobot").greedy_return[0, 0] for arm in ("scratch", "distilled")
+        results.result(arm, "acrobot").greedy_return[0, 0] for arm in ("scratch", "distilled")
     )
     assert scratch < -200 < -150 < distilled

@@ -113,21 +113,21 @@ def test_networks_read_again_have_the_same_values_bit_for_bit(study, whole, arm)
     again = stored.trained(arm, curriculum)["alone"]
     assert again.seeds == (0, 1)
     task, observations = curriculum.tasks["alone"], seen(curriculum.tasks["alone"])
-    for mine, yours in zip(again.values, trained["alone"].values, strict=True):
+    for loaded, values in zip(again.values, trained["alone"].values, strict=True):
         assert np.array_equal(
-            says(mine, observations, task.n_actions), says(yours, observations, task.n_actions)
+            says(loaded, observations, task.n_actions), says(values, observations, task.n_actions)
         )
     hunt = stored.result(arm, "hunt", values=True)
     assert np.array_equal(hunt.greedy_return, trained["hunt"].greedy_return)
-    for mine, yours in zip(hunt.values, trained["hunt"].values, strict=True):
-        for name, array in yours.parameters().items():
-            assert np.array_equal(mine[name], array)
+    for loaded, values in zip(hunt.values, trained["hunt"].values, strict=True):
+        for name, array in values.parameters().items():
+            assert np.array_equal(loaded[name], array)
 
 
 def test_the_chain_is_calibrated(whole):
     store = StudyResults(whole).store
-    found = [unit for unit in store.units() if unit.about.task == "alone"]
-    assert any(scale != 1 for unit in found for scale in store.arrays(unit, RUN)["scale"])
+    of_alone = [unit for unit in store.units() if unit.about.task == "alone"]
+    assert any(scale != 1 for unit in of_alone for scale in store.arrays(unit, RUN)["scale"])
 
 
 def test_networks_are_plain_arrays_and_no_checkpoint_stays(whole):
@@ -196,8 +196,8 @@ def test_a_study_killed_within_a_network_goes_on_to_the_same(whole, one_arm, tmp
 
 def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     page = write_report(whole, tmp_path / "report.html").read_text()
-    for words in ("observations by second_alone", "predicted start", "DeepLearner(DQN, MlpPolicy"):
-        assert words in page, words
+    for text in ("observations by second_alone", "predicted start", "DeepLearner(DQN, MlpPolicy"):
+        assert text in page, text
     assert ">nan<" not in page
     print_results(StudyResults(whole), None, None)
     assert "2 of 2 seeds finished in every arm" in capsys.readouterr().out
@@ -207,8 +207,8 @@ def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     ("change", "sentence"),
     [
         ("learner.settings.batch_sise=8", "got 'batch_sise', did you mean 'batch_size'?"),
-        ("shaping='WeightTransfer'", "networks of its sources: chase is learnt in a table"),
-        ("tasks.hunt.learner={type='deep', algorithm='TD3'}", "StateShaping serves every"),
+        ("shaping='WeightTransfer'", "must be networks: chase is learnt in a table"),
+        ("tasks.hunt.learner={type='deep', algorithm='TD3'}", "StateShaping suits every"),
     ],
 )
 def test_what_the_library_does_not_take_is_refused_before_anything_is_trained(
@@ -253,12 +253,12 @@ def test_an_actor_critic_is_shaped_and_hands_on_its_weights(tmp_path):
         shaping = "WeightTransfer"
         """
     )
-    found = run_study(read_study(file), tmp_path / "out")
-    assert found.result("weights", "cart", values=True).values
-    starts = [found.results[arm]["cart"].greedy_return[0, 0] for arm in ("scratch", "weights")]
+    results = run_study(read_study(file), tmp_path / "out")
+    assert results.result("weights", "cart", values=True).values
+    starts = [results.results[arm]["cart"].greedy_return[0, 0] for arm in ("scratch", "weights")]
     assert starts[0] != starts[1]
     state = Arms.of(read_study(file)).curricula["state"]
-    short = found.trained("state", state)["short"]
+    short = results.trained("state", state)["short"]
     assert not short.values[0].of_actions
     assert short.values[0].v(seen(state.tasks["short"])).shape == (40,)
     page = write_report(tmp_path / "out").read_text()
@@ -289,9 +289,9 @@ def test_a_record_says_why_what_is_learnt_depends_on_the_total(learner, changes,
         learner=cr.deep.DeepLearner(**learner),
         **changes,
     )
-    found = curricula_record({"transfer": plan}, {}).arms["transfer"].depends_on_total
-    assert found.startswith(depends)
-    assert bool(found) is bool(depends)
+    reason = curricula_record({"transfer": plan}, {}).arms["transfer"].depends_on_total
+    assert reason.startswith(depends)
+    assert bool(reason) is bool(depends)
 
 
 def test_a_comparison_of_two_ways_refuses_other_problems():

@@ -53,8 +53,8 @@ def test_a_q_network_is_fitted_to_action_values(algorithm):
     q = values.q(known.observations, np.tile(np.arange(4), (len(live), 1)))
     assert np.sqrt(((q - wanted) ** 2).mean()) < 0.1 * wanted.std()
     net = "q_net" if algorithm == "DQN" else "quantile_net"
-    one, other = (getattr(values.policy, name).state_dict() for name in (net, f"{net}_target"))
-    assert all((one[name] == other[name]).all() for name in one)
+    online, other = (getattr(values.policy, name).state_dict() for name in (net, f"{net}_target"))
+    assert all((online[name] == other[name]).all() for name in online)
 
 
 def test_a_network_without_a_policy_to_learn_keeps_its_actor():
@@ -95,10 +95,10 @@ def test_joined_knowledge_weighs_each_state_once():
     q = rng.normal(size=(40, 3))
     whole = Knowledge.of(seen, q)
     joined = Knowledge.joined([Knowledge.of(seen[:15], q[:15]), Knowledge.of(seen[15:], q[15:])])
-    order, other = (np.lexsort(one.observations.T) for one in (whole, joined))
+    order, other = (np.lexsort(first.observations.T) for first in (whole, joined))
     for name in ("values", "action_values", "policy", "states"):
-        one, two = getattr(whole, name)[order], getattr(joined, name)[other]
-        assert one == pytest.approx(two)
+        first, second = getattr(whole, name)[order], getattr(joined, name)[other]
+        assert first == pytest.approx(second)
 
 
 def test_shuffled_answers_are_the_same_answers_of_others():

@@ -75,14 +75,17 @@ def test_the_pull_falls_to_0_at_half_of_the_budget():
     first = weights.seen[1]  # of the update after the first rollout
     assert first == pytest.approx(2.0 * (1 - 64 / (STEPS / 2)))
     half = len(weights.seen) // 2
-    assert all(one == 0.0 for one in weights.seen[half + 1 :])
+    assert all(weight == 0.0 for weight in weights.seen[half + 1 :])
     assert all(b < a for a, b in zip(weights.seen[1:half], weights.seen[2:half], strict=False))
 
 
 def gradients(policy, loss):
     policy.zero_grad()
     loss.backward()
-    return [None if one.grad is None else one.grad.clone() for one in policy.parameters()]
+    return [
+        None if parameter.grad is None else parameter.grad.clone()
+        for parameter in policy.parameters()
+    ]
 
 
 @pytest.mark.parametrize("entropy", [0.0, 0.3])
@@ -101,7 +104,7 @@ def test_the_pull_is_a_term_of_its_own_in_the_loss(entropy):
             (log_prob.exp() * torch.arange(5)).mean() - entropy * entropies.mean() + values.mean()
         )
 
-    mine = gradients(policy, loss(*policy.evaluate_actions(seen, actions)))
+    computed = gradients(policy, loss(*policy.evaluate_actions(seen, actions)))
     policy.kl_weight = 0.0
     plain = loss(*policy.evaluate_actions(seen, actions))
     wanted = policy.source.get_distribution(seen).distribution.probs.detach()
@@ -109,9 +112,9 @@ def test_the_pull_is_a_term_of_its_own_in_the_loss(entropy):
     far = (wanted * (wanted.log() - logs)).sum(dim=1).mean()
     explicit = gradients(policy, plain + 0.7 * far)
     assert far > 0.01
-    for one, other in zip(mine, explicit, strict=True):
-        assert (one is None) == (other is None)
-        assert one is None or torch.allclose(one, other, atol=1e-6)
+    for gradient, other in zip(computed, explicit, strict=True):
+        assert (gradient is None) == (other is None)
+        assert gradient is None or torch.allclose(gradient, other, atol=1e-6)
 
 
 class Annealed(BaseCallback):
@@ -147,10 +150,10 @@ def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
             return True
 
     def run(saves, callbacks=None):
-        one = cr.deep.DeepLearner("PPO", envs=2, settings=learner().settings, callbacks=callbacks)
+        ppo = cr.deep.DeepLearner("PPO", envs=2, settings=learner().settings, callbacks=callbacks)
         off = cr.GreedyEvaluation("off")
         return cr.deep.learn_deep(
-            observed, one, STEPS, shaping=shaping, eval_freq=256, evaluation=off, saves=saves
+            observed, ppo, STEPS, shaping=shaping, eval_freq=256, evaluation=off, saves=saves
         )
 
     whole = run(tmp_path / "whole")

@@ -35,13 +35,14 @@ def parts(values):
     return [values.parameters()[name] for name in sorted(values.parameters())]
 
 
-def same(one, other):
+def same(result, other):
     curves = ("steps", "greedy_return", "training_return", "episodes", "steps_used")
     assert all(
-        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in curves
+        np.array_equal(getattr(result, name), getattr(other, name), equal_nan=True)
+        for name in curves
     )
-    for mine, yours in zip(one.values, other.values, strict=True):
-        pairs = zip(parts(mine), parts(yours), strict=True)
+    for values, other_values in zip(result.values, other.values, strict=True):
+        pairs = zip(parts(values), parts(other_values), strict=True)
         assert all(np.array_equal(a, b) for a, b in pairs)
 
 
@@ -72,8 +73,8 @@ def test_a_seed_depends_on_nothing_but_itself_and_leaves_no_trace(observed):
     random.seed(5)
     both = cr.deep.learn_deep(observed, DQN, 200, seeds=[8, 3])
     assert np.array_equal(alone.greedy_return[0], both.greedy_return[1])
-    for one, other in zip(parts(alone.values[0]), parts(both.values[1]), strict=True):
-        assert np.array_equal(one, other)
+    for part, other in zip(parts(alone.values[0]), parts(both.values[1]), strict=True):
+        assert np.array_equal(part, other)
 
 
 def test_a_run_ends_at_its_budget_in_steps_or_episodes(observed):
@@ -186,7 +187,7 @@ def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
     with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
         cr.deep.learn_deep(observed, DQN, 200, saves=tmp_path)
     (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
-    with pytest.raises(cr.errors.StoreError, match="one that curricle wrote"):
+    with pytest.raises(cr.errors.StoreError, match="must be written by curricle"):
         cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
 
 
@@ -251,8 +252,8 @@ def test_weights_and_a_policy_are_carried_over(observed):
     carried = cr.deep.learn_deep(
         observed, learner, 50, shaping=cr.deep.WeightTransfer(source)
     ).values[0]
-    for one, other in zip(parts(source), parts(carried), strict=True):
-        assert np.array_equal(one, other)
+    for part, other in zip(parts(source), parts(carried), strict=True):
+        assert np.array_equal(part, other)
     critic = cr.deep.learn_deep(observed, PPO, 100).values[0]
     actor = cr.deep.learn_deep(
         observed, PPO, 64, shaping=cr.deep.PolicyReuse(critic), seeds=[9]
@@ -265,7 +266,7 @@ def test_weights_and_a_policy_are_carried_over(observed):
     with pytest.raises(cr.errors.SettingError, match="in the source and missing in the target"):
         cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.PolicyReuse(critic))
     table = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
-    with pytest.raises(cr.errors.SettingError, match="one source that is a network"):
+    with pytest.raises(cr.errors.SettingError, match="a single source, a network"):
         cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.WeightTransfer(table))
 
 
@@ -273,25 +274,25 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
     lazy = cr.deep.DeepLearner("DQN", settings={**QUICK, "learning_starts": 10_000})
     plain, reusing = (
-        cr.deep.learn_deep(observed, lazy, 400, eval_freq=100, shaping=cr.deep.PolicyReuse(given))
-        for given in (None, phi)
+        cr.deep.learn_deep(observed, lazy, 400, eval_freq=100, shaping=cr.deep.PolicyReuse(prior))
+        for prior in (None, phi)
     )
     assert reusing.training_return[0, 1] > plain.training_return[0, 1]
     assert np.array_equal(plain.greedy_return[:, 0], reusing.greedy_return[:, 0])
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
         ({"shaping": cr.StateShaping(guard=cr.Guard())}, "a guard is for learners with tables"),
-        ({"evaluation": cr.GreedyEvaluation("exact")}, "an exact evaluation needs tables"),
+        ({"evaluation": cr.GreedyEvaluation("exact")}, "since an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),
     ],
 )
-def test_what_makes_no_sense_is_refused(observed, arguments, words):
-    with pytest.raises(cr.errors.SettingError, match=words):
+def test_what_makes_no_sense_is_refused(observed, arguments, message):
+    with pytest.raises(cr.errors.SettingError, match=message):
         cr.deep.learn_deep(observed, **{"budget": 100, **arguments})
 
 

@@ -67,8 +67,8 @@ def plan(shaping, *, small=None, learner=PPO, budget=192, **settings):
 
 
 def test_an_actor_critic_starts_as_what_was_distilled_unless_told_otherwise():
-    def shaping(learner, **others):
-        return plan(None, learner=learner, **others).node("large").shaping
+    def shaping(learner, **settings):
+        return plan(None, learner=learner, **settings).node("large").shaping
 
     kept_near = cr.deep.WeightTransfer(kl=PULL)
     assert shaping(PPO) == kept_near
@@ -114,27 +114,29 @@ def test_it_takes_no_steps_and_its_network_acts_well_on_other_levels():
     assert result.source_steps("large").tolist() == [0, 0]
     assert small.transitions > 0
     assert (result["small"].greedy_return > 0.5).all()
-    own, _ = small.examined(result["small"].values[0])
-    assert own.optimal >= own.greedy > own.random
-    assert 0.5 < own.regained <= 1.0 + 1e-9
+    exam, _ = small.examined(result["small"].values[0])
+    assert exam.optimal >= exam.greedy > exam.random
+    assert 0.5 < exam.regained <= 1.0 + 1e-9
 
 
 def test_a_comparison_charges_no_steps_and_has_a_placebo():
-    found = cr.compare(plan(PolicyReuse()), seeds=3, controls=["placebo"], threshold=0.3, window=1)
-    assert list(found.arms) == ["scratch", "transfer", "transfer, placebo"]
-    assert found.total == 192
-    assert all((arm.curve.source_steps == 0).all() for arm in found.arms.values())
-    assert found.arms["transfer, placebo"].control
+    comparison = cr.compare(
+        plan(PolicyReuse()), seeds=3, controls=["placebo"], threshold=0.3, window=1
+    )
+    assert list(comparison.arms) == ["scratch", "transfer", "transfer, placebo"]
+    assert comparison.total == 192
+    assert all((arm.curve.source_steps == 0).all() for arm in comparison.arms.values())
+    assert comparison.arms["transfer, placebo"].control
 
 
 def through_a_table(steps, budget, **settings):
     """A table, what it knows distilled into miniatures' network, and the target of that."""
     lake = cr.tabulate(room(3).environment, discount=0.9)
     small = miniatures(room(3), resets=1)
-    told = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
+    transfer = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
     return cr.Curriculum(
         {"table": lake, "small": small, "large": room(5)},
-        [told, cr.Transfer("small", "large")], learner={"small": PPO, "large": PPO},
+        [transfer, cr.Transfer("small", "large")], learner={"small": PPO, "large": PPO},
         budget={"table": cr.StoppingRule(steps), "large": budget}, eval_freq={"large": 64},
         evaluation={"large": ROLLOUTS}, **settings,
     )  # fmt: skip
@@ -146,25 +148,25 @@ def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
     result = curriculum.train(seeds=1)
     assert result.source_steps("large").tolist() == [4_000]
     q = result["table"].values[0]
-    told = small.knowledge(potential=result.potentials["small"][0])
+    knowledge = small.knowledge(potential=result.potentials["small"][0])
     live = ~lake.mdp.terminal
-    assert sorted(told.values) == pytest.approx(sorted(q[live].max(axis=1)))
-    assert not np.allclose(sorted(told.values), sorted(small.knowledge().values), atol=1e-9)
+    assert sorted(knowledge.values) == pytest.approx(sorted(q[live].max(axis=1)))
+    assert not np.allclose(sorted(knowledge.values), sorted(small.knowledge().values), atol=1e-9)
     loaded = cr.curriculum.CurriculumResult.load(result.save(tmp_path / "plan"), curriculum)
-    seen = told.observations
+    seen = knowledge.observations
     assert np.array_equal(loaded["small"].values[0].v(seen), result["small"].values[0].v(seen))
 
 
 def test_a_forecast_says_what_holds_on_held_out_levels():
     small = miniatures(room(), resets=40, tested_on=[room(6)])
-    found = cr.forecast(plan(PolicyReuse(), small=small), seeds=2, trial=False)
-    told = found.sources["small"]
-    assert told.shares.shape == (2, 2)
-    assert 0.5 < told.expected <= 1.0 + 1e-9
-    assert "held-out levels of " in str(told)
-    assert "training level" not in str(told)
-    assert found.used.verdict.startswith("its network or policy enters, which returns ")
-    assert 0 <= found.used.mean("start") <= 1
+    foreseen = cr.forecast(plan(PolicyReuse(), small=small), seeds=2, trial=False)
+    distilled = foreseen.sources["small"]
+    assert distilled.shares.shape == (2, 2)
+    assert 0.5 < distilled.expected <= 1.0 + 1e-9
+    assert "held-out levels of " in str(distilled)
+    assert "training level" not in str(distilled)
+    assert foreseen.used.verdict.startswith("its network or policy enters, which returns ")
+    assert 0 <= foreseen.used.mean("start") <= 1
 
 
 @pytest.mark.parametrize(
@@ -175,12 +177,12 @@ def test_a_forecast_says_what_holds_on_held_out_levels():
 def test_levels_that_were_trained_on_are_not_said_to_be_held_out(settings, kind):
     small = miniatures(room(), tested_on=[room(5)], **settings)
     result = cr.Curriculum({"small": small}, [], learner=PPO).train(1)["small"]
-    own, other = small.examined(result.values[0])
-    assert (own.kind, other.kind) == (kind, "held-out level")
+    exam, other = small.examined(result.values[0])
+    assert (exam.kind, other.kind) == (kind, "held-out level")
     (member,) = small.solved
     apart = ~member.training & ~member.table.mdp.terminal
     assert apart.any() == (kind == "held-out level")
-    assert own.levels == len(np.unique(member.level[apart if apart.any() else member.training]))
+    assert exam.levels == len(np.unique(member.level[apart if apart.any() else member.training]))
     assert other.levels > 0
 
 
@@ -207,17 +209,17 @@ def test_a_guide_with_action_values_is_read_through_its_mapping():
     result = mapped(PolicyReuse(), DQN, actions=SIDEWAYS).train(1)
     (phi,) = result.potentials["large"]
     seen = np.array([[0.3, 0.0], [0.0, -0.3]], np.float32)
-    own = result["small"].values[0].policy.predict(seen, deterministic=True)[0]
-    assert phi.pairs(seen).argmax(axis=1).tolist() == SIDEWAYS[own].tolist()
+    of_policy = result["small"].values[0].policy.predict(seen, deterministic=True)[0]
+    assert phi.pairs(seen).argmax(axis=1).tolist() == SIDEWAYS[of_policy].tolist()
 
 
 def test_a_placebo_of_miniatures_with_a_source_of_their_own():
     curriculum = through_a_table(500, 640)
-    found = cr.compare(curriculum, seeds=2, controls=["placebo"], threshold=0.3, window=1)
-    assert found.arms["transfer, placebo"].control
-    told, edge = curriculum.transfers
-    with pytest.raises(cr.errors.CurriculumError, match="miniatures take none"):
-        replace(curriculum, transfers=[replace(told, calibrate=True), edge])
+    comparison = cr.compare(curriculum, seeds=2, controls=["placebo"], threshold=0.3, window=1)
+    assert comparison.arms["transfer, placebo"].control
+    distilled, edge = curriculum.transfers
+    with pytest.raises(cr.errors.CurriculumError, match="which miniatures never do"):
+        replace(curriculum, transfers=[replace(distilled, calibrate=True), edge])
 
 
 STUDY = """
@@ -267,18 +269,18 @@ def test_a_study_distils_and_is_stored(tmp_path):
     assert str(member.make).endswith("rooms:room(size=4)")
     out = tmp_path / "results"
     cr.study.run_study(study, out)
-    found = cr.study.StudyResults(out)
-    assert not found.failed
+    results = cr.study.StudyResults(out)
+    assert not results.failed
     for arm in ("scratch", "distilled", "placebo"):
-        assert np.isfinite(found.result(arm, "large").greedy_return).all()
-        assert found.result(arm, "large").steps[-1] == 128
-    small = found.result("distilled", "small", values=True)
+        assert np.isfinite(results.result(arm, "large").greedy_return).all()
+        assert results.result(arm, "large").steps[-1] == 128
+    small = results.result("distilled", "small", values=True)
     assert small.steps_used.tolist() == [0, 0]
     alone = plan.train([0, 1], only="small")["small"]
     for stored, trained in zip(small.values, alone.values, strict=True):
         parameters = trained.parameters()
         assert all((stored[name] == parameters[name]).all() for name in parameters)
-    assert (found.source_steps("distilled") == 0).all()
+    assert (results.source_steps("distilled") == 0).all()
 
 
 def short_of(shaping, learner):
@@ -300,7 +302,7 @@ BAD = {
     r"'small' has .*actions as 3 2 1 0": lambda: mapped(
         WeightTransfer(), PPO, actions=SIDEWAYS
     ).train(1),
-    r"from this source .*'small' has .*actions as 3 2 1 0": lambda: mapped(
+    r"PolicyReuse needs a mapping .*'small' has .*actions as 3 2 1 0": lambda: mapped(
         PolicyReuse(), PPO, actions=SIDEWAYS
     ).train(1),
     # A pull ends only within a budget in steps.

@@ -60,8 +60,8 @@ def test_values_are_the_networks_output_whatever_the_batch(algorithm, n):
 
 
 class Doubled(torch.nn.Module):
-    def forward(self, given):
-        return 2 * given
+    def forward(self, observations):
+        return 2 * observations
 
 
 def test_what_is_not_plain_is_left_to_torch():

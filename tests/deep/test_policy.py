@@ -42,10 +42,10 @@ def test_a_saved_policy_is_read_by_stable_baselines3_and_here(tmp_path, algorith
     for k, policy in enumerate(result.policies):
         file = policy.save(tmp_path / f"new/seed-{k}")
         assert file == tmp_path / f"new/seed-{k}.zip"
-        theirs, mine = algorithm.load(file), TrainedPolicy.load(file, LAKE, learner)
+        theirs, loaded = algorithm.load(file), TrainedPolicy.load(file, LAKE, learner)
         wanted = result.values[k].policy.predict(ROWS, deterministic=True)[0]
         assert np.array_equal(policy.predict(ROWS), wanted)
-        assert np.array_equal(mine.predict(ROWS), wanted)
+        assert np.array_equal(loaded.predict(ROWS), wanted)
         assert np.array_equal(theirs.predict(ROWS, deterministic=True)[0], wanted)
         assert policy.predict(ROWS[3]) == wanted[3]
         assert theirs.num_timesteps == result.steps_used[k]
@@ -79,13 +79,13 @@ def test_the_policy_is_that_of_the_best_last_return(lake):
 
 def test_a_policy_leaves_the_random_generators_alone(lake):
     before = models.generator_states()
-    one, again, other = (
+    sampled, again, other = (
         lake.policies[0].episode(seed=seed, deterministic=False) for seed in (1, 1, 2)
     )
     after = models.generator_states()
     assert torch.equal(before[2], after[2])
     assert np.array_equal(before[1][1], after[1][1])
-    assert one.actions.tolist() == again.actions.tolist() != other.actions.tolist()
+    assert sampled.actions.tolist() == again.actions.tolist() != other.actions.tolist()
 
 
 def test_an_episode_is_what_the_policy_does(lake):
@@ -141,10 +141,10 @@ def test_the_policies_of_a_study_are_read_from_its_folder(tmp_path):
             assert np.array_equal(value.numpy(), kept[name])
     trained = curriculum.train(seeds=2).policies
     seen = np.stack([curriculum.tasks["level"].observations.sample() for _ in range(9)])
-    for mine, yours in zip(policies, trained, strict=True):
-        assert np.array_equal(mine.predict(seen), yours.predict(seen))
-    (one,) = stored.policies(arm, curriculum, seeds=[1])
-    assert np.array_equal(one.predict(seen), policies[1].predict(seen))
+    for stored_policy, other_policy in zip(policies, trained, strict=True):
+        assert np.array_equal(stored_policy.predict(seen), other_policy.predict(seen))
+    (single,) = stored.policies(arm, curriculum, seeds=[1])
+    assert np.array_equal(single.predict(seen), policies[1].predict(seen))
     assert policies[0].episode(max_steps=3).frames[0].shape == (160, 160, 3)
     seed, episode = played_episode(stored, study, arm, "level", 1)
     assert (seed, episode.frames[0].ndim) == (1, 3)
@@ -217,11 +217,11 @@ def parameters(result):
     return [values.parameters() for values in result.values]
 
 
-def same_networks(one, other):
-    for mine, yours in zip(parameters(one), parameters(other), strict=True):
-        assert mine.keys() == yours.keys()
-        for name, value in mine.items():
-            assert np.array_equal(value, yours[name])
+def same_networks(result, other):
+    for parameter, other_parameter in zip(parameters(result), parameters(other), strict=True):
+        assert parameter.keys() == other_parameter.keys()
+        for name, value in parameter.items():
+            assert np.array_equal(value, other_parameter[name])
 
 
 def test_networks_are_loaded_as_they_were(tmp_path, lake):
@@ -230,8 +230,8 @@ def test_networks_are_loaded_as_they_were(tmp_path, lake):
     same_networks(lake, again)
     assert again.save(tmp_path / "two").read_bytes() == file.read_bytes()
     assert again.learner == ACTOR
-    for mine, yours in zip(lake.policies, again.policies, strict=True):
-        assert np.array_equal(mine.predict(ROWS), yours.predict(ROWS))
+    for policy, loaded_policy in zip(lake.policies, again.policies, strict=True):
+        assert np.array_equal(policy.predict(ROWS), loaded_policy.predict(ROWS))
     assert repr(again.watch(seed=3)) == repr(lake.watch(seed=3))
     with np.load(file, allow_pickle=False) as arrays:
         assert any(name.startswith("values_1/") for name in arrays.files)
@@ -255,10 +255,10 @@ def test_a_network_on_a_potential_needs_it_again(tmp_path, shaping):
     file = result.save(tmp_path / "maze")
     again = DeepResult.load(file, task, DEEP_Q, shaping=shaped)
     rows = np.eye(MAZE.states.size, dtype=np.float32)
-    for mine, yours in zip(result.values, again.values, strict=True):
-        assert np.array_equal(mine.v(rows), yours.v(rows))
-    each = DeepResult.load(file, task, DEEP_Q, shaping=[shaped, shaped])
-    assert np.array_equal(each.values[1].v(rows), result.values[1].v(rows))
+    for values, loaded_values in zip(result.values, again.values, strict=True):
+        assert np.array_equal(values.v(rows), loaded_values.v(rows))
+    of_each_seed = DeepResult.load(file, task, DEEP_Q, shaping=[shaped, shaped])
+    assert np.array_equal(of_each_seed.values[1].v(rows), result.values[1].v(rows))
     with pytest.raises(SettingError, match="a shaping for each of 2 seeds is needed: got 1"):
         DeepResult.load(file, task, DEEP_Q, shaping=[shaped])
 
@@ -271,18 +271,18 @@ def test_a_curriculum_of_networks_is_loaded_as_it_was(tmp_path):
     again = CurriculumResult.load(file, plan)
     for name in result.nodes:
         same_networks(result[name], again[name])
-        for mine, yours in zip(result[name].values, again[name].values, strict=True):
+        for values, loaded_values in zip(result[name].values, again[name].values, strict=True):
             # phi is cached as the batch it was first computed in rounds it.
-            np.testing.assert_allclose(mine.v(ROWS), yours.v(ROWS), rtol=1e-6)
+            np.testing.assert_allclose(values.v(ROWS), loaded_values.v(ROWS), rtol=1e-6)
     assert again.save(tmp_path / "two").read_bytes() == file.read_bytes()
     assert np.array_equal(again.policy.predict(ROWS), result.policy.predict(ROWS))
     small = DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
     other = cr.Curriculum({"alone": LAKE, "lake": LAKE}, [edge], learner=small, budget=64)
     with pytest.raises(SettingError, match="with the learners they were trained with: Error"):
         CurriculumResult.load(file, other)
-    given = plan.train(seeds=2, trained={"alone": result.sources["alone"]})
-    loaded = CurriculumResult.load(given.save(tmp_path / "given"), plan)
-    same_networks(loaded.given["alone"], given.given["alone"])
+    partly = plan.train(seeds=2, trained={"alone": result.sources["alone"]})
+    loaded = CurriculumResult.load(partly.save(tmp_path / "given"), plan)
+    same_networks(loaded.given["alone"], partly.given["alone"])
 
 
 def test_a_policy_that_cannot_be_written_leaves_nothing(tmp_path, lake, monkeypatch):
@@ -303,11 +303,11 @@ def test_a_policy_that_draws_is_worth_the_mean():
     policy = task.policy(model, deterministic=False)
     assert policy.shape == (16, 4)
     np.testing.assert_allclose(policy.sum(axis=1), 1)
-    one = task.state(6)
+    state = task.state(6)
     drawn = [int(model.predict(np.array([6]))[0][0]) for _ in range(2000)]
     shares = np.bincount(drawn, minlength=4) / 2000
     # Five standard deviations of a share of 2,000.
-    np.testing.assert_allclose(policy[one], shares, atol=5 * 0.0112)
+    np.testing.assert_allclose(policy[state], shares, atol=5 * 0.0112)
     assert 0 < cr.evaluate(task, policy).start_value < cr.solve(task).start_value
     with pytest.raises(cr.CurricleError, match="must have a distribution"):
         task.policy(DQN("MlpPolicy", gym.make("FrozenLake-v1")), deterministic=False)

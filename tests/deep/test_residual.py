@@ -46,12 +46,12 @@ class Steps(BaseCallback):
         self.seen = []
 
     def _on_step(self):
-        told = self.locals
-        (info,), (done,) = told["infos"], told["dones"]
+        scope = self.locals
+        (info,), (done,) = scope["infos"], scope["dones"]
         cut = info.get("TimeLimit.truncated", False)
-        after = info["terminal_observation"] if done else told["new_obs"][0]
+        after = info["terminal_observation"] if done else scope["new_obs"][0]
         state = int(self.model._last_obs[0].argmax())
-        action, reward = int(told["actions"][0]), float(told["rewards"][0])
+        action, reward = int(scope["actions"][0]), float(scope["rewards"][0])
         self.seen.append((state, action, reward, int(after.argmax()), bool(done and not cut)))
         return True
 
@@ -70,8 +70,8 @@ def test_a_linear_network_learns_what_the_table_started_at_phi_learns(seed):
         target = reward + (0.0 if ended else task.discount * q[after].max())
         q[state, action] += RATE * (target - q[state, action])
     states = np.flatnonzero(~task.terminal)
-    found = NetworkValues(model.policy).q(np.eye(5, dtype=np.float32), np.tile(range(3), (5, 1)))
-    assert found[states] == pytest.approx(q[states], abs=1e-5)
+    q_values = NetworkValues(model.policy).q(np.eye(5, dtype=np.float32), np.tile(range(3), (5, 1)))
+    assert q_values[states] == pytest.approx(q[states], abs=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -116,9 +116,9 @@ def test_a_residual_tells_states_apart_by_phi_alone(reads):
     assert (online.running_shift, online.running_scale) == (0, 1)
     model.learn(60, reset_num_timesteps=False)
     met = phi[~task.terminal]
-    told, scale = met if reads == "actions" else met.max(axis=1), online.running_scale.item()
-    assert told.min() < -online.running_shift.item() / scale < told.max()  # a batch's mean
-    assert 0 < 1 / scale < np.ptp(told)  # and spread
+    features, scale = met if reads == "actions" else met.max(axis=1), online.running_scale.item()
+    assert features.min() < -online.running_shift.item() / scale < features.max()  # a batch's mean
+    assert 0 < 1 / scale < np.ptp(features)  # and spread
     before = online.running_shift.item(), scale
     model.learn(100, reset_num_timesteps=False)
     assert (online.running_shift.item(), online.running_scale.item()) == before
@@ -173,9 +173,9 @@ def test_a_residual_is_saved_and_loaded_with_its_potential(tmp_path):
     again = DQN.load(tmp_path / "model")
     assert isinstance(again.policy, ResidualMlpPolicy)
     rows = np.eye(5, dtype=np.float32)
-    one, other = (NetworkValues(each.policy) for each in (model, again))
-    assert (one.v(rows) == other.v(rows)).all()
-    both = [each.policy.predict(rows, deterministic=True)[0] for each in (one, other)]
+    before, other = (NetworkValues(network.policy) for network in (model, again))
+    assert (before.v(rows) == other.v(rows)).all()
+    both = [network.policy.predict(rows, deterministic=True)[0] for network in (before, other)]
     assert np.array_equal(*both)
 
 

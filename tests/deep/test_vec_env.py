@@ -120,16 +120,16 @@ def test_each_step_is_shaped_as_defined(n, source):
             truncated = info["TimeLimit.truncated"]
             after = 0.0 if dones[i] and not truncated else height(arrived)
             shaping = DISCOUNT * after - height(before[i])
-            told = got[3][i]
+            step_info = got[3][i]
             assert got[1][i] == pytest.approx(rewards[i] + shaping, abs=1e-6)
-            assert told["shaping"] == pytest.approx(shaping, abs=1e-6)
-            assert told["potential"] == pytest.approx(after, abs=1e-6)
-            assert told["original_reward"] == pytest.approx(rewards[i], abs=1e-6)
-            assert ("original_return" in told) == dones[i]
+            assert step_info["shaping"] == pytest.approx(shaping, abs=1e-6)
+            assert step_info["potential"] == pytest.approx(after, abs=1e-6)
+            assert step_info["original_reward"] == pytest.approx(rewards[i], abs=1e-6)
+            assert ("original_return" in step_info) == dones[i]
             if dones[i]:
                 ends["truncated" if truncated else "terminated"] += 1
-                assert told["original_return"] == pytest.approx(totals[i], abs=1e-5)
-                assert abs(told["telescoping_residual"]) < 1e-6
+                assert step_info["original_return"] == pytest.approx(totals[i], abs=1e-5)
+                assert abs(step_info["telescoping_residual"]) < 1e-6
                 totals[i] = 0.0
         before = observations
     assert min(ends.values()) > 5
@@ -161,8 +161,8 @@ def test_a_copy_goes_on_where_the_original_is(library):
     venv.step([0, 1])
     twin = library.loads(library.dumps(venv))
     for _ in range(20):
-        for one, other in zip(venv.step([0, 1])[:3], twin.step([0, 1])[:3], strict=True):
-            np.testing.assert_array_equal(one, other)
+        for part, other in zip(venv.step([0, 1])[:3], twin.step([0, 1])[:3], strict=True):
+            np.testing.assert_array_equal(part, other)
     assert twin.get_attr("observe") == venv.get_attr("observe")
     assert twin.action_space == venv.action_space
 
@@ -194,7 +194,7 @@ def test_normalised_rewards_inside_would_be_stored_unshaped():
     model.learn(20)
     stored = model.replay_buffer
     before, after = (
-        each[:, 0].argmax(axis=1) for each in (stored.observations, stored.next_observations)
+        rows[:, 0].argmax(axis=1) for rows in (stored.observations, stored.next_observations)
     )
     phi = np.where(after == SIZE - 1, 0.0, PHI[after])
     expected = R[before, stored.actions[:, 0, 0], after] + DISCOUNT * phi - PHI[before]

@@ -195,8 +195,8 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
 @pytest.mark.parametrize(
     ("arguments", "fragment"),
     [
-        (["--shard", "3/2"], "a shard is i/n"),
-        (["--shard", "half"], "a shard is i/n"),
+        (["--shard", "3/2"], "a shard must be i/n"),
+        (["--shard", "half"], "a shard must be i/n"),
         (["--workers", "0"], "--workers"),
         (["--workers", "two"], "--workers"),
         (["--fast"], "No such option: --fast"),
@@ -270,7 +270,7 @@ def test_decisions_are_sentences(curricle, refused, finished):
         for reason in StudyResults(finished).decisions("chain", "corner")[1]
     ]
     refused(1, "arm any, task any, seed 9", "show", finished, "--decisions", "--seed", "9")
-    refused(2, "a seed is that of --decisions", "show", finished, "--seed", "1")
+    refused(2, "--seed needs --decisions", "show", finished, "--seed", "1")
 
 
 def test_studies_of_one_target_are_compared(curricle, refused, study_file, finished, tmp_path):

@@ -51,7 +51,10 @@ def test_arms_share_their_sources(calls):
     arms = {"one": corner(), "advised": corner(shaping=advised), "longer": corner(source=600)}
     together = compare(arms, seeds=2)
     trained = [(call["stream"], call["budget"]) for call in calls]
-    assert [one for one in trained if one[0] == "corner"] == [("corner", 500), ("corner", 600)]
+    assert [entry for entry in trained if entry[0] == "corner"] == [
+        ("corner", 500),
+        ("corner", 600),
+    ]
     for name in ("one", "advised"):
         alone = compare({name: arms[name], "longer": arms["longer"]}, seeds=2)
         assert_same(together.arms[name], alone.arms[name])
@@ -90,9 +93,9 @@ def test_an_arm_with_an_empty_mapping_is_scratch_after_its_source_steps():
     comparison = compare(corner(NOWHERE), seeds=4)
     scratch, arm = comparison.scratch, comparison["transfer"]
     assert np.ptp(scratch.curve.values) > 0
-    own = 3000 // 100 + 1
-    np.testing.assert_array_equal(arm.curve.values[:, :own], scratch.curve.values[:, :own])
-    np.testing.assert_array_equal(arm.training_return[:, :own], scratch.training_return[:, :own])
+    n = 3000 // 100 + 1
+    np.testing.assert_array_equal(arm.curve.values[:, :n], scratch.curve.values[:, :n])
+    np.testing.assert_array_equal(arm.training_return[:, :n], scratch.training_return[:, :n])
     charged = arm.charged(scratch).values
     np.testing.assert_array_equal(charged[:, 5:], scratch.curve.values[:, :-5])
     assert (charged[:, :5] == scratch.curve.values[:, :1]).all()
@@ -225,7 +228,7 @@ def test_every_interval_over_added_seeds_allows_for_the_looks():
     assert grown.contrasts["transfer"].p == alone.p > once.contrasts["transfer"].p
     for name, contrast in once.contrasts.items():
         for measure in MEASURES:
-            fixed, looked = (getattr(one, measure) for one in (contrast, grown.contrasts[name]))
+            fixed, looked = (getattr(row, measure) for row in (contrast, grown.contrasts[name]))
             assert looked.estimate == fixed.estimate
             assert np.isnan(fixed.low) or looked.low <= fixed.low
             assert np.isnan(fixed.high) or looked.high >= fixed.high
@@ -241,8 +244,8 @@ def test_a_curriculum_without_transfers_equals_scratch():
 
 
 def test_sources_may_be_learnt_otherwise():
-    one, two = (copied(MAZE, learner={"near": kind()}) for kind in (cr.QLearning, cr.SARSA))
-    assert compare({"one": one, "two": two}, seeds=1).seeds == 1
+    first, two = (copied(MAZE, learner={"near": kind()}) for kind in (cr.QLearning, cr.SARSA))
+    assert compare({"one": first, "two": two}, seeds=1).seeds == 1
 
 
 def test_the_same_problem_as_tables_is_compared():
@@ -258,10 +261,10 @@ SPARSE = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
 PLAIN = cr.Curriculum({"maze": MAZE}, budget=9)
 
 
-def pair(*others, **settings):
+def pair(*rivals, **settings):
     """Return arms: a copied curriculum, others, and one with these settings of its target."""
     changed = copied(MAZE, **{which: {"far": setting} for which, setting in settings.items()})
-    return dict(zip(["one", "two", "three"], [copied(MAZE), *(others or [changed])], strict=False))
+    return dict(zip(["one", "two", "three"], [copied(MAZE), *(rivals or [changed])], strict=False))
 
 
 @pytest.mark.parametrize(

@@ -146,9 +146,9 @@ def test_rows_are_a_table():
             assert np.isnan([scratch[measure], scratch[f"{measure}_low"]]).all()
         assert (row["p"], row["adjusted_p"]) == (contrast.p, contrast.adjusted_p)
         assert row["verdict"] == contrast.verdict
-    own = BY_HAND.control_verdicts["helped"]
-    assert (helped["strongest_control"], helped["beats_controls"]) == ("misled", own.answer)
-    assert helped["gain_over_controls"] == own.gain.estimate == 2.0 - misled["mean_return"]
+    verdicts = BY_HAND.control_verdicts["helped"]
+    assert (helped["strongest_control"], helped["beats_controls"]) == ("misled", verdicts.answer)
+    assert helped["gain_over_controls"] == verdicts.gain.estimate == 2.0 - misled["mean_return"]
     assert (misled["strongest_control"], scratch["beats_controls"]) == ("", "")
     assert scratch["mean_return"] == 1.125
     assert scratch["verdict"] == ""

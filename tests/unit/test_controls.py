@@ -81,8 +81,8 @@ def test_each_seed_has_its_own_permutation(calls):
     learner = cr.QLearning(learning_rate=1.0, epsilon=1.0)
     plan = copied(MAZE, learner={"near": learner}, budget={"near": 20_000, "far": 100})
     compare(plan, seeds=2, controls=["placebo"], window=1)
-    (one, other), placebo = (call["potentials"] for call in calls[2:])
-    np.testing.assert_array_equal(one.values, other.values)
+    (first, other), placebo = (call["potentials"] for call in calls[2:])
+    np.testing.assert_array_equal(first.values, other.values)
     assert (placebo[0].values != placebo[1].values).mean() > 0.5
 
 
@@ -148,7 +148,7 @@ def test_what_no_source_knows_counts_as_what_stands_there():
     comparison = compare(plan, seeds=1, controls=["constant"])
     (q,) = plan.train(1, only="corner")["corner"].values
     phi = np.nan_to_num(HERE.read(q), nan=-30.0)[~MAZE.mdp.terminal]
-    levels = [comparison[f"transfer, {one}"].level.values for one in CONSTANTS]
+    levels = [comparison[f"transfer, {name}"].level.values for name in CONSTANTS]
     np.testing.assert_allclose(levels, [[phi.mean()], [phi.max()]])
 
 
@@ -191,7 +191,7 @@ def test_sparse_tables_are_sampled_and_a_constant_is_looked_up(calls):
     plan = pursuit(storage={"hunt": cr.Storage(kind="sparse")})
     comparison = compare(plan, seeds=1, controls=["constant"])
     used = [call["potentials"][0] for call in calls if call["potentials"]]
-    assert {type(one).__name__ for one in used} == {"MappedPotential"}
+    assert {type(potential).__name__ for potential in used} == {"MappedPotential"}
     for label, phi in zip(CONSTANTS, used[1:], strict=True):
         level = comparison[f"transfer, {label}"].level.mean
         np.testing.assert_allclose(phi.pairs(np.arange(1, 9)), level, rtol=1e-12)

@@ -274,7 +274,7 @@ def test_values_that_contain_what_shaping_added_are_not_handed_on(kind, learner)
         build(CHAIN, learner=learner, shaping={"left": kind()})
     shaped = cr.learn(TASKS["left"], learner, 300, shaping=kind(np.ones((8, 4))))
     alone = build([("left", "far")])
-    with pytest.raises(CurriculumError, match="'left', which 'far' reads, contain what shaping"):
+    with pytest.raises(CurriculumError, match="'left', which 'far' reads, contain shaping"):
         alone.train(trained={"left": shaped})
     with pytest.raises(CurriculumError, match="own rewards"):
         cr.forecast(alone, seeds=1, trained={"left": shaped})

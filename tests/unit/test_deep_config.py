@@ -159,8 +159,8 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
     deep = '[learner]\ntype = "deep"\nenvs = 3\nsettings = { batch_size = 8 }\n[tasks.chase]'
     other = HUNT.replace("learner = { learning_rate = 0.2, epsilon = 0.2 }\n", "")
     other = other.replace(f"{DEEP}\n", "")
-    mine = 'predators = 1\nlearner = { type = "SARSA" }'
-    plan = read(other, ("predators = 1", mine), ("[tasks.chase]", deep)).curriculum("transfer")
+    settings = 'predators = 1\nlearner = { type = "SARSA" }'
+    plan = read(other, ("predators = 1", settings), ("[tasks.chase]", deep)).curriculum("transfer")
     assert plan.setting("learner", "chase") == cr.SARSA()
     assert plan.setting("learner", "hunt") == cr.deep.DeepLearner(
         envs=3, settings={"batch_size": 8}
@@ -191,8 +191,8 @@ def test_ways_of_networks_are_none_into_tables(complaint):
 
 def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
     study = read(HUNT + "[arms.a]\n[arms.b]\nshaping = 'StateShaping'\n")
-    mine, yours = (study.curricula[arm].transfers[0].mapping for arm in "ab")
-    assert mine is yours
+    first, second = (study.curricula[arm].transfers[0].mapping for arm in "ab")
+    assert first is second
     again = StudyConfig.from_data(study.to_data(), tmp_path)
     assert again.to_data() == study.to_data()
     assert Arms.of(again).keys == Arms.of(study).keys

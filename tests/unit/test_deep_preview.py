@@ -23,11 +23,11 @@ from tests.studies import OBSERVED_HUNT
 
 def test_costs_are_foreseen(read):
     study = read(OBSERVED_HUNT, set=["seeds=2"])
-    found = {(one.arm, one.task): one for one in costs(study, Arms.of(study))}
-    assert found["scratch", "hunt"].steps == 5000
-    assert found["scratch", "hunt"].evaluation_steps == (5000 // 20 + 1) * 5 * 30
-    assert found["scratch", "hunt"].table_bytes == 0
-    assert found["scratch", "hunt"].seconds > 2 * 5000 * 5e-4
+    by_task = {(cost.arm, cost.task): cost for cost in costs(study, Arms.of(study))}
+    assert by_task["scratch", "hunt"].steps == 5000
+    assert by_task["scratch", "hunt"].evaluation_steps == (5000 // 20 + 1) * 5 * 30
+    assert by_task["scratch", "hunt"].table_bytes == 0
+    assert by_task["scratch", "hunt"].seconds > 2 * 5000 * 5e-4
 
 
 @pytest.fixture(scope="module")
@@ -44,22 +44,22 @@ def plan():
 
 
 def test_a_forecast_follows_potentials_through_observations(plan):
-    found = forecast(plan, seeds=2)
-    assert np.isnan(found.optimum)
-    assert not found.solved
-    assert not found.exact
-    assert found.random_return < -20
-    assert found["minimum"].mean("start") > -6  # two hunters by what one knows
-    assert found["minimum"].used
-    assert found["chase -> hunt [1]"].mean("start") < found["minimum"].mean("start")
-    assert found.ranking[0] in ("minimum", "mean", "total")
-    assert "starts at" in found["minimum"].verdict
-    for cover in found.coverage.values():
+    foreseen = forecast(plan, seeds=2)
+    assert np.isnan(foreseen.optimum)
+    assert not foreseen.solved
+    assert not foreseen.exact
+    assert foreseen.random_return < -20
+    assert foreseen["minimum"].mean("start") > -6  # two hunters by what one knows
+    assert foreseen["minimum"].used
+    assert foreseen["chase -> hunt [1]"].mean("start") < foreseen["minimum"].mean("start")
+    assert foreseen.ranking[0] in ("minimum", "mean", "total")
+    assert "starts at" in foreseen["minimum"].verdict
+    for cover in foreseen.coverage.values():
         assert cover.mapped + cover.ended == pytest.approx(1.0)
         assert cover.observations > 20
-    assert "nan%" not in str(found)
-    again = forecast(plan, seeds=2, trained=found.trained)
-    assert str(again) == str(found)
+    assert "nan%" not in str(foreseen)
+    again = forecast(plan, seeds=2, trained=foreseen.trained)
+    assert str(again) == str(foreseen)
 
 
 def test_where_a_policy_is_reused_there_is_one_row_and_none_of_perfect_values(read, capsys):
@@ -84,11 +84,11 @@ def test_a_potential_of_states_gets_a_plain_answer(plan):
     near = cr.Curriculum({"near": hunt, "hunt": hunt}, [edge], learner=cr.deep.DeepLearner())
     known = plan.train(1, only="chase")["chase"]
     learnt = type(known)(**{**vars(known), "task": hunt, "values": (Heights(),)})
-    found = forecast(near, seeds=1, trained={"near": learnt})
-    assert found["mean"].verdict.startswith("is the same for all actions")
-    assert np.isnan(found["mean"].mean("start"))
-    assert np.isnan(found["mean"].scale)
-    assert found.coverage["near -> hunt"].mapped == 1.0
+    foreseen = forecast(near, seeds=1, trained={"near": learnt})
+    assert foreseen["mean"].verdict.startswith("is the same for all actions")
+    assert np.isnan(foreseen["mean"].mean("start"))
+    assert np.isnan(foreseen["mean"].scale)
+    assert foreseen.coverage["near -> hunt"].mapped == 1.0
 
 
 def test_a_mapping_to_fractions_of_states_is_refused_with_the_first_of_them(plan):
@@ -112,8 +112,8 @@ def test_controls_that_make_no_sense_are_refused(plan):
 def test_tasks_seen_through_observations_are_told_apart(plan):
     hunt = plan.tasks["hunt"]
     assert differences(hunt, observed(2, time_limit=30)) == ()
-    found = differences(hunt, observed(3, discount=0.9, time_limit=30))
-    assert [line.split()[0] for line in found] == [
+    lines = differences(hunt, observed(3, discount=0.9, time_limit=30))
+    assert [line.split()[0] for line in lines] == [
         "observations",
         "actions",
         "discount",
@@ -171,9 +171,9 @@ def test_random_play_draws_from_the_space_alone():
 
     car = cr.observation_task("MountainCarContinuous-v0", time_limit=5)
     state = gymnasium.make("CartPole-v1").action_space.sample()
-    one, other = (random_episodes(car, episodes=2, seed=3) for _ in range(2))
-    assert np.array_equal(one[0].rewards, other[0].rewards)
-    assert not np.array_equal(one[0].rewards, one[1].rewards)
+    first, other = (random_episodes(car, episodes=2, seed=3) for _ in range(2))
+    assert np.array_equal(first[0].rewards, other[0].rewards)
+    assert not np.array_equal(first[0].rewards, first[1].rewards)
     assert state in (0, 1)
 
 

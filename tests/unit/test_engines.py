@@ -44,7 +44,7 @@ class FakeEngine(Engine):
     def __init__(self, numbers):
         self.numbers, self.held, self.most = list(numbers), [], []
 
-    def each(self, function):
+    def on_all(self, function):
         return {"here": function()}
 
     def close(self, whole):
@@ -85,9 +85,9 @@ def sent_units(engine, monkeypatch, study, out, **settings):
 
 @pytest.mark.parametrize("on", ["slurm", "", "dask://", "dask://host", "ray://a b:1", "DASK", 3])
 def test_an_unknown_word_is_refused(on, study_file, tmp_path):
-    with pytest.raises(SettingError, match="on is dask or ray, or one of them at an address"):
+    with pytest.raises(SettingError, match="on must be dask or ray, or an address"):
         parsed(on)
-    with pytest.raises(SettingError, match="on is dask or ray"):
+    with pytest.raises(SettingError, match="on must be dask or ray"):
         run_study(read_study(study_file), tmp_path / "out", on=on)
     assert not (tmp_path / "out").exists()
 
@@ -103,7 +103,7 @@ def test_a_missing_package_names_its_extra(monkeypatch):
 
 def test_a_cluster_with_an_executor_or_with_workers_is_refused(study_file, tmp_path):
     study = read_study(study_file)
-    with pytest.raises(SettingError, match="in one place: got on='dask' and an executor"):
+    with pytest.raises(SettingError, match="exclude each other: got on='dask' and an executor"):
         run_study(study, tmp_path / "out", on="dask", executor=FakeEngine([1]))
     with pytest.raises(SettingError, match="has workers of its own: workers=2"):
         run_study(study, tmp_path / "out", on="dask://host:1", workers=2)
@@ -156,7 +156,7 @@ def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch)
     assert run_study(own_study, tmp_path / "out").seeds == (0, 1)
     assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
-    with pytest.raises(ConfigError, match=r"rules\.py is not as it was when the run began"):
+    with pytest.raises(ConfigError, match=r"rules\.py must not change during a run"):
         train_sent(other)
 
 

@@ -65,7 +65,7 @@ def test_pursuit_is_ranked_as_training_ranks_it(seeds, calls):
         middle.verdict,
     )
     assert "near or below the random policy" in most.verdict
-    assert most.verdict.endswith(": what learning gains from there is open")
+    assert most.verdict.endswith(": the gain from there is unknown")
     assert "expect" not in most.verdict
     # Twice the mean: the same policy, hence the same start, and no longer optimistic.
     assert twice.mean("start") == middle.mean("start")
@@ -124,7 +124,7 @@ BELOW = np.array([[0.0], [1.0], [0.0]])
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("values", "verdict"),
     [
         (Q, STEADY),
         (Q + 0.19 * SIZE, "100% optimistic: expect no fall from there"),
@@ -143,15 +143,15 @@ BELOW = np.array([[0.0], [1.0], [0.0]])
         (Q - 218 * BELOW, STEADY),  # up to 20 typical rewards, of -1 here, are let pass
     ],
 )
-def test_what_learning_does_from_a_good_start(values, words):
-    assert row_of(LINE, values).verdict == f"starts at 98.5, {words}"
+def test_what_learning_does_from_a_good_start(values, verdict):
+    assert row_of(LINE, values).verdict == f"starts at 98.5, {verdict}"
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.4, "no fall"), (0.5, "a fall")])
-def test_an_estimated_excess_has_to_be_larger(share, words, monkeypatch):
+@pytest.mark.parametrize(("share", "verdict"), [(0.4, "no fall"), (0.5, "a fall")])
+def test_an_estimated_excess_has_to_be_larger(share, verdict, monkeypatch):
     """The excess is over the value of the policy itself, (98.5 + 199) / 2 a step here too."""
     monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
-    assert f": expect {words}" in row_of(LINE, Q + share * SIZE).verdict
+    assert f": expect {verdict}" in row_of(LINE, Q + share * SIZE).verdict
 
 
 def test_a_policy_that_never_arrives_is_no_gain(monkeypatch):
@@ -203,12 +203,12 @@ def test_custom_aggregates_have_rows_too():
     ]  # fmt: skip
     starts = [foreseen[name].mean("start") for name in foreseen.ranking]
     assert starts == sorted(starts, reverse=True)
-    for mine, theirs in (
+    for computed, theirs in (
         ("<lambda> [1]", "minimum"),
         ("<lambda> [2]", "mean [1]"),
         ("mean [2]", "maximum"),
     ):
-        assert foreseen[mine].seeds == foreseen[theirs].seeds
+        assert foreseen[computed].seeds == foreseen[theirs].seeds
     assert foreseen["minimum"].seeds != foreseen["mean [1]"].seeds != foreseen["maximum"].seeds
     assert [row.name for row in foreseen.rows if row.used] == ["<lambda> [1]"]
 
@@ -310,10 +310,8 @@ def test_a_weak_start_is_said_to_be_one_and_no_more():
     foreseen = look(pursuit(4, cr.maximum, budget=50_000, evaluation=SUMMED), seeds=1)
     whole = foreseen.optimum - foreseen.random_return
     assert 0.1 < (foreseen["maximum"].mean("start") - foreseen.random_return) / whole < 0.5
-    words = (
-        r"starts at -\d\S*, a weak start, \d+% optimistic: what learning gains from there is open"
-    )
-    assert re.fullmatch(words, foreseen["maximum"].verdict)
+    pattern = r"starts at -\d\S*, a weak start, \d+% optimistic: the gain from there is unknown"
+    assert re.fullmatch(pattern, foreseen["maximum"].verdict)
 
 
 # -- what it was computed from, which check and forecast say alike ---------------------------------
@@ -369,11 +367,11 @@ def test_a_budget_too_long_for_a_look_is_not_trained(check, monkeypatch):
     monkeypatch.setattr(Run, "train", trained)
     monkeypatch.setattr("curricle.study.cost.pace", lambda _: 1.0)
     out, study = check()
-    words = " ".join(out.split())
-    assert re.search(r"training corner for one seed would take about \S+ (min|h), so these ", words)
+    text = " ".join(out.split())
+    assert re.search(r"training corner for one seed would take about \S+ (min|h), so these ", text)
     assert str(cr.forecast(study.curriculum("transfer"), perfect=True)) in out
-    assert "if corner were learnt perfectly: optimum" in words
-    assert "seeds of" not in words
+    assert "if corner were learnt perfectly: optimum" in text
+    assert "seeds of" not in text
 
 
 def test_one_seed_where_three_would_be_slow(check, monkeypatch):
@@ -414,15 +412,17 @@ def test_steps_are_those_that_the_sources_were_trained_for():
 
 def test_a_source_that_cannot_be_solved_has_no_perfect_forecast(monkeypatch):
     monkeypatch.setattr("curricle.planning.target.LARGEST_SOLVED", 0)
-    with pytest.raises(cr.errors.CurriculumError, match="tasks that can be solved: 'chase' cannot"):
+    with pytest.raises(
+        cr.errors.CurriculumError, match="sources that can be solved: 'chase' cannot"
+    ):
         cr.forecast(pursuit(3, cr.minimum, budget=100), perfect=True)
 
 
 def test_perfect_sources_are_not_given():
     plan = corner(source=10)
-    given = cr.forecast(plan, seeds=1).trained
-    with pytest.raises(cr.errors.CurriculumError, match="takes no trained ones: got corner"):
-        cr.forecast(plan, perfect=True, trained=given)
+    trained = cr.forecast(plan, seeds=1).trained
+    with pytest.raises(cr.errors.CurriculumError, match="must have no trained sources: got corner"):
+        cr.forecast(plan, perfect=True, trained=trained)
 
 
 def test_without_a_trial_no_forecast_says_what_learning_gains():
@@ -431,7 +431,7 @@ def test_without_a_trial_no_forecast_says_what_learning_gains():
     foreseen = cr.forecast(plan, seeds=1, trial=False)
     assert "no better than" not in str(foreseen)
     assert foreseen.answer == "whether it pays is open"
-    assert foreseen["mean"].verdict.endswith("what learning gains from there is open")
+    assert foreseen["mean"].verdict.endswith("the gain from there is unknown")
 
 
 @pytest.mark.parametrize(("seeds", "few"), [(5, "(5; 6 or more)"), (6, "")])
@@ -444,7 +444,7 @@ def test_check_and_run_warn_of_too_few_seeds(check, monkeypatch, capsys, tmp_pat
     monkeypatch.setattr(sys, "argv", ["curricle", *run, *quick, "tasks.maze.budget=9"])
     with pytest.raises(SystemExit):
         main()
-    told = capsys.readouterr().err.splitlines()
-    warning = [line for line in told if "too few" in line]
+    lines = capsys.readouterr().err.splitlines()
+    warning = [line for line in lines if "too few" in line]
     assert warning == ["curricle: too few seeds for a verdict (5; 6 or more)"] * bool(few)
-    assert told[0] == warning[0] if few else True
+    assert lines[0] == warning[0] if few else True

@@ -49,10 +49,10 @@ def test_other_json_is_refused(folder, name, text):
 
 
 def nested(depth):
-    found = []
+    value = []
     for _ in range(depth):
-        found = [found]
-    return found
+        value = [value]
+    return value
 
 
 CHANGES = {
@@ -67,9 +67,9 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("what", CHANGES)
-def test_a_record_of_another_form_is_refused(folder, what):
-    key, value = CHANGES[what]
+@pytest.mark.parametrize("label", CHANGES)
+def test_a_record_of_another_form_is_refused(folder, label):
+    key, value = CHANGES[label]
     change(folder / "study.json", lambda study: study["record"].update({key: value}))
     refuses(folder, r"study\.json is not as Curricle writes it: ")
 

@@ -30,7 +30,7 @@ def code(notebook):
 def texts(notebook):
     """What each cell shows, as text."""
     return [
-        [one.get("text") or one.data["text/plain"] for one in cell.outputs if one.get("data")]
+        [out.get("text") or out.data["text/plain"] for out in cell.outputs if out.get("data")]
         for cell in code(notebook)
     ]
 
@@ -47,8 +47,8 @@ def test_what_is_stored_is_small_and_the_same_everywhere(name):
     text = path.read_text("utf-8")
     assert not any(word in text for word in ("/tmp/", "/home/", "/root/", "stderr", "0:00:"))
     assert "%pip install" in code(notebook)[0].source
-    outputs = [one for cell in code(notebook) for one in cell.outputs]
-    assert all(one.output_type != "error" for one in outputs)
+    outputs = [out for cell in code(notebook) for out in cell.outputs]
+    assert all(out.output_type != "error" for out in outputs)
 
 
 @pytest.mark.slow
@@ -57,10 +57,10 @@ def test_what_is_stored_is_small_and_the_same_everywhere(name):
 def test_a_notebook_runs_and_shows_what_is_stored(name):
     if name == "networks":
         pytest.importorskip("stable_baselines3")
-    found = script().executed(FOLDER / f"{name}.ipynb")
-    assert all(one.output_type != "error" for cell in code(found) for one in cell.outputs)
+    run = script().executed(FOLDER / f"{name}.ipynb")
+    assert all(out.output_type != "error" for cell in code(run) for out in cell.outputs)
     if name != "networks":  # torch's version and the machine round differently
-        assert texts(found) == texts(stored(name))
+        assert texts(run) == texts(stored(name))
 
 
 @pytest.mark.slow
@@ -71,6 +71,6 @@ def test_a_figure_is_shown_once_and_bars_leave_nothing(first, tmp_path):
     cells += ["from curricle.show import new_figure", "new_figure(1, 1, width=3, height=2)[0]"]
     notebook = nbformat.v4.new_notebook(cells=[*map(nbformat.v4.new_code_cell, cells)])
     nbformat.write(notebook, tmp_path / "figure.ipynb")
-    found = code(script().executed(tmp_path / "figure.ipynb"))
-    assert [len(cell.outputs) for cell in found] == [0, 0, 0, 1]
-    assert "image/png" in found[3].outputs[0].data
+    executed = code(script().executed(tmp_path / "figure.ipynb"))
+    assert [len(cell.outputs) for cell in executed] == [0, 0, 0, 1]
+    assert "image/png" in executed[3].outputs[0].data

@@ -36,8 +36,8 @@ def test_a_stored_episode_is_printed(play, finished):
 
 def test_a_stored_episode_is_a_gif(play, finished, tmp_path):
     code, out, _ = play(finished, "--arm", "chain", "--out", "new/maze.gif")
-    words = r"chain: maze, learnt by seed 0: Episode\((\d+) steps, .*\)\nOpen new/maze.gif\n"
-    steps = int(re.fullmatch(words, out)[1])
+    line = r"chain: maze, learnt by seed 0: Episode\((\d+) steps, .*\)\nOpen new/maze.gif\n"
+    steps = int(re.fullmatch(line, out)[1])
     assert code == 0
     with Image.open(tmp_path / "new" / "maze.gif") as picture:
         assert picture.n_frames == steps + 1
@@ -87,11 +87,11 @@ def test_the_policies_of_tables_are_read_from_a_folder(finished, study_file):
     values = results.result("chain", "maze", values=True).values
     policies = results.policies("chain", curriculum)
     assert len(policies) == 4
-    for policy, own in zip(policies, values, strict=True):
-        assert np.array_equal(policy.values, own)
-    (one,) = results.policies("chain", curriculum, [2], task="corner")
+    for policy, table in zip(policies, values, strict=True):
+        assert np.array_equal(policy.values, table)
+    (single,) = results.policies("chain", curriculum, [2], task="corner")
     corner = results.result("chain", "corner", values=True).values
-    assert np.array_equal(one.values, corner[2])
+    assert np.array_equal(single.values, corner[2])
     with pytest.raises(StoreError, match="no result of 'maze' in arm 'chain' for seed 9 yet"):
         results.policies("chain", curriculum, [9])
 
@@ -117,24 +117,24 @@ def hall(folder):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "words"),
+    ("arguments", "code", "message"),
     [
         ([], 2, "--arm must be one of scratch, chain, state, calibrated: got none"),
         (
             ["--set", "tasks.maze.budget=5", "--arm", "chain"],
             2,
-            "--set changes the file of --study",
+            "--set needs --study",
         ),
         (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),
         (["--arm", "chain", "--out", "maze.mp4"], 1, "saved as a GIF: got the file name"),
     ],
 )
-def test_a_mistake_is_one_sentence(play, finished, tmp_path, arguments, code, words):
-    found, out, complaint = play(finished, *arguments)
-    assert found == code, complaint
+def test_a_mistake_is_one_sentence(play, finished, tmp_path, arguments, code, message):
+    status, out, complaint = play(finished, *arguments)
+    assert status == code, complaint
     plain = " ".join(re.sub("[│╭╮╰╯─]", " ", complaint).split())
-    assert re.search(words, plain)
+    assert re.search(message, plain)
     assert "Traceback" not in complaint
     assert not out
     assert not list(tmp_path.glob("*.mp4"))
@@ -161,5 +161,5 @@ def test_an_episode_off_its_grid_is_refused(copied):
         episode["cells"] = [[2000] for _ in episode["cells"]]
 
     change(copied / "analysis.json", far)
-    with pytest.raises(StoreError, match="that is off its grid"):
+    with pytest.raises(StoreError, match="that leaves its grid"):
         stored_episode(StudyResults(copied), "chain", "maze")

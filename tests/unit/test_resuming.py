@@ -221,7 +221,7 @@ def test_code_that_changes_during_a_run_ends_it(copy):
             change(copy / "aggregates.py")
             arms_from_json.cache_clear()  # as in a worker that starts only now
 
-    with pytest.raises(StudyError, match=r"long, .* aggregates.py is not as it was when the run"):
+    with pytest.raises(StudyError, match=r"long, .* aggregates.py must not change during a run"):
         run_study(study, copy / "new", workers=1, progress=edit)
     assert {unit.about.task for unit in StudyStore(copy / "new").units()} <= {"short", "long"}
     again(copy, out="new")

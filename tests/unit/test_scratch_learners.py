@@ -54,11 +54,11 @@ def test_without_them_nothing_changes(tmp_path):
 
 
 def test_they_survive_as_plain_data(tmp_path):
-    one = study(tmp_path)
-    again = StudyConfig.from_data(one.to_data(), one.folder)
-    assert again == one
-    assert Arms.of(again).keys == Arms.of(one).keys
-    record = study_record(one, Arms.of(one))
+    original = study(tmp_path)
+    again = StudyConfig.from_data(original.to_data(), original.folder)
+    assert again == original
+    assert Arms.of(again).keys == Arms.of(original).keys
+    record = study_record(original, Arms.of(original))
     assert [name for name, arm in record.arms.items() if arm.scratch] == [*NAMES]
     assert read_record(StudyRecord, plain(record)).arms == record.arms
     assert record.groups() == [("transfer",)]
@@ -79,12 +79,12 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(tmp_path, text, changes, m
 
 
 def test_a_run_trains_them_and_its_comparison_is_against_the_best(tmp_path):
-    found = run_study(study(tmp_path), tmp_path / "results", workers=1)
-    comparison = found.comparison
+    results = run_study(study(tmp_path), tmp_path / "results", workers=1)
+    comparison = results.comparison
     assert comparison.scratches == NAMES
     assert list(comparison.contrasts) == ["transfer"]
     assert comparison.verdicts["transfer"].rivals == 3
-    assert {len(found.results[name]["maze"].steps) for name in NAMES} == {121}
+    assert {len(results.results[name]["maze"].steps) for name in NAMES} == {121}
 
 
 CONTROLS = 'controls=["placebo", "constant", "pretraining"]'
@@ -118,7 +118,7 @@ def test_a_record_names_the_arm_of_each_control(tmp_path):
 
 
 def test_controls_that_make_no_sense_are_refused(tmp_path):
-    with pytest.raises(SettingError, match="controls are compared with scratch"):
+    with pytest.raises(SettingError, match="controls need the comparison with scratch"):
         Arms.of(study(tmp_path, "", changes=["scratch=false", CONTROLS]))
     with pytest.raises(ConfigError, match="controls"):
         study(tmp_path, changes=['controls=["placebos"]'])
@@ -133,11 +133,11 @@ def column(height, seed=0):
     return height + 0.1 * np.random.default_rng(seed).permutation(9)
 
 
-def by_hand(mine, *others):
+def by_hand(height_of_arm, *further):
     arms = {"scratch": flat(column(0.0))}
-    for n, height in enumerate(others):
+    for n, height in enumerate(further):
         arms[f"scratch, {n}"] = flat(column(height, n + 1), scratch=True)
-    return Comparison("maze", arms | {"mine": flat(column(mine, 7))}, 10, 10, 0.5, 1)
+    return Comparison("maze", arms | {"mine": flat(column(height_of_arm, 7))}, 10, 10, 0.5, 1)
 
 
 def test_each_is_an_arm_with_the_same_total(calls):
@@ -155,11 +155,11 @@ def test_each_is_an_arm_with_the_same_total(calls):
 
 
 def test_arms_that_were_there_before_are_the_same_bit_for_bit():
-    one = compare(corner(), seeds=2, controls=["placebo"])
+    comparison = compare(corner(), seeds=2, controls=["placebo"])
     other = compare(corner(), seeds=2, controls=["placebo"], scratch=[FAST])
-    for name in one.arms:
-        assert_same(one[name], other[name])
-    assert one.threshold == other.threshold
+    for name in comparison.arms:
+        assert_same(comparison[name], other[name])
+    assert comparison.threshold == other.threshold
 
 
 def test_the_shaping_of_a_target_does_not_change_what_others_learn_from_scratch(calls):

@@ -366,7 +366,7 @@ REFUSALS = {
         ),
         "no kinds": (lambda: source_candidates(CORRIDOR, kinds=[]), "at least one kind"),
         "propose returns tasks": (proposing(NEAR), "return SourceCandidates: got GridWorld"),
-        "one name twice": (proposing(proposed(NEAR), proposed(NEAR)), "'mine' is given twice"),
+        "one name twice": (proposing(proposed(NEAR), proposed(NEAR)), "'mine' is there twice"),
         "mapping of another target": (proposing(FAR), "must be from the target: one of 'mine'"),
         "mapping to another task": (
             made(same_position(CORRIDOR, CORRIDOR)),

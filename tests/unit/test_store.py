@@ -41,12 +41,12 @@ def test_another_schema_version_is_refused_with_what_to_do(tmp_path, version):
     study = SETTINGS if version is None else {"schema_version": version, **SETTINGS}
     (tmp_path / "study.json").write_bytes(sealed(study))
     before = (tmp_path / "study.json").read_bytes()
-    found = "no schema version" if version is None else f"schema version {version}"
+    form = "no schema version" if version is None else f"schema version {version}"
     for read in (opened, StudyStore):
         with pytest.raises(StoreError) as caught:
             read(tmp_path)
         assert str(caught.value) == (
-            f"{tmp_path / 'study.json'} has {found} and this Curricle reads {SCHEMA_VERSION}: run "
+            f"{tmp_path / 'study.json'} has {form} and this Curricle reads {SCHEMA_VERSION}: run "
             "the study again into a new folder, or read it with the version that wrote it"
         )
     assert (tmp_path / "study.json").read_bytes() == before
@@ -130,7 +130,7 @@ def test_a_network_has_a_file_for_each_unit(tmp_path):
     (tmp_path / "hunt.toml").write_text(OBSERVED_HUNT)
     study = read_study(tmp_path / "hunt.toml")
     arms = Arms.of(study)
-    found = files_of(study_record(study, arms))
-    per_task = {task: found[key] for (arm, task), key in arms.keys.items() if arm != "scratch"}
+    per_file = files_of(study_record(study, arms))
+    per_task = {task: per_file[key] for (arm, task), key in arms.keys.items() if arm != "scratch"}
     assert per_task["hunt"] == 1
     assert per_task["chase"] > 5

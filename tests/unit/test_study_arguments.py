@@ -20,11 +20,11 @@ def file(tmp_path, monkeypatch):
 
 
 def test_a_study_runs_from_its_path_into_the_folder_of_the_command_line(file):
-    found = cr.run_study("corners.toml")
+    results = cr.run_study("corners.toml")
     assert (file.parent / "corners-results" / "study.json").exists()
     again = cr.run_study(file, resume=True)
     np.testing.assert_array_equal(
-        found.results["transfer"]["maze"].values, again.results["transfer"]["maze"].values
+        results.results["transfer"]["maze"].values, again.results["transfer"]["maze"].values
     )
     cr.run_study(cr.read_study(file), "elsewhere")
     assert StudyResults("elsewhere").seeds == (3, 5)
@@ -38,10 +38,10 @@ def test_a_study_without_a_file_is_called_by_its_name(tmp_path):
 def test_a_study_is_compared_from_its_path_with_its_own_settings(file):
     study = cr.read_study(file)
     expected = cr.compare(study.curricula, seeds=[3, 5], threshold=5, window=2)
-    for given in ("corners.toml", file, study):
-        found = cr.compare(given)
-        assert (found.seeds, found.threshold, found.window) == (2, 5, 2)
-        assert str(found) == str(expected)
+    for argument in ("corners.toml", file, study):
+        comparison = cr.compare(argument)
+        assert (comparison.seeds, comparison.threshold, comparison.window) == (2, 5, 2)
+        assert str(comparison) == str(expected)
     assert cr.compare(arms=file, seeds=[7], window=1).seeds == 1
 
 
@@ -51,8 +51,8 @@ def test_learners_from_scratch_are_compared_too(file):
 
 
 def test_a_study_of_one_arm_is_forecast_from_its_path(file):
-    found = cr.forecast("corners.toml", trial=False)
-    assert found.trained["corner"].seeds == (3, 5)
+    foreseen = cr.forecast("corners.toml", trial=False)
+    assert foreseen.trained["corner"].seeds == (3, 5)
     assert cr.forecast(file, trial=False, seeds=[1]).trained["corner"].seeds == (1,)
     file.write_text(STUDY + PLAN, "utf-8")
     with pytest.raises(ConfigError, match=r"a forecast is of one arm: .* ARM one of plain, halved"):

@@ -261,8 +261,8 @@ def test_all_that_is_refused_is_told_at_once(complaints):
 def test_transfers_that_disagree_are_refused_as_a_whole(complaints):
     other = "[[transfers]]\nsource = 'corner'\ntarget = 'maze'\nproject = {}\ncalibrate = true\n"
     assert complaints(MAZES + other) == [
-        ": the study is refused: all transfers into a task are calibrated together and must agree "
-        "on it: those into 'maze' do not"
+        ": the study is refused: all transfers into a task must have the same calibration: those "
+        "into 'maze' differ"
     ]
     assert complaints(MAZES + "[arms.odd]\ntransfers.0.scale = 2\n" + other)[0].startswith(
         "line 20: arms.odd is refused: all transfers into a task"
@@ -271,7 +271,7 @@ def test_transfers_that_disagree_are_refused_as_a_whole(complaints):
 
 OWN_MODULES = {"own": "NUMBER = 3", "broken": "import nobody_has", "false": "def make(:"}
 REFUSED = [
-    (lambda: load("own", Path()), "a function is named as module:function: got 'own'"),
+    (lambda: load("own", Path()), "a function must be named as module:function: got 'own'"),
     (lambda: load("nobody_has:make", Path()), "nobody_has:make names no module: nobody_has is"),
     (lambda: load("own:NUMBER", Path()), "own:NUMBER names no function: own has no NUMBER"),
     (lambda: load("broken:make", Path()), "broken:make failed: ModuleNotFoundError: No module"),
@@ -284,7 +284,7 @@ REFUSED = [
     (lambda: read_study("hunt.toml", set="a=1"), "set must be a list of settings, each key=value"),
     (lambda: read_study("hunt.toml").curriculum("trasfer"), "hunt.toml: arm 'trasfer' is unknown"),
     *(
-        (lambda change=change: read_study("hunt.toml", set=[change]), "a setting is given as key=")
+        (lambda change=change: read_study("hunt.toml", set=[change]), "a setting must be key=")
         for change in (3, "tasks", "=3", "a b=3", "a..b=3", "")
     ),
 ]

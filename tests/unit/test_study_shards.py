@@ -49,8 +49,8 @@ def assert_same_tables(folder, finished):
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_all_shards_are_one_run(part, finished, tmp_path, n):
     parts = [part(f"part-{i}", shard=(i, n)) for i in range(1, n + 1)]
-    seeds = [StudyResults(one).seeds for one in parts]
-    assert sorted(seed for each in seeds for seed in each) == [0, 1, 2, 3]
+    seeds = [StudyResults(folder).seeds for folder in parts]
+    assert sorted(seed for of_part in seeds for seed in of_part) == [0, 1, 2, 3]
     whole = merge(tmp_path / "whole", parts[::-1])
     assert whole.seeds == (0, 1, 2, 3)
     assert_same_tables(tmp_path / "whole", finished)
@@ -109,9 +109,9 @@ def test_other_folders_are_refused(part, tmp_path, finished):
     with pytest.raises(StoreError, match="other files"):
         merge(tmp_path / "thesis", [tmp_path / "a"])
     assert not (tmp_path / "whole").exists()
-    for one in (str(finished), finished):
+    for place in (str(finished), finished):
         with pytest.raises(StoreError, match="must be a list"):
-            merge(tmp_path / "whole", one)
+            merge(tmp_path / "whole", place)
 
 
 def snapshots_in(folder):

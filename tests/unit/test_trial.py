@@ -54,11 +54,11 @@ def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):  #
     cr.forecast(plan, seeds=3)
     streams = [call["stream"] for call in calls]
     assert streams == ["corner", "maze/trial", "corner/trial", "maze/trial"]
-    own = cr.compare(plan, seeds=20)["scratch"].training_return[:, 1:]
+    experiment = cr.compare(plan, seeds=20)["scratch"].training_return[:, 1:]
     trial = cr.forecast(plan, seeds=3).trial.comparison["scratch"].training_return[:, 1:]
-    alike = (own[:, None] == trial[None]).all(axis=2)
+    alike = (experiment[:, None] == trial[None]).all(axis=2)
     assert not alike.any()
-    assert (own[:, None] == own[None]).all(axis=2).sum() == 20  # each equals itself
+    assert (experiment[:, None] == experiment[None]).all(axis=2).sum() == 20  # each equals itself
 
 
 def test_each_candidate_pays_for_its_own_sources_only():

@@ -123,10 +123,10 @@ def test_a_stale_tuning_is_kept_if_asked_for(tuned_file, tuned, of_another_versi
     run_study(read_study(tuned_file), folder, executor=Inline(0), **kept)
     assert (folder / TUNING).read_bytes() == (tuned / TUNING).read_bytes()
     assert (folder / RESULTS).read_bytes() == (tuned / RESULTS).read_bytes()
-    first, *others = sentences
+    first, *later = sentences
     assert first.startswith("the tuning is stale and kept: its trials are of other code, or of ")
-    assert all("is stale and kept: Curricle was" in sentence for sentence in others)
-    assert others
+    assert all("is stale and kept: Curricle was" in sentence for sentence in later)
+    assert later
 
 
 def test_stale_trials_are_kept_by_a_longer_tuning(tuned_file, of_another_version, pool):

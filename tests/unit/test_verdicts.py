@@ -87,8 +87,8 @@ def test_no_verdict_changes_with_the_controls(data):
     controls = [data.draw(st.lists(row, max_size=3)) for _ in curricula]
     alone, beside = {"scratch": data.draw(row)}, {}
     beside |= alone
-    for n, (mine, rivals) in enumerate(zip(curricula, controls, strict=True)):
-        alone[f"arm {n}"] = beside[f"arm {n}"] = mine
+    for n, (curriculum, rivals) in enumerate(zip(curricula, controls, strict=True)):
+        alone[f"arm {n}"] = beside[f"arm {n}"] = curriculum
         beside |= {f"arm {n}, {k}_control": row for k, row in enumerate(rivals)}
     first, second = compared(**alone), compared(**beside)
     for name, contrast in first.contrasts.items():
@@ -107,15 +107,15 @@ def test_no_verdict_changes_with_the_controls(data):
 
 def test_the_answer_is_about_the_strongest_control():
     rng = np.random.default_rng(3)
-    mine = 10 + rng.normal(size=12)
+    gains = 10 + rng.normal(size=12)
     placebo, pretraining = 5 + rng.normal(size=12), 8 + rng.normal(size=12)
     comparison = compared(
-        scratch=column(0, 12), mine=mine, a_control=placebo, b_control=pretraining
+        scratch=column(0, 12), mine=gains, a_control=placebo, b_control=pretraining
     )
     (verdict,) = comparison.control_verdicts.values()
     assert (verdict.rival, verdict.rivals, verdict.answer) == ("b_control", 2, "yes")
-    assert verdict.gain.estimate == pytest.approx((mine - pretraining).mean())
-    p = [sign_flip_test(mine - other) for other in (placebo, pretraining)]
+    assert verdict.gain.estimate == pytest.approx((gains - pretraining).mean())
+    p = [sign_flip_test(gains - other) for other in (placebo, pretraining)]
     assert verdict.p == max(p)
     sentence = comparison.control_sentence("mine")
     assert sentence in str(comparison).split("\n")
@@ -188,7 +188,7 @@ def test_a_family_is_corrected_for_its_questions_and_looks():
 
 
 @pytest.mark.parametrize(
-    ("mine", "rivals", "message"),
+    ("returns", "rivals", "message"),
     [
         ([1.0, 2.0, 3.0], [], "an arm to be compared needs a rival: 'mine' has none"),
         ([1.0, 2.0, 3.0], ["z"], "an arm to be compared needs returns: 'z' has none"),
@@ -197,9 +197,9 @@ def test_a_family_is_corrected_for_its_questions_and_looks():
         ([1.0, np.inf, 2.0], ["b"], "differences must be finite: seed 1"),
     ],
 )
-def test_questions_that_make_no_sense(mine, rivals, message):
+def test_questions_that_make_no_sense(returns, rivals, message):
     with pytest.raises(SettingError, match=message):
-        verdicts_of({"mine": mine, "b": [0.0, 0.5, 1.0]}, {"mine": rivals})
+        verdicts_of({"mine": returns, "b": [0.0, 0.5, 1.0]}, {"mine": rivals})
 
 
 # -- how many seeds ----------------------------------------------------------------------------

@@ -61,8 +61,8 @@ def test_workers_end_with_their_parent_in_silence(tmp_path):
         assert parent.stdout.read(2) == b"ww", how  # both are at work
         ENDS[how](parent)
     # The pipe ends when the last process that writes to it does; test_kills.py says how soon.
-    found = {how: parent.communicate(timeout=60)[0] for how, parent in parents.items()}
-    assert found == dict.fromkeys(ENDS, b"")
+    outputs = {how: parent.communicate(timeout=60)[0] for how, parent in parents.items()}
+    assert outputs == dict.fromkeys(ENDS, b"")
 
 
 WHOLE = """

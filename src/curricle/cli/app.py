@@ -1,7 +1,7 @@
 """The commands, their exit codes, and errors as one sentence.
 
-Each command imports what it needs of the library when it is called: a shell that completes a word,
-or shows a help, waits for no library. The help ends with the exit codes.
+A command imports the library when it is called, so that a shell that completes a word or shows the
+help does not wait for it. The help ends with the exit codes.
 """
 
 import json
@@ -72,16 +72,16 @@ Folder = Annotated[
     str, Argument(help="A study's folder, or its URL: s3://bucket/name.", show_default=False)
 ]
 Seeds = Annotated[
-    str | None, Option(help="Instead of the file's: a number of them, or 0-29, or 0,3,7.")
+    str | None, Option(help="Seeds instead of the file's: a number, or 0-29, or 0,3,7.")
 ]
 Changes = Annotated[
     list[str] | None, Option("--set", help="key=value over the file's, such as tasks.hunt.size=5.")
 ]
-Explain = Annotated[bool, Option("--explain", help="Also what the words mean.")]
+Explain = Annotated[bool, Option("--explain", help="Also explain the words.")]
 
 
 def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":
-    """Return the study of a file, with what the command line changes."""
+    """Return the study of a file, with the changes of the command line."""
     from curricle.study import read_study
 
     if seeds is not None:
@@ -152,7 +152,7 @@ def check(
 ) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training the target.
 
-    For the forecast the sources are trained at their budgets, where that takes seconds.
+    The forecast trains the sources at their budgets, if that takes seconds.
     """
     from curricle.cli.progress_bars import announce_compilation
     from curricle.cli.study_preview import print_preview
@@ -185,11 +185,11 @@ def run(
     track: Annotated[
         list[str] | None, Option(help="Also log curves in a tool: tensorboard.")
     ] = None,
-    resume: Annotated[bool, Option(help="Go on with what the folder holds.")] = False,
+    resume: Annotated[bool, Option(help="Go on with the units in the folder.")] = False,
     keep_stale: Annotated[
         bool, Option(help="Use units that were trained before code changed.")
     ] = False,
-    dry_run: Annotated[bool, Option(help="Print what would be done; train nothing.")] = False,
+    dry_run: Annotated[bool, Option(help="Print the units to train; train nothing.")] = False,
     show_page: Annotated[
         bool, Option("--open", help="Open report.html, which is written anew as units end.")
     ] = False,
@@ -203,13 +203,15 @@ def run(
     from curricle.study.arms import Arms
 
     if on is not None and processes:
-        raise BadParameter(f"units are trained in one place: got --on {on} and --processes")
+        raise BadParameter(
+            f"--on and --processes exclude each other: got --on {on} and --processes"
+        )
     _announce_imports()
     study = _read(file, seeds, changes)
     i, slash, n = shard.partition("/")
     numbers = slash and i.isdecimal() and n.isdecimal()
     if not numbers or not 1 <= int(i) <= int(n):
-        raise BadParameter(f"a shard is i/n, i from 1 to n, such as 1/4: got {shard!r}")
+        raise BadParameter(f"a shard must be i/n, i from 1 to n, such as 1/4: got {shard!r}")
     part, folder = (int(i), int(n)), out or study.results_folder
     if dry_run:
         for line in units_left(study, folder, part, keep_stale=keep_stale):
@@ -231,7 +233,7 @@ def watch(
 ) -> None:
     """Open a study's report, and write it anew while units are stored, until the run is over.
 
-    It reads the folder alone, so the study may run anywhere. Ctrl-C ends it, and not the run.
+    It only reads the folder, so the study may run anywhere. Ctrl-C ends it, but not the run.
     """
     from curricle.cli.progress_bars import watch_results
     from curricle.study import StudyResults
@@ -242,7 +244,7 @@ def watch(
 
 @app.command()
 def merge(
-    out: Annotated[str, Argument(help="Folder or URL for all of it.", show_default=False)],
+    out: Annotated[str, Argument(help="Folder or URL of the merged study.", show_default=False)],
     parts: Annotated[list[str], Argument(help="Folders of the parts.", show_default=False)],
 ) -> None:
     """Merge the parts of a study that several machines ran with --shard."""
@@ -265,9 +267,9 @@ def schema() -> None:
 def show(
     folder: Folder,
     decisions: Annotated[bool, Option(help="Why each task went on or stopped.")] = False,
-    arm: Annotated[str | None, Option(help="Of this arm only.")] = None,
-    task: Annotated[str | None, Option(help="Of this task only.")] = None,
-    seed: Annotated[int | None, Option(help="With --decisions: all those of this seed.")] = None,
+    arm: Annotated[str | None, Option(help="Only this arm.")] = None,
+    task: Annotated[str | None, Option(help="Only this task.")] = None,
+    seed: Annotated[int | None, Option(help="With --decisions: all of this seed's.")] = None,
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
@@ -275,7 +277,7 @@ def show(
     from curricle.study import StudyResults
 
     if seed is not None and not decisions:
-        raise BadParameter(f"a seed is that of --decisions: got --seed {seed} alone")
+        raise BadParameter(f"--seed needs --decisions: got --seed {seed} alone")
     results = StudyResults(folder)
     if not decisions:
         with explained(explain):
@@ -294,21 +296,21 @@ def play(
         int | None, Option(min=0, help="The seed that learnt it; with --study any.")
     ] = None,
     study: Annotated[
-        Path | None, Option(help="The study's file: the task is made and played.")
+        Path | None, Option(help="The study's file, to play in the task itself.")
     ] = None,
     changes: Changes = None,
     out: Annotated[Path | None, Option(help="Write the episode as a GIF instead.")] = None,
 ) -> None:
     """Show one episode of what an arm learnt, drawn with characters or as a GIF.
 
-    Without --study it is the episode that the folder stores, of the first seed: nothing is made or
-    imported. With it the learnt policy plays in the task itself.
+    Without --study it is the folder's stored episode of the first seed; no task is made and no
+    module imported. With --study the learnt policy plays in the task itself.
     """
     from curricle.study import StudyResults
     from curricle.study.analysis import played_episode, stored_episode
 
     if changes and study is None:
-        raise BadParameter(f"--set changes the file of --study: got --set {changes[0]} alone")
+        raise BadParameter(f"--set needs --study: got --set {changes[0]} alone")
     results = StudyResults(folder)
     arms = list(results.record.arms)
     if arm is None and len(arms) > 1:

@@ -1,7 +1,6 @@
 """Running a study from the command line: bars, lines, what is compiled, and the page of the run.
 
-Where there is no terminal a line is printed for each unit; in a study of very many, how fast it
-goes, once a second.
+Without a terminal it prints a line for each unit, or at most a line a second on their pace.
 """
 
 import gc
@@ -40,7 +39,7 @@ KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at
 
 
 class Compilation(event.Listener):
-    """Says on standard error what is compiled: each loop in a terminal, elsewhere once."""
+    """Prints compiled loops to standard error: every loop in a terminal, elsewhere one line."""
 
     def __init__(self) -> None:
         self.loops, self.line, self.silent = 0, "", False
@@ -48,7 +47,7 @@ class Compilation(event.Listener):
         self._collects = gc.isenabled()
 
     def on_start(self, event: Any) -> None:
-        """Count a loop, but not the parts that it is made of."""
+        """Count a loop, but not its parts."""
         self._depth += 1
         if self._depth > 1:
             return
@@ -63,7 +62,7 @@ class Compilation(event.Listener):
             print(f"\r{self.line}", end="", file=sys.stderr, flush=True)
 
     def on_end(self, event: Any) -> None:
-        """Take the words away when a loop is compiled."""
+        """Erase the line when a loop is compiled."""
         self._depth -= 1
         if self._depth:
             return
@@ -76,7 +75,7 @@ class Compilation(event.Listener):
 
 @cache
 def announce_compilation() -> Compilation:
-    """Say what is compiled from now on."""
+    """Print what is compiled from now on."""
     listener = Compilation()
     register: Any = event.register
     register(EVENT, listener)
@@ -90,7 +89,7 @@ BETWEEN = 1.0  # seconds between two lines of it at least
 
 
 class Lines:
-    """Prints, without a terminal, each unit or a line a second of many; of a tuning its trials."""
+    """Prints a line for each unit or second where there is no terminal; trials of a tuning too."""
 
     def __init__(self, pace: Pace):
         self.pace = pace
@@ -122,7 +121,7 @@ def run_with_bars(
     page: bool = False,
     **settings: Any,
 ) -> StudyResults:
-    """Run a study, show its progress, with a `page` the report so far too; return its results."""
+    """Run a study, show its progress and, with `page`, the report so far; return its results."""
     pace, report = Pace(), None
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
@@ -147,7 +146,7 @@ def run_with_bars(
 
 
 def watch_results(folder: str, out: Path | None) -> None:
-    """Show the report of a folder, in which another process may store units, until it is over."""
+    """Show the report of a folder until the run, maybe of another process, is over."""
     from curricle.show.report import InterimReport, default_page  # with Matplotlib
 
     if out is None:
@@ -166,7 +165,7 @@ def open_page(path: Path) -> None:
 
 
 def has_windows() -> bool:
-    """Return whether a browser has a screen: one in the terminal would take it from the run."""
+    """Return whether a browser would have a window: in the terminal it would hide the run."""
     if sys.platform in ("win32", "darwin"):
         return True
     return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
@@ -178,7 +177,7 @@ def _complain(sentence: str) -> None:
 
 @contextmanager
 def bars_with_words() -> Iterator[Bars]:
-    """Yield bars, below which stands what they were told last, and what is being compiled."""
+    """Yield bars with a line below them: the latest message, and what is being compiled."""
     last = ""
 
     def say(part: str) -> None:
@@ -190,7 +189,7 @@ def bars_with_words() -> Iterator[Bars]:
 
 
 def and_compilation(line: Callable[[], str]) -> Callable[[], str]:
-    """Return a line below bars that also says what is compiled, which nothing else says then."""
+    """Return the line below the bars, with what is compiled, as nothing else shows it then."""
     compilation = announce_compilation()
     compilation.silent = Console(stderr=True).is_terminal
     return lambda: ", ".join(filter(None, [line(), compilation.line]))

@@ -1,4 +1,4 @@
-"""What ``curricle check`` and ``run --dry-run`` print: tasks, cost, forecast, what is left."""
+"""The output of ``curricle check`` and ``run --dry-run``: tasks, cost, forecast, units left."""
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,7 +34,7 @@ from curricle.transfer.transfer import transfer_names
 
 
 def print_preview(study: StudyConfig) -> None:
-    """Print the graph of each arm, its cost, and forecasts, for which sources are trained."""
+    """Print each arm's graph, cost and forecast; forecasts train the sources."""
     arms = Arms.of(study)
     units = len(units_of(study, arms, {}))
     numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
@@ -92,7 +92,7 @@ def print_preview(study: StudyConfig) -> None:
 
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
-    """Return that a study has too few seeds for any verdict, in words; empty if it has enough."""
+    """Return the text that a study has too few seeds for any verdict; empty if it has enough."""
     curricula = sum(not (arm.scratch or arm.control) for arm in arms.arms.values())
     if SCRATCH not in arms.curricula or not curricula:
         return ""
@@ -116,7 +116,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
 
 
 def traffic(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
-    """Return where the results of units on a cluster go, and how large they are, in words."""
+    """Return a sentence on where a cluster's results go, and how large they are."""
     come_back, written, large, networks = 0, 0, set[str](), ""
     for cost in costing:
         node = arms.curricula[cost.arm].node(cost.task)
@@ -144,7 +144,7 @@ def _megabytes(size: int) -> str:
 def units_left(
     study: StudyConfig, path: str | Place, shard: tuple[int, int], *, keep_stale: bool
 ) -> Iterator[str]:
-    """Yield what is damaged or stale in a folder, what a run would train, and how much is done."""
+    """Yield lines on a folder's damaged and stale units, the units to train, and those done."""
     arms = arms_in(study, path, keep_stale=keep_stale)
     remarks = list[str]()
     study, arms = tuned_before(study, arms, path, remarks.append, keep_stale=keep_stale)
@@ -262,7 +262,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
 
 
 def _trials(curricula: Iterable[Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
-    """Return the most seeds of trials, and their seconds; sources take `a_seed` seconds a seed."""
+    """Return the most seeds of any trial, and all trials' seconds; `a_seed` is that of sources."""
     most, seconds = 0, 0.0
     for curriculum in curricula:
         if not hindrance(curriculum):
@@ -274,7 +274,7 @@ def _trials(curricula: Iterable[Curriculum], a_seed: float, target: Cost) -> tup
 
 
 def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
-    """Return the seconds that judging an arm's potentials and sources takes at most, a seed."""
+    """Return the most seconds a seed that judging an arm's potentials and sources takes."""
     node, edges = curriculum.node(curriculum.target), curriculum.in_edges(curriculum.target)
     potentials = len(COMPARED) + 1 + len(edges) if len(edges) > 1 else 1
     try:

@@ -1,4 +1,4 @@
-"""What the commands print: tables as wide as the terminal, what their words mean, and results."""
+"""The output of commands: tables as wide as the terminal, explained words, and results."""
 
 import io
 import re
@@ -78,13 +78,13 @@ EXPLANATIONS = {
     "verdict": "whether the arm gains more than learning from scratch, by a test over the seeds",
     "p =": "the probability of such a difference by chance, corrected for the number of arms",
     "whole checkpoints": "budgets are rounded up to a multiple of the steps between evaluations",
-    "phi": "the potential: what the sources say of each state and action of the target",
+    "phi": "the potential: the sources' value of each state and action of the target",
     "gain": "strong gain in a trial, the comparison played in the model beforehand",
     "start": "greedy return of phi alone, before the first step of learning",
-    "phi > Q*": "share of state-action pairs that phi holds for better than they can be",
+    "phi > Q*": "share of state-action pairs whose phi is above their optimal value",
     "excess": "the mean of phi - Q*; above 0 phi is optimistic",
     "rank": "rank correlation of phi and Q*: 1 is the right order everywhere, 0 none",
-    "scale": "what phi would be multiplied with to fit the returns of its own greedy policy; "
+    "scale": "the factor with which phi would fit the returns of its own greedy policy; "
     '"none" if nothing fits',
     "mapped": "pairs of the target that have a counterpart in the source",
     "unmapped": "pairs of which the source knows nothing",
@@ -95,7 +95,7 @@ HINT = "(--explain says what the words mean)"
 
 
 class _Copied(io.StringIO):
-    """A copy of what is written to standard output, and written there too."""
+    """Standard output that also keeps a copy of the text."""
 
     def __init__(self, out: Any):
         super().__init__()
@@ -109,7 +109,7 @@ class _Copied(io.StringIO):
 
 @contextmanager
 def explained(wanted: bool) -> Iterator[None]:
-    """Print what printed words mean afterwards if `wanted`; else tell a terminal how to."""
+    """Explain the printed words at the end if `wanted`; else tell a terminal about --explain."""
     out = sys.stdout
     if not wanted:
         yield
@@ -124,7 +124,7 @@ def explained(wanted: bool) -> Iterator[None]:
 
 
 def used(text: str) -> dict[str, str]:
-    """Return the words that a text has, and what each means."""
+    """Return the known words in a text and their meanings."""
     left, printed = " ".join(text.split()), set[str]()
     for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
         plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
@@ -227,7 +227,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
 def decision_lines(
     results: StudyResults, arm: str | None, task: str | None, seed: int | None
 ) -> list[str]:
-    """Return why tasks went on or stopped: all decisions of one seed, or the last of each seed."""
+    """Return why tasks went on or stopped: all decisions of a seed, or each seed's last."""
     _check(results, arm, task)
     lines = [
         f"{name}: {node}, seed {number}: {reason}"
@@ -246,7 +246,7 @@ def decision_lines(
 
 
 def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
-    """Raise StoreError unless the study has the arm and the task asked for."""
+    """Raise StoreError unless the study has the arm and the task."""
     if arm is not None:
         one_of("an arm", arm, results.record.arms, StoreError)
     if task is not None:
@@ -254,7 +254,7 @@ def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
 
 
 def _mean_and_deviation(returns: FloatArray) -> str:
-    """Return mean and deviation, 0 where seeds differ by rounding alone; a dash for no number."""
+    """Return mean and deviation, 0 if seeds differ only by rounding; a dash for no number."""
     mean, deviation = float(np.mean(returns)), float(np.std(returns))
     if np.isnan(mean):
         return "-"

@@ -75,7 +75,7 @@ MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sou
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """The curves of an arm, over target steps, up to the total budget of the comparison.
+    """The curves of an arm over target steps, up to the total budget of the comparison.
 
     Attributes
     ----------
@@ -86,9 +86,9 @@ class Arm:
     control, scratch : bool
         Whether it is a control of another arm, or learns from scratch with a learner of its own.
     level : Level or None
-        What a control that knows nothing of the task adds to every value.
+        The constant that a control without knowledge of the task adds to every value.
     unlearnt : dict of str to (K,) bool
-        Which seeds did not learn each source, by its stopping rule.
+        For each source, which seeds did not learn it by its stopping rule.
 
     Examples
     --------
@@ -135,7 +135,7 @@ class Arm:
 
     @property
     def initial_value(self) -> float | None:
-        """The initial value that is the same as this control, mean over seeds; None if none is."""
+        """The initial value that equals this control, mean over seeds; None if there is none."""
         return None if self.level is None else self.level.initial_value
 
     def charged(self, scratch: "Arm") -> Curve:
@@ -155,7 +155,7 @@ class Arm:
 
 
 def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate) -> Arm:
-    """Return the arms of several batches of seeds as one arm, `join` called with their arrays."""
+    """Return several batches of seeds of an arm as one arm; `join` joins their arrays."""
     first, levels = arms[0], [arm.level for arm in arms if arm.level is not None]
     level = None
     if levels:
@@ -193,9 +193,9 @@ UNKNOWN = Interval(NAN, NAN, NAN, 0.95, 0)
 class Contrast:
     """An arm against learning from scratch, over K seeds.
 
-    Of several arms that learn from scratch it is the best; the strong gain is an interval for the
-    smallest of the true gains over them. Weak transfer ignores the source steps, over the target's
-    own budget. Strong transfer charges them, over the total budget. Gains are returns.
+    If several arms learn from scratch, gains are over the best of them, and the strong gain is an
+    interval for the smallest of the true gains. Weak transfer ignores the source steps, over the
+    target's own budget. Strong transfer charges them, over the total budget. Gains are returns.
 
     Attributes
     ----------
@@ -208,10 +208,10 @@ class Contrast:
     asymptotic_gain : Interval
         Gain at the end of the total budget (strong).
     probability_of_improvement : Interval
-        That a run of the arm has the larger area under its curve (strong).
+        Probability that a run of the arm has the larger area under its curve (strong).
     p, adjusted_p : float
-        Of no strong gain, two-sided, by flipping the signs of the paired differences; and corrected
-        for the number of curricula (Holm), NaN for a control.
+        Two-sided p-value of no strong gain, by flipping the signs of the paired differences; and
+        the same corrected for the number of curricula (Holm), NaN for a control.
     verdict, reason : str
         "pays", "costs more than it brings", "no difference shown", or too few seeds; and why it
         pays, such as "by what it knows". Empty for a control, or where it was not asked.
@@ -257,19 +257,19 @@ class Comparison:
         The target's own learner from scratch first, named "scratch".
     budget, total : int
         Target steps, over which weak transfer is measured; and steps of every arm, sources
-        included, over which strong transfer is.
+        included, over which strong transfer is measured.
     threshold : float
-        Return.
+        Return that counts as learnt.
     window : int
         Checkpoints over which curves are smoothed to find when they reach the threshold.
     failed : dict of str to Exception
-        Arms that could not be trained, and why.
+        Error of each arm that could not be trained.
     looks : Looks
-        Interim analyses planned, where seeds were added; verdicts and intervals are adjusted.
+        Planned interim analyses, if seeds were added; verdicts and intervals are adjusted to them.
     stopped, threshold_from : str
-        What ended the adding of seeds, and where the threshold comes from, in words.
+        Why no more seeds were added, and the source of the threshold, as text.
     interim : str
-        That seeds of the plan are to come, in words: then there is no verdict and no p-value.
+        Text that says that seeds of the plan are missing; then there are no verdicts and p-values.
     """
 
     target: str
@@ -290,7 +290,7 @@ class Comparison:
 
     @property
     def scratch(self) -> Arm:
-        """The arm whose learner, the target's own, learns it from scratch."""
+        """The arm in which the target's own learner learns it from scratch."""
         return self.arms[SCRATCH]
 
     @cached_property
@@ -300,7 +300,7 @@ class Comparison:
 
     @cached_property
     def best_scratch(self) -> str:
-        """The one of them with the highest mean return."""
+        """The arm from scratch with the highest mean return."""
         return best_from_scratch(self.arms)
 
     @property
@@ -310,7 +310,7 @@ class Comparison:
 
     @property
     def confidence(self) -> float:
-        """Confidence of each interval, with which those at all planned looks hold at 95 %."""
+        """Confidence of each interval, such that those at all looks hold together at 95 %."""
         return self.looks.confidence()
 
     @cached_property
@@ -327,7 +327,7 @@ class Comparison:
 
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
-        """The controls of each curriculum that know nothing of the task, a constant among them."""
+        """The controls of each curriculum that know nothing of the task, if one is a constant."""
         # None without a constant one: learning from a placebo's values at random is slower.
         know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
@@ -339,7 +339,7 @@ class Comparison:
 
     @cached_property
     def returns(self) -> dict[str, FloatArray]:
-        """What each arm is judged by: its normalised area under the strong curve, (K,)."""
+        """The returns by which arms are judged: normalised areas under strong curves, (K,)."""
         return {name: mean_return(arm.charged(self.scratch)) for name, arm in self.arms.items()}
 
     def against(self, rival: str) -> dict[str, Verdict]:
@@ -358,7 +358,7 @@ class Comparison:
 
     @property
     def withheld(self) -> str:
-        """Why there are no verdicts, in words; empty where there are some."""
+        """Why there are no verdicts, as text; empty if there are verdicts."""
         return next((verdict.withheld for verdict in self.verdicts.values()), self.interim)
 
     @cached_property
@@ -388,7 +388,7 @@ class Comparison:
 
     @property
     def _level(self) -> float:
-        """The threshold; just above it where scratch is at it before it has learnt anything."""
+        """The threshold, or a value just above it if scratch starts at the threshold."""
         start = float(self.scratch.curve.filled()[:, 0].mean())
         margin = ROUNDING * max(abs(self.threshold), abs(start))
         if not abs(start - self.threshold) <= margin:
@@ -396,7 +396,7 @@ class Comparison:
         return float(np.nextafter(max(start, self.threshold) + margin, np.inf))
 
     def mean_return(self, name: str) -> Interval:
-        """Return the mean over seeds of the area under an arm's strong curve, as gains are."""
+        """Return the mean over seeds of the normalised area under an arm's strong curve."""
         return mean_interval(self.returns[name], confidence=self.confidence)
 
     @cached_property
@@ -440,7 +440,7 @@ class Comparison:
     def rows(self) -> list[dict[str, Any]]:
         """Return the table as data: a dict for each arm, intervals as name, name_low, name_high.
 
-        All have the same keys; numbers that an arm does not have are NaN.
+        All dicts have the same keys; a number that an arm does not have is NaN.
         """
         rows = list[dict[str, Any]]()
         for name, arm in self.arms.items():
@@ -478,7 +478,7 @@ class Comparison:
         return self.text()
 
     def text(self, width: int = UNBOUNDED) -> str:
-        """Return the table, and sentences on it, in lines of so many characters at most."""
+        """Return the table and the sentences below it, in lines of at most `width` characters."""
         return "\n".join(
             [
                 folded(self._title, width),
@@ -511,7 +511,7 @@ class Comparison:
 
     @property
     def _title(self) -> str:
-        """What was compared, and how."""
+        """The title: what is compared, and how."""
         return (
             f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
             f"{counted(self.seeds, 'seed')}"
@@ -539,7 +539,7 @@ class Comparison:
 
     @property
     def sentences(self) -> list[str]:
-        """What the table does not say: the answers about controls, and a cheaper way."""
+        """Sentences about controls, a cheaper way, clusters of seeds and sources not learnt."""
         lines = [self.cluster_sentence(name) for name in self.arms]
         lines += [self.control_sentence(name) for name in self.control_verdicts]
         lines += [
@@ -552,7 +552,7 @@ class Comparison:
         return [line for line in (*lines, not_asked(list(self.reasons.values()))) if line]
 
     def cheaper_way(self, name: str) -> str:
-        """Return the initial value that gains as much without any source; empty if not known."""
+        """Return a sentence on an initial value that gains as much without any source, or ''."""
         controls = self.know_nothing[name]
         ways = [control for control in controls if self[control].initial_value is not None]
         if self.reasons[name].why not in ("level", "mostly level", "not shown") or not ways:
@@ -570,7 +570,7 @@ class Comparison:
         )
 
     def cluster_sentence(self, name: str) -> str:
-        """Return how many of an arm's seeds are apart from the others, in words; else nothing."""
+        """Return a sentence on two clusters of an arm's seeds; empty if there are none."""
         values = self.returns[name]
         if (groups := clusters(values)) is None:
             return ""
@@ -582,7 +582,7 @@ class Comparison:
         return f"{sentence}; interquartile mean, without the few: {short(middle)}"
 
     def unlearnt(self, name: str) -> str:
-        """Return which sources of an arm did not learn their own tasks; empty if all did."""
+        """Return a sentence on sources that did not learn their tasks; empty if all did."""
         shares = {source: seeds for source, seeds in self[name].unlearnt.items() if seeds.any()}
         parts = [
             f"{source} in {n.sum()} of {counted(n.size, 'seed')}" for source, n in shares.items()
@@ -590,12 +590,12 @@ class Comparison:
         return f"sources of {name} that did NOT learn: {', '.join(parts)}" if parts else ""
 
     def control_sentence(self, name: str) -> str:
-        """Return whether a curriculum gains more than its controls, in words."""
+        """Return a sentence on whether a curriculum gains more than its controls."""
         return _sentence(name, self.control_verdicts[name], "controls")
 
 
 def _sentence(name: str, verdict: Verdict, controls: str) -> str:
-    """Return whether an arm gains more than its rivals, `controls`, in words."""
+    """Return a sentence on whether an arm gains more than its rivals, called `controls`."""
     strongest = verdict.rival.removeprefix(f"{name}, ")
     if verdict.rivals == 1:
         return f"{name} gains more than its {strongest}: {verdict}"
@@ -632,7 +632,7 @@ def short(interval: Interval) -> str:
 
 
 def _lines(comparison: Comparison) -> list[Any]:
-    """Return the charged curve of each arm: controls as their curriculum, but dashed."""
+    """Return the charged curve of each arm; a control's looks like its curriculum's, but dashed."""
     number, colour, lines = -1, "currentColor", []
     for name, arm in comparison.arms.items():
         scratch = name in comparison.scratches
@@ -670,26 +670,26 @@ def compare(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Comparison:
-    """Return a comparison of curricula with learning their target from scratch.
+    """Train curricula and learners from scratch, and return their comparison.
 
-    All have one total budget: the target's plus the steps that the most expensive arm spends on its
-    sources (or can spend at most, if a source's budget is in episodes). The learner from scratch
-    spends all of it in the target, every other arm the rest after its sources, seed by seed. An arm
-    that fails is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms, is
-    raised.
+    All arms have the same total budget: the target's, plus the steps that the most expensive arm
+    spends on its sources (or can spend at most, if a source's budget is in episodes). The learner
+    from scratch spends all of it in the target; every other arm spends there what its sources
+    leave, seed by seed. An arm that fails is listed in :attr:`Comparison.failed`; an error of
+    scratch, or of all arms, is raised.
 
     Parameters
     ----------
     arms : Curriculum or dict of str to Curriculum
-        All with the same target, none named "scratch". ``curricle.compare`` also takes a study or
-        its path: its arms and settings, where others are not given.
+        Curricula with the same target, none named "scratch". ``curricle.compare`` also takes a
+        study or its path, and then its arms and its settings where none are passed.
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
-        Of ``random_start``, ``pretraining``, ``placebo``, ``constant``, ``scaled`` and ``negated``,
-        run for each curriculum (``curricle.comparison.controls`` explains them).
+        Any of ``random_start``, ``pretraining``, ``placebo``, ``constant``, ``scaled`` and
+        ``negated``, run for each curriculum (``curricle.comparison.controls`` explains them).
     scratch : sequence of learners, or dict of str to learner
-        Learners that learn the target from scratch too, beside its own.
+        Further learners that learn the target from scratch, besides its own.
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if there is no such optimum.
@@ -701,9 +701,10 @@ def compare(
         Add seeds until the first arm's strong gain differs from 0.
     most_seeds : int
         Seeds at which to stop adding.
-    workers, progress : optional
-        Threads over seeds; True for a bar for each task of each arm, or a function of the name of
-        each arm when it is done.
+    workers : int, optional
+        Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each task of each arm; a function is called with each trained arm.
 
     Raises
     ------
@@ -764,7 +765,7 @@ def compare(
 
 
 class _FirstArmFailed(Exception):
-    """The arm failed whose gain decides whether more seeds are added."""
+    """The first arm failed, whose gain decides whether more seeds are added."""
 
 
 def comparison_plan(
@@ -813,7 +814,7 @@ def checkpoints(plan: Plan) -> int:
 
 
 def threshold_before(plan: Plan, stated: float | None) -> tuple[float | None, str]:
-    """Return a threshold that is stated or else the target's, and where it comes from."""
+    """Return the stated threshold or by default the target's, and its source as text."""
     # None before any training where it is the midpoint of scratch's curve.
     if stated is not None:
         return stated, STATED
@@ -859,7 +860,7 @@ def trained_arms(
 
 
 def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
-    """Return an arm whose units were trained, its seeds in the order in which they were given."""
+    """Return an arm of trained units, its seeds in the caller's order."""
     planned, in_order = plan.arms[name], tuple(sorted(seeds))
     results = {task: memory.trained[key, in_order] for task, key in planned.keys.items()}
     last: Trained = results[plan.target]

@@ -1,4 +1,4 @@
-"""Controls: arms that equal a curriculum except for what is supposed to help.
+"""Controls: arms that equal a curriculum except for the part that is supposed to help.
 
 - ``random_start``: the source is the target with a uniform start, for as many steps. If it helps as
   much, visiting many states helped, not the easier task.
@@ -91,7 +91,7 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
 
 
 def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
-    """Return a curriculum in whose miniatures each observation has the answer of another."""
+    """Return a curriculum with answers in its miniatures shuffled over observations."""
     tasks: dict[str, Any] = dict(curriculum.tasks)
     for name, task in tasks.items():
         if isinstance(task, Miniatures):
@@ -179,7 +179,7 @@ def train_control(
     calibrations: Sequence[Calibration] = (),
     **how: Any,
 ) -> tuple[LearningResult, IntArray, "Level | None"]:
-    """Return what seeds learn of the target in a control arm, their charges, and its level."""
+    """Return the results of seeds in the target of a control arm, their charges, and its level."""
     # Every control is charged the steps of the curriculum's `sources`.
     name = curriculum.target
     spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
@@ -247,7 +247,7 @@ SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)  # (Wie
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What a control that knows nothing adds to every value, for K seeds."""
+    """The constants that a control without knowledge adds to every value, for K seeds."""
 
     values: FloatArray  # (K,): mean of its potential over the pairs that learning can visit
     # The learner's own initial value, to which it is added; None where the control is not the same
@@ -264,12 +264,12 @@ class Level:
 
     @property
     def initial_value(self) -> float | None:
-        """The initial value that is the same, on average over seeds; None if none is."""
+        """The initial value that equals it, on average over seeds; None if there is none."""
         return None if self.base is None else self.base + self.mean
 
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """What a file holds of it, one number a seed: NaN for no base."""
+        """The arrays that a file holds, with a number for each seed: NaN for no base."""
         base = np.nan if self.base is None else self.base
         return {"level": self.values, "level_base": np.full(len(self.values), base)}
 
@@ -300,7 +300,7 @@ class VisitedPairs:
 
     @cached_property
     def states(self) -> IntArray:
-        """Their states, each once, (n,) int64; the task must have numbered ones."""
+        """The states of these pairs without repetition, (n,) int64; tasks with numbered states."""
         if self.dense:
             mdp = tables(self.task)
             return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)

@@ -1,8 +1,8 @@
-"""Forecast: will a curriculum pay, and where does learning start? Before training in the target.
+"""A forecast, before training in the target, says whether a curriculum pays and where it starts.
 
-Whether it pays is answered by a trial (:mod:`curricle.comparison.trial`). About each potential it
-says where learning starts: the return of the greedy policy on phi, and whether phi is so high that
-epsilon-greedy learning falls from there. About each source it says whether it learnt its own task.
+A trial (:mod:`curricle.comparison.trial`) answers whether it pays. For each potential the forecast
+states where learning starts: the return of the greedy policy on phi, and whether phi is so high
+that epsilon-greedy learning falls from there. For each source it states whether it learnt its task.
 """
 
 import pickle
@@ -64,7 +64,7 @@ from curricle.transfer.transfer import Calibrate, transfer_names
 # miniatures are examined on held-out levels.
 
 LEARNT = 0.9  # share of the way from random to the reference from which a source learnt its task
-OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # what a source is measured by
+OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # the reference of a source
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class SourceLearning(Frozen):
 
     @property
     def shares(self) -> FloatArray:
-        """(K,) shares of the way from random to the reference; NaN if there is no such way."""
+        """Shares of the way from random to the reference, (K,); NaN if there is no such way."""
         way = self.reference - self.random_return
         if not way > STANDARD_ERRORS * self.noise:
             return np.full(len(self.seeds), np.nan)
@@ -101,7 +101,7 @@ class SourceLearning(Frozen):
 
     @property
     def learnt(self) -> bool | None:
-        """Whether it learnt at least nine tenths of the way; None if that is unknown."""
+        """Whether the source learnt at least nine tenths of the way; None if that is unknown."""
         return None if np.isnan(self.share) else self.share >= LEARNT
 
     def __str__(self) -> str:
@@ -142,16 +142,15 @@ def source_learning(
     workers: int | None = None,
     progress: Progress = None,
 ) -> dict[str, SourceLearning]:
-    """Return for each source how much of its own task it learnt.
+    """Return how much of its own task each source learnt.
 
     Parameters
     ----------
     curriculum : Curriculum
     sources : dict of str to SourceValues
-        Such as ``CurriculumResult.sources``. Only those in dense tables that others build on count.
+        Such as ``CurriculumResult.sources``. Only sources in dense tables that are read count.
     fresh : bool
-        Whether a source that cannot be solved, and is not live, is measured by a fresh learner of
-        twice its steps.
+        Whether to measure an unsolvable source that is not live by a learner of twice its steps.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
@@ -209,16 +208,16 @@ def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
 
 @dataclass(frozen=True, eq=False)
 class DistilledSource(Frozen):
-    """What networks of K seeds regain of the way from the random policy to the optimum."""
+    """How far networks of K seeds go from the random policy's return to the optimum."""
 
     name: str
-    members: tuple[str, ...]  # M: the miniatures, then those that are only tested on
-    levels: tuple[str, ...]  # which levels each was examined on, and how many
-    shares: FloatArray  # (K, M): what each seed regains in each
+    members: tuple[str, ...]  # M: the miniatures, then the relatives for tests only
+    levels: tuple[str, ...]  # (M,) the kind and the number of the levels of each test
+    shares: FloatArray  # (K, M): share of the way, by seed and member
 
     @property
     def expected(self) -> float:
-        """The share to expect of the target: that of the last member, the nearest to it."""
+        """The share to expect in the target: that in the last member, which is nearest to it."""
         # benchmarks/networks/forecast.py measures how well it ranks sources.
         return float(self.shares[:, -1].mean())
 
@@ -233,7 +232,7 @@ class DistilledSource(Frozen):
 def distilled_sources(
     tasks: Mapping[str, object], sources: Mapping[str, SourceValues]
 ) -> dict[str, DistilledSource]:
-    """Return how well each source that was distilled from miniatures acts, by its name."""
+    """Return the test results of each source that was distilled from miniatures, by name."""
     distilled = {}
     for name, learnt in sources.items():
         task = tasks.get(name)
@@ -246,15 +245,15 @@ def distilled_sources(
     return distilled
 
 
-# -- The record of a forecast, and what it says in words ----------------------------------------
+# -- The record of a forecast, and its sentences ------------------------------------------------
 #
-# The words about a potential are about the start and about what it knows. What learning then gains
-# is another question: from a low start it can gain more than from scratch.
+# Sentences about a potential are about the start and about its knowledge. Learning may still gain
+# more from a low start than from scratch.
 
 
 @dataclass(frozen=True)
 class ForecastRow:
-    """A potential as it would enter the target: a single source's, or an aggregate."""
+    """A potential that could enter the target: of a single source, or an aggregate."""
 
     name: str  # the transfer, as "source -> target [n]", or the aggregate's name
     aggregate: bool  # whether it is an aggregate of all transfers
@@ -263,9 +262,8 @@ class ForecastRow:
     # K of its scale, from rollouts of its greedy policy.
     calibrations: tuple[Calibration, ...] = field(repr=False)
     gain: Interval | None = None  # in mean return, strong, of a trial in the model; None without
-    verdict: str = ""  # what the start is, whether it lasts, and what to do, in words
-    # That it may be worse than knowing nothing and in what, in words; empty if in nothing.
-    anti_knowledge: str = ""
+    verdict: str = ""  # a sentence on the start, on whether returns fall from there, with advice
+    anti_knowledge: str = ""  # a sentence on signs that phi is worse than no knowledge, if any
 
     __repr__ = brief_repr
 
@@ -286,7 +284,7 @@ class ForecastRow:
 
     @property
     def score(self) -> float:
-        """What orders candidates: the gain of the trial, else the start; NaN if unknown."""
+        """The number that orders candidates: the trial's gain, else the start; NaN if unknown."""
         return self.mean("start") if self.gain is None else float(self.gain.estimate)
 
 
@@ -298,24 +296,25 @@ class Forecast:
     ----------
     target : str
     coverage : dict of str to Coverage or ObservationCoverage
-        Of each transfer's mapping; of observations that the first seed's greedy policy meets.
+        Coverage of each transfer's mapping: of all pairs, or of the observations that the first
+        seed's greedy policy meets.
     rows : tuple of ForecastRow
-        Aggregates, then each transfer alone; both with the highest score first.
+        Aggregates, then single transfers, both with the highest score first.
     optimum, random_return : float
         Expected return of an optimal policy (NaN if the target is too large to solve), and of the
         random policy, with which learning from scratch starts.
     solved, exact : bool
         Whether potentials are compared with the exact Q*, and whether returns are exact.
     trained : dict of str to SourceValues
-        The sources, as :meth:`Curriculum.train` takes them; with `perfect` their optimal values.
+        The sources' values, as :meth:`Curriculum.train` takes them; optimal with `perfect`.
     perfect : bool
         Whether the sources were solved instead of trained.
     sources : dict of str to SourceLearning or DistilledSource
-        How much of its own task each source learnt, where that is known.
+        How much of its own task each source learnt, if that is known.
     trial : Trial or None
         The comparison with learning from scratch, in the model or on a smaller relative.
     no_trial : str
-        Why there is none, in words.
+        Why there is no trial, as text.
     """
 
     target: str
@@ -343,7 +342,7 @@ class Forecast:
 
     @property
     def used(self) -> ForecastRow:
-        """The row of the potential that the curriculum would use."""
+        """The row of the potential that the curriculum uses."""
         return next(row for row in self.rows if row.used)
 
     @property
@@ -353,7 +352,7 @@ class Forecast:
 
     @property
     def computed_from(self) -> str:
-        """What the sources' values are, in words."""
+        """A clause on the sources' values: from how many seeds, or learnt perfectly."""
         if self.perfect:
             return f"if {_listed(self.trained)} were learnt perfectly"
         seeds = len(self.rows[0].seeds)
@@ -372,7 +371,7 @@ class Forecast:
 
     @property
     def basis(self) -> str:
-        """The numbers that the answer rests on and what they assume, or why there are none."""
+        """The numbers behind the answer with their assumptions, or why there are none."""
         if self.trial is None:
             return f"no trial: {self.no_trial}"
         return f"{self.trial.numbers(self.used.name)}; {self.trial.assumes}"
@@ -381,7 +380,7 @@ class Forecast:
         return self.text()
 
     def text(self, width: int = 80) -> str:
-        """Return sentences and a table, in lines of so many characters at most."""
+        """Return sentences and a table, in lines of at most `width` characters."""
         above = [*self._head, *(f"{name}: {cover}" for name, cover in self.coverage.items())]
         below = [f"{row.name}: {row.verdict}" for row in self.rows if row.aggregate]
         columns, cells = _table_of(self)
@@ -398,7 +397,7 @@ class Forecast:
         return shortened(f"Forecast({self.target!r}: {self.answer}; potentials: {names})")
 
     def _repr_html_(self) -> str:
-        """Return the answer, what that rests on, the table and coverage."""
+        """Return the answer with its basis, the table and coverage."""
         columns, cells = _table_of(self)
         verdicts = [row.verdict * row.aggregate for row in self.rows]
         rows = [(*row, verdict) for row, verdict in zip(cells, verdicts, strict=True)]
@@ -412,7 +411,7 @@ class Forecast:
 
     @property
     def _head(self) -> list[str]:
-        """The sentences above the table: the answer, what it rests on, and the start."""
+        """The sentences above the table: the answer with its basis, and the start."""
         lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
         if self.trial is not None and not self.trial.relative and not self.best.used:
             lines.append(f"the highest gain in the trial: {self.best.name}")
@@ -429,7 +428,7 @@ class Forecast:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return names as a list in words."""
+    """Return names as a list in a sentence."""
     *some, last = names
     return f"{', '.join(some)} and {last}" if some else last
 
@@ -442,7 +441,7 @@ COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
     "rank": lambda row: or_dash(row.mean("rank"), ".2f"),
     "scale": lambda row: "none" if np.isnan(row.scale) else f"{row.scale:.2g}",
 }
-"""What each column shows of a row."""
+"""The columns of the table of rows."""
 
 
 def _table_of(forecast: Forecast) -> tuple[list[str], list[tuple[str, ...]]]:
@@ -460,7 +459,7 @@ def _table_of(forecast: Forecast) -> tuple[list[str], list[tuple[str, ...]]]:
 
 
 def _values_are_read(forecast: Forecast) -> bool:
-    """Return whether potentials are compared with values; not where networks enter."""
+    """Return whether learning reads values of potentials; False where networks enter."""
     return not all(np.isnan(row.mean("optimistic")) for row in forecast.rows)
 
 
@@ -476,7 +475,7 @@ RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
 def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
-    """Return what the start with a potential is, whether it lasts, and what to do, in words."""
+    """Return a sentence on the start with a potential, whether returns fall then, and advice."""
     start, optimistic = row.mean("start"), row.mean("optimistic")
     if not reads_values:
         policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
@@ -495,7 +494,7 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
     slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
     # A weak start has little to lose, and its policy is little evidence of phi's scale.
     if not good:
-        advice = ["what learning gains from there is open"]
+        advice = ["the gain from there is unknown"]
     elif optimistic > OPTIMISTIC and excess >= slips:
         fall = "expect a fall" if excess >= collapses else "returns may fall"
         advice = [f"{fall} from there under epsilon-greedy"]
@@ -515,7 +514,7 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
 
 
 def anti_knowledge(row: ForecastRow, random_return: float) -> str:
-    """Return in what a potential is worse than knowing nothing, in words; empty if in nothing."""
+    """Return a sentence on signs that a potential is worse than no knowledge; '' without any."""
     # Its greedy policy returns less than the random one by more than the seeds differ (Student's
     # interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
     # against that of Q* in every seed. The words are weak because some such potentials pay all the
@@ -554,9 +553,9 @@ def forecast(
 ) -> Forecast:
     """Return a forecast: whether the transfers into a target pay, and where learning starts.
 
-    Whether they pay is answered by a trial: the comparison with learning from scratch, played in
-    the tasks' models. It shares no random draw with :func:`compare` or :meth:`Curriculum.train`. In
-    a target without a model potentials are rolled out alone.
+    A trial answers whether they pay: it plays the comparison with learning from scratch in the
+    tasks' models. It shares no random draw with :func:`compare` or :meth:`Curriculum.train`.
+    Without a model there is no trial, and potentials are only rolled out.
 
     Parameters
     ----------
@@ -565,29 +564,31 @@ def forecast(
     target : str, optional
         By default the task that all others lead to.
     seeds : int or sequence of int
-        Of the sources whose potentials are looked at.
+        Seeds of the sources from which potentials are made.
     aggregates : sequence of callable
-        In addition to the library's four and the curriculum's own.
+        Aggregates besides the library's four and the curriculum's own.
     trained : dict of str to SourceValues or LearningResult, optional
-        Sources trained before, for the same seeds. A trial trains its own.
+        Sources trained before, for the same seeds. A trial trains its sources anew.
     perfect : bool
         Whether to take the optimal values of each source instead of training it; without a trial.
     episodes : int, optional
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
         default 1000, or 50 for an observation task.
     trial : bool or Curriculum, optional
-        True for a trial of 20 seeds, False for none; by default one of 8 to 20 seeds, where the
-        tasks have models and it takes 5 s or less on one processor, about. A curriculum is a
-        smaller relative, the verdict on which is carried over.
+        True for a trial of 20 seeds, False for none. By default there is a trial of 8 to 20 seeds
+        if the tasks have models and it takes at most about 5 s on one processor. A curriculum is a
+        smaller relative, whose verdict is taken for this curriculum.
     threshold : float, optional
         Return that counts as learnt in the trial, as in :func:`compare`.
-    workers, progress : optional
-        Threads over seeds; True for a bar for each task that is learnt and for the potentials, or a
-        function of the name of each potential looked at, and of "trial" after one.
+    workers : int, optional
+        Threads over seeds.
+    progress : bool or callable, optional
+        True shows a bar for each learnt task and for the potentials; a function is called with the
+        name of each potential, and with "trial" after the trial.
     only_used : bool
-        Whether it has a row for the potential that the curriculum would use, and no other.
+        Whether to have a row only for the potential that the curriculum uses.
     judged : JudgedPotentials, optional
-        What other forecasts for the same target have computed.
+        Shares the computations of several forecasts for the same target.
 
     Raises
     ------
@@ -693,8 +694,7 @@ def forecast(
 def _planned_trial(
     candidates: list[Candidate], trial: bool | Curriculum | None, perfect: bool
 ) -> tuple[list[Candidate], int, str]:
-    """Return the candidates and the seeds of the trial, or none of them and why there is none."""
-    # Raises CurriculumError, before any training, where the trial that is asked for cannot be made.
+    """Return a trial's candidates and seeds, or none and why; CurriculumError if it is required."""
     if perfect and trial:
         raise CurriculumError(
             "a trial trains the sources: with perfect=True, trial must be False or left out"
@@ -723,8 +723,7 @@ def _solved_sources(
     """Return the solutions of the sources of a target, as if learnt without a step."""
     if trained:
         raise CurriculumError(
-            "a forecast for sources learnt perfectly takes no trained ones: got "
-            + ", ".join(trained)
+            "a forecast with perfect=True must have no trained sources: got " + ", ".join(trained)
         )
     solved = {}
     for edge in curriculum.in_edges(name):
@@ -733,7 +732,7 @@ def _solved_sources(
         solution = Target.of(node.task, node.evaluation).solution if known else None
         if solution is None:
             raise CurriculumError(
-                "a forecast for sources learnt perfectly needs tasks that can be solved: "
+                "a forecast with perfect=True needs sources that can be solved: "
                 f"{node.name!r} cannot"
             )
         no_steps = np.zeros(len(seeds), np.int64)
@@ -746,7 +745,7 @@ Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K
 
 @dataclass(frozen=True)
 class JudgedPotentials:
-    """Targets, judgements of their potentials and what trials learn alone, computed once."""
+    """Targets, judgements of their potentials and trials' scratch arms, computed once."""
 
     memory: Memory = field(default_factory=Memory)
     _targets: dict[Any, AnyTarget] = field(default_factory=dict)
@@ -768,7 +767,7 @@ class JudgedPotentials:
         *,
         reads_values: bool,
     ) -> Judgement:
-        """Return how good potentials are and their scale; of networks what policies return."""
+        """Return the quality and scale of potentials, or the returns of networks' policies."""
         n, key = len(potentials), None
         if all(isinstance(phi, PairPotential) for phi in potentials):
             key = id(target), *map(_digest, potentials)

@@ -1,10 +1,9 @@
-"""The plan of a comparison or a study: arms with one total of steps, and what trains their units.
+"""The plan of a comparison or a study: arms with the same total of steps, and their units.
 
-All arms have one target and spend one total of steps, sources included. Each task of each arm has a
-key: what is learnt under one key is equal, so that arms share it. A unit is one such task for some
+All arms have one target and spend the same total of steps, sources included. Each task of each arm
+has a key. Equal keys mean equal results, which arms then share. A unit is a task of an arm for some
 seeds; it is trained after its sources, and an arm that fails is given up. A comparison trains its
-units in turn and remembers them (`Memory`); a study sends them to workers and stores them
-(`Scheduler`).
+units in turn in memory (`Memory`); a study sends them to workers and stores them (`Scheduler`).
 """
 
 from collections import Counter
@@ -64,7 +63,7 @@ class Unit:
 
 
 def numbered_seeds(seeds: Collection[int]) -> str:
-    """Return seeds with their numbers, in the singular for one."""
+    """Return the text ``seed 3`` or ``seeds 0-2+7``."""
     return f"seed{'s' * (len(seeds) != 1)} {seed_ranges(seeds)}"
 
 
@@ -78,7 +77,7 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PlannedArm:
-    """An arm as it is trained."""
+    """An arm that is to be trained."""
 
     curriculum: Curriculum  # the budget of its target is the total, if there is one
     keys: Mapping[str, Any]  # of each task
@@ -95,7 +94,7 @@ of its tasks."""
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What is trained."""
+    """The arms that are to be trained, and their keys."""
 
     arms: Mapping[str, PlannedArm]  # from scratch first; controls follow their arm
     target: str  # the task that all arms end with
@@ -124,7 +123,7 @@ class Plan:
             total = max(-(-(budget + most) // node.eval_freq) * node.eval_freq, least_total)
         elif compared and len(curricula) + bool(scratches) > 1:
             raise SettingError(
-                f"arms are compared at one total of steps: the budget of {target!r} is "
+                f"arms must have one total of steps to be compared: the budget of {target!r} is "
                 f"{node.budget}; give it in steps, or let each arm have its own budget with "
                 "compared = false"
             )
@@ -157,7 +156,7 @@ class Plan:
 
     @property
     def dependencies(self) -> dict[tuple[str, str], Dependencies]:
-        """What the key of each task of each arm is made of."""
+        """The data from which the key of each task of each arm is made."""
         return self._by_task("dependencies")
 
     def _by_task(self, mapping: str) -> dict[tuple[str, str], Any]:
@@ -166,7 +165,7 @@ class Plan:
 
     @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
-        """The keys, and the target of its curriculum for a control: it stands or falls with it."""
+        """The keys that each arm needs: its own, and for a control its curriculum's target."""
         controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
         return self.keys | beside
@@ -188,12 +187,12 @@ class Plan:
         )
 
     def controlled(self, unit: Unit) -> Any:
-        """Return the key of the target that a control's unit changes; None of other units."""
+        """Return the key of the target that a control's unit changes; None for other units."""
         of = self.arms[unit.arm].of
         return self.arms[of].keys[unit.task] if of and unit.task == self.target else None
 
     def read_by(self, unit: Unit) -> set[Any]:
-        """Return the keys of what a unit reads: values of sources, a curriculum's potentials."""
+        """Return the keys whose results a unit reads: sources, and a control's curriculum."""
         return {*unit.sources.values(), self.controlled(unit)} - {None}
 
     def without(self, arms: Collection[str]) -> Self:
@@ -241,9 +240,9 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
     """Raise CurriculumError unless all arms have one target with the same settings."""
     # An arm may learn the target with another of `learners` than the first arm does, which learn it
     # from scratch too; with any learner where that is None.
-    (name, first), *others = arms.items()
+    (name, first), *later = arms.items()
     target = first.target
-    for other_name, other in others:
+    for other_name, other in later:
         pair = f"{name!r} and {other_name!r}"
         if other.target != target:
             raise CurriculumError(
@@ -255,11 +254,11 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
                 f"arms must share their target: those of {pair} differ in {'; '.join(apart)}"
             )
         for which in ("evaluation", "budget", "learner", "eval_freq"):
-            mine, yours = first.setting(which, target), other.setting(which, target)
-            fair = which == "learner" and (learners is None or yours in learners)
-            if mine != yours and not fair:
+            value, other_value = first.setting(which, target), other.setting(which, target)
+            fair = which == "learner" and (learners is None or other_value in learners)
+            if value != other_value and not fair:
                 raise CurriculumError(
-                    f"arms must share their target's {which}: {pair} have {mine} and {yours}"
+                    f"arms must share their target's {which}: {pair} have {value} and {other_value}"
                 )
 
 
@@ -269,7 +268,7 @@ Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, b
 
 
 def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
-    """Return a curriculum's target without its sources, with another learner if one is given."""
+    """Return a curriculum's target without its sources, by default with its own learner."""
     target = curriculum.target
     which = [setting for setting in SETTINGS if setting not in OF_TARGETS]
     settings: Any = {setting: {target: curriculum.setting(setting, target)} for setting in which}
@@ -318,7 +317,7 @@ def _name(learner: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What the seeds of a unit learnt."""
+    """The results of the seeds of a unit."""
 
     result: LearningResult
     source_steps: IntArray  # (K,): what each seed spent before
@@ -336,7 +335,7 @@ def train(
     uncontrolled: Trained | None = None,
     **how: Any,
 ) -> Trained:
-    """Return what a unit of an arm learns from what its sources learnt."""
+    """Train a unit of an arm with the results of its sources, and return its results."""
     # With `charge` the target's budget pays for the sources too. A control reads the potentials of
     # its curriculum in `uncontrolled`, or computes them again.
     curriculum, task = arm.curriculum, unit.task
@@ -362,7 +361,7 @@ takes about as long as a small unit."""
 
 
 class Queue:
-    """Units that are still to be sent: the first of those whose sources are trained comes first."""
+    """Units that are still to be sent, in order, as soon as their sources are trained."""
 
     def __init__(self, units: Iterable[Unit]):
         self.units = list(units)
@@ -380,7 +379,7 @@ class Queue:
         return self.units[heappop(self.ready)]
 
     def trained(self, unit: Unit) -> None:
-        """Note that a unit is stored: others may have waited for it alone."""
+        """Release the units that waited for a unit, which is stored now."""
         self._order.done(self._numbers[unit.key, unit.seeds[0]])
         for number in self._order.get_ready():
             heappush(self.ready, number)
@@ -402,7 +401,7 @@ class Scheduler:
     _asked: float = field(default=-inf, init=False)
 
     def number(self) -> int:
-        """Return how many workers there are, or were a moment ago."""
+        """Return the number of workers, now or a moment ago."""
         if monotonic() - self._asked >= ASKED_AGAIN:
             self._number, self._asked = self.workers.number(), monotonic()
         return self._number
@@ -462,7 +461,7 @@ class Failures:
         return bool(self.errors)
 
     def add(self, unit: Unit, error: Exception) -> None:
-        """Note that a unit failed; a BrokenExecutor's cause is why."""
+        """Record that a unit failed, with the cause of a BrokenExecutor."""
         self.executor_failed |= isinstance(error, BrokenExecutor)
         cause = error.__cause__ if isinstance(error, BrokenExecutor) else None
         self.errors.append((unit, cause or error))
@@ -486,7 +485,7 @@ LARGEST_KEPT = 50_000_000  # bytes of tables up to which a source's values are k
 
 
 class _Learning(NamedTuple):
-    """All that the result of a task depends on, except the seed."""
+    """Everything on which the result of a task depends, except the seed."""
 
     node: Node
     transfers: tuple[Transfer, ...]
@@ -494,7 +493,7 @@ class _Learning(NamedTuple):
     control: str
 
     def equals(self, other: "_Learning") -> bool:
-        """Return whether what is learnt is equal."""
+        """Return whether both give equal results."""
         if self.node.task is not other.node.task or self[2:] != other[2:]:
             return False
         if len(self.transfers) != len(other.transfers):
@@ -506,7 +505,7 @@ class _Learning(NamedTuple):
 
 
 class Memory:
-    """What was learnt in this process, by keys that tell what is learnt alike."""
+    """Results of this process by key; tasks that give equal results have the same key."""
 
     def __init__(self) -> None:
         self._learnings = list[_Learning]()
@@ -535,7 +534,7 @@ class Memory:
         workers: int | None,
         bars: Bars,
     ) -> Iterator[None]:
-        """Train the units of a plan that are not known, all seeds of a unit together, in turn."""
+        """Train in turn the units of a plan without a result yet, all seeds of a unit together."""
         # Yields after each unit. Those of a plan are in an order in which sources come first.
         units, missing = plan.units(seeds, {}), list[Unit]()
         readers = Counter[Any]()  # how many units are still to read what each key's seeds learnt
@@ -562,7 +561,7 @@ class Memory:
                 self._forget(plan, unit.key, seeds)
 
     def _learnt(self, plan: Plan, unit: Unit, **how: Any) -> Trained:
-        """Return what a unit learns from its sources, which are known."""
+        """Return the results of a unit, from those of its sources."""
         sources = {
             name: SourceValues.of(self.trained[key, unit.seeds].result)
             for name, key in unit.sources.items()
@@ -571,7 +570,7 @@ class Memory:
         return train(plan.arms[unit.arm], unit, sources, uncontrolled=uncontrolled, **how)
 
     def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
-        """Let go of what nothing reads any more but small tables of sources, which plans share."""
+        """Drop results that nothing reads any more, except small tables, which plans share."""
         if (known := self.trained.get((key, seeds))) is None:
             return
         values = known.result.values

@@ -1,6 +1,6 @@
-"""Whether two tasks are the same problem, and their differences if not; tasks in plain data.
+"""The differences of two tasks, none if they are the same problem; and tasks as plain data.
 
-The plain data of a task is enough to tell whether two stored studies have one target.
+The plain data of a task is enough to see whether two stored studies have the same target.
 """
 
 import inspect
@@ -25,9 +25,9 @@ CLOSE = 1e-9  # relative difference of moments, or difference of start probabili
 def differences(task: Task, other: Task) -> tuple[str, ...]:
     """Return the differences of two tasks, with both values or a state; () for the same problem.
 
-    Compared are spaces, discount, time limit, end rule, rewards, transitions and start, by the
-    tables if they fit in memory, and the parameters of tasks of one type. Observation tasks are the
-    same problem if the same function with the same arguments makes their environments.
+    It compares spaces, discount, time limit, end rule, rewards, transitions and start, by tables if
+    they fit in memory, and the parameters of tasks of the same type. Observation tasks are the same
+    problem if the same function with the same arguments makes their environments.
 
     Examples
     --------
@@ -45,8 +45,8 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
             return (f"observations ({task!r} against {other!r})",)
         names = {"longest": "time_limit", "make": "environment"}
         parts = ("observations", "actions", "discount", "longest", "make")
-        mine, yours = ({names.get(x, x): getattr(seen, x) for x in parts} for seen in pair)
-        return tuple(_unequal(mine, yours))
+        settings = ({names.get(x, x): getattr(seen, x) for x in parts} for seen in pair)
+        return tuple(_unequal(*settings))
     first, second = map(generative_model, pair)
     lines = [
         f"{kind} ({getattr(first, kind).size:,} against {getattr(second, kind).size:,})"
@@ -54,8 +54,8 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
         if getattr(first, kind) != getattr(second, kind)
     ]
     alike = not lines
-    mine, yours = ({x: getattr(m, x) for x in ("discount", "time_limit")} for m in (first, second))
-    lines += _unequal(mine, yours)
+    settings = ({x: getattr(m, x) for x in ("discount", "time_limit")} for m in (first, second))
+    lines += _unequal(*settings)
     looked_up = alike and all(map(_comparable, pair))
     if looked_up:
         lines += _of_tables(tables(task), tables(other))
@@ -75,10 +75,10 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _unequal(mine: Mapping[str, Any], yours: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the names whose values differ, with both of them."""
-    for name in dict.fromkeys((*mine, *yours)):
-        value, other = mine.get(name, "absent"), yours.get(name, "absent")
+def _unequal(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the names whose values differ, with both values."""
+    for name in dict.fromkeys((*first, *second)):
+        value, other = first.get(name, "absent"), second.get(name, "absent")
         if value != other:
             yield f"{name} ({value} against {other})"
 
@@ -90,7 +90,7 @@ def _comparable(task: Task) -> bool:
 
 
 def _parameters(task: Any) -> list[str]:
-    """Return the names of what a task was made from; none where it is no dataclass."""
+    """Return the names of a task's parameters; none if it is not a dataclass."""
     parts = fields(task) if is_dataclass(task) else ()
     return [part.name for part in parts if part.compare and part.init]
 
@@ -107,12 +107,12 @@ def _of_tables(mdp: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     weight = np.random.default_rng(0).normal(size=space.size)
     unit = max(largest_reward(mdp), largest_reward(other))
     pairs = zip(moments(mdp, weight, unit), moments(other, weight, unit), strict=True)
-    for name, (mine, yours) in zip(MOMENTS, pairs, strict=True):
-        apart = abs(mine - yours) > CLOSE * np.maximum(1.0, abs(mine))
+    for name, (first, second) in zip(MOMENTS, pairs, strict=True):
+        apart = abs(first - second) > CLOSE * np.maximum(1.0, abs(first))
         where = np.argwhere(apart & alive[:, None])
         if len(where):
             s, a = where[0]
-            values = f": {mine[s, a]:g} against {yours[s, a]:g}" if name == "reward" else ""
+            values = f": {first[s, a]:g} against {second[s, a]:g}" if name == "reward" else ""
             yield f"{name} (from {state_name(space, int(s))}{values})"
             break  # the later moments differ as a consequence
     if abs(mdp.start - other.start).max() > CLOSE:
@@ -143,14 +143,14 @@ def largest_reward(mdp: FiniteMDP) -> float:
     return float(abs(_rewards(mdp)).max(initial=0.0)) or 1.0
 
 
-def _equal(mine: Any, yours: Any) -> bool:
+def _equal(first: Any, second: Any) -> bool:
     """Return whether two parameters are equal, arrays inside tuples included."""
-    if isinstance(mine, tuple) and isinstance(yours, tuple):
-        alike = type(mine) is type(yours) and len(mine) == len(yours)
-        return alike and all(map(_equal, mine, yours))
-    if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
-        return np.array_equal(mine, yours)
-    return bool(mine == yours)
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        alike = type(first) is type(second) and len(first) == len(second)
+        return alike and all(map(_equal, first, second))
+    if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):
+        return np.array_equal(first, second)
+    return bool(first == second)
 
 
 # -- The same from plain data, as a study's folder holds it ---------------------------------------
@@ -161,7 +161,7 @@ DIGEST_BYTES = 8
 
 @dataclass(frozen=True)
 class TaskSummary:
-    """What a task is, in plain data."""
+    """A task as plain data."""
 
     kind: str  # its type
     spaces: dict[str, str]  # its spaces, discount and time limit
@@ -193,13 +193,13 @@ def task_summary(task: Any) -> TaskSummary:
 
 
 def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...]:
-    """Return how two tasks differ, with both values where they are short; () for one problem."""
+    """Return the differences of two tasks, with both values if short; () for the same problem."""
     lines = list(_unequal(task.spaces, other.spaces))
     alike = not lines or lines[0].split()[0] not in ("states", "actions", "observations")
     if alike and task.projections and other.projections:
-        for name, (mine, size) in task.projections.items():
-            yours, its_size = other.projections.get(name, (np.nan, 0.0))
-            if not abs(mine - yours) <= AGREE * max(size, its_size):
+        for name, (value, size) in task.projections.items():
+            other_value, other_size = other.projections.get(name, (np.nan, 0.0))
+            if not abs(value - other_value) <= AGREE * max(size, other_size):
                 lines.append(name)
                 break  # later parts differ as a consequence
         if not lines:

@@ -1,8 +1,8 @@
 """A trial: the comparison with learning from scratch, played in the tasks' models beforehand.
 
-It costs milliseconds, and none of the steps that are to be saved. It has the budgets and the
-accounting of the experiment. Its tasks are renamed, and random streams are named after tasks: none
-of its seeds draws what a seed of the experiment draws. It never counts as the experiment.
+It costs milliseconds and no step of the experiment. It has the budgets and the accounting of the
+experiment. Random streams are named after tasks, and a trial renames its tasks: so no seed of it
+draws the numbers of a seed of the experiment. It never counts as the experiment.
 """
 
 import warnings
@@ -45,7 +45,7 @@ from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One way of using the sources of a target."""
+    """A way of using the sources of a target."""
 
     name: str  # the aggregate's, or the transfer's as "source -> target [n]"
     # The target, its transfers as this candidate uses them, and what these build on; no more.
@@ -93,7 +93,7 @@ def part_of(
     transfers: Sequence[Transfer],
     rename: Callable[[str], str] = str,
 ) -> Curriculum:
-    """Return the part of a curriculum that a target is learnt by, its tasks renamed."""
+    """Return the part of a curriculum from which a target is learnt, with its tasks renamed."""
     # `transfers` are those into the target, in place of the curriculum's own. Random streams are
     # named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
     before = {edge.source for edge in transfers}
@@ -138,9 +138,9 @@ class Trial:
     comparison : Comparison
         An arm for each candidate, under its name, and scratch.
     assumes : str
-        What its verdict rests on, in words.
+        The assumptions of its verdict, as text.
     relative : str
-        The smaller relative in which it was made; empty if it was made in the target's own model.
+        The smaller relative in which it was played; empty if it was played in the target's model.
     """
 
     comparison: Comparison = field(repr=False)
@@ -158,13 +158,13 @@ class Trial:
         return None if contrast is None else contrast.strong_gain
 
     def verdict(self, name: str) -> str:
-        """Return whether a candidate pays, by the area under its whole curve, in a few words."""
+        """Return in a few words whether a candidate pays, by the area under its whole curve."""
         gain = self.gain(name)
         answer = "it failed in the trial" if gain is None else verdict_words(gain)
         return f"{answer}, as on a smaller relative" if self.relative else answer
 
     def numbers(self, name: str) -> str:
-        """Return steps to the threshold with a candidate's sources and without, and the gain."""
+        """Return a sentence on a candidate's gain and its steps to the threshold, and scratch's."""
         comparison, gain = self.comparison, self.gain(name)
         if gain is None:
             return in_words(comparison.failed[name])
@@ -203,7 +203,7 @@ class Trial:
 
 
 def verdict_words(gain: Interval) -> str:
-    """Return what an interval of the gain says."""
+    """Return in a few words whether a gain with this interval pays."""
     if gain.low > 0:
         return "likely pays"
     return "likely costs more than it brings" if gain.high < 0 else "whether it pays is open"
@@ -227,7 +227,7 @@ def run_trial(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates, or of a smaller relative that stands for the only one."""
+    """Return a trial of candidates, or of a smaller relative in place of the only candidate."""
     memory = Memory() if memory is None else memory
     arms = {candidate.name: apart(relative or candidate.curriculum) for candidate in candidates}
     plan, failed = comparison_plan(arms, memory), dict[str, Exception]()
@@ -259,7 +259,7 @@ def apart(curriculum: Curriculum) -> Curriculum:
 
 
 def hindrance(curriculum: Curriculum) -> str:
-    """Return why there can be no trial of a curriculum, in words; empty if there can be one."""
+    """Return why there can be no trial of a curriculum, as text; empty if there can be one."""
     for name, task in curriculum.tasks.items():
         if is_observation_task(task):
             return f"{name!r} is seen through observations and has no model"
@@ -272,7 +272,7 @@ def hindrance(curriculum: Curriculum) -> str:
 
 
 def trial_seconds(candidates: Sequence[Candidate]) -> float:
-    """Return the seconds on one processor that one seed of a trial takes, about, and at most."""
+    """Return the seconds on one processor that a seed of a trial takes, estimated and at most."""
     plans = [candidate.curriculum for candidate in candidates]
     node = plans[0].node(plans[0].target)
     total = limits(node.budget)[0] + max(map(most_source_steps, plans))
@@ -296,7 +296,7 @@ def _node_seconds(node: Node, steps: int) -> float:
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
-    """Return the candidates and seeds of a trial that is made unasked; none if it takes long."""
+    """Return the candidates and seeds of the default trial; none if it would take long."""
     for some in (list(candidates), [candidate for candidate in candidates if candidate.used]):
         seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
         if seeds >= FEWEST:

@@ -1,8 +1,8 @@
 """Verdicts: which arm is better than which, from one return for each arm and seed.
 
-Each question is a family of tests of its own, so that no answer depends on what else was asked:
-whether curricula pay (against scratch), gain more than their controls, and than those controls that
-know nothing; arm against arm, where asked. All rest on sign-flip tests of paired differences. K
+Each question has its own family of tests, so that no answer depends on other questions: whether
+curricula pay (against scratch), whether they gain more than their controls, or more than their
+controls that know nothing, and arm against arm. All use sign-flip tests of paired differences. K
 seeds cannot have a p-value below 2^(1 - K), so that with too few seeds there is no verdict.
 
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
@@ -41,18 +41,18 @@ class Verdict:
     Attributes
     ----------
     gain : Interval
-        Of the smallest of all true differences in return between the arm and its rivals.
+        Interval of the smallest of all true differences in return between the arm and its rivals.
     rival : str
-        The strongest: the one with the highest mean return.
+        The strongest rival: the rival with the highest mean return.
     rivals : int
         Number of rivals, n.
     p, adjusted_p : float
-        Two-sided, of no difference (:func:`verdicts_of`); and corrected for the number of questions
-        in the family (Holm).
+        Two-sided p-value of no difference (:func:`verdicts_of`); and the same corrected for the
+        number of questions in the family (Holm).
     seeds, needed : int
         Seeds K, and the fewest with which there can be a verdict.
     interim : str
-        As of :func:`verdicts_of`.
+        As in :func:`verdicts_of`.
     """
 
     gain: Interval
@@ -69,12 +69,12 @@ class Verdict:
 
     @property
     def withheld(self) -> str:
-        """Why there is no verdict, as too few seeds or seeds to come; empty where there is one."""
+        """Why there is no verdict: too few seeds, or seeds are missing; empty if there is one."""
         return self.interim or too_few_seeds(self.seeds, self.needed)
 
     @property
     def direction(self) -> int:
-        """1 if the arm is shown to gain more than every rival, -1 if less than one, else 0."""
+        """1 if the arm is shown to gain more than every rival, -1 if less than a rival, else 0."""
         shown = not self.withheld and self.adjusted_p < SIGNIFICANT
         return int(np.sign(self.gain.estimate)) if shown else 0
 
@@ -103,26 +103,26 @@ def verdicts_of(
     looks: Looks = ONE_LOOK,
     interim: str = "",
 ) -> dict[str, Verdict]:
-    """Return for each of some arms whether it gains more than all of its rivals.
+    """Return for each question whether an arm gains more than all of its rivals.
 
     For an arm with n rivals and the p-values p_c of the n paired differences, p = max_c p_c if it
     is ahead of all (each of the n claims must hold: an intersection-union test, which needs no
-    correction), else p = n min p_c over the rivals ahead of it. Called at most 5 %, either wrong
-    answer has a probability of at most 2.5 %. The interval is [min_c low_c, min_c high_c], with
-    lower bounds at 97.5 % each and upper ones at 1 - 0.025 / n: it covers the smallest true
-    difference in 95 % of studies. Where p is below 5 % and the interval holds 0, as it may for
-    skewed differences, p is that of Student's tests, by which the interval is made.
+    correction), else p = n min p_c over the rivals ahead of it. If p below 5 % decides, either
+    wrong answer has a probability of at most 2.5 %. The interval is [min_c low_c, min_c high_c],
+    with lower bounds at 97.5 % each and upper bounds at 1 - 0.025 / n each: it covers the smallest
+    true difference in 95 % of studies. If p is below 5 % but the interval holds 0, which skewed
+    differences can cause, p is that of Student's tests, like the interval.
 
     Parameters
     ----------
     returns : dict of str to (K,) float64
         One return for each arm and seed; seed k of all arms is paired.
     rivals : dict of str to sequence of str
-        The questions, for whose number Holm corrects: an arm and at least one other.
+        The questions: arms, each with at least one rival. Holm corrects for their number.
     looks : Looks
-        Interim analyses planned, for which p-values and intervals are adjusted.
+        Planned interim analyses, for which p-values and intervals are adjusted.
     interim : str
-        That seeds are to come, in words: then there is no verdict, and p-values are NaN.
+        Text that says that seeds are missing; then there is no verdict, and p-values are NaN.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def verdicts_of(
     Raises
     ------
     SettingError
-        If an arm is unknown, has no rival or other seeds, or a return is not finite.
+        If an arm is unknown, has no rival or other seeds than the rest, or a return is not finite.
 
     Examples
     --------
@@ -145,10 +145,10 @@ def verdicts_of(
     if not rivals:
         return {}
     arrays = {name: vector(f"returns of {name!r}", values) for name, values in returns.items()}
-    for name, others in rivals.items():
-        if not others:
+    for name, of_name in rivals.items():
+        if not of_name:
             raise SettingError(f"an arm to be compared needs a rival: {name!r} has none")
-        for arm in (name, *others):
+        for arm in (name, *of_name):
             if arm not in arrays:
                 raise SettingError(f"an arm to be compared needs returns: {arm!r} has none")
             if (size := arrays[arm].size) != arrays[name].size:
@@ -157,8 +157,8 @@ def verdicts_of(
                     f"{size}"
                 )
     apart = {
-        name: np.stack([difference(arrays[name], arrays[rival]) for rival in others])
-        for name, others in rivals.items()
+        name: np.stack([difference(arrays[name], arrays[rival]) for rival in of_name])
+        for name, of_name in rivals.items()
     }
     draws = _draws(looks, sum(map(len, apart.values())))
     p = [math.nan if interim else _p_value(rows, draws, looks) for rows in apart.values()]
@@ -173,10 +173,10 @@ def verdicts_of(
 
 
 def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
-    """Return the fewest seeds K with which there can be a verdict: one arm is one question.
+    """Return the fewest seeds K with which there can be a verdict.
 
-    The smallest K whose smallest p-value, 2^(1 - K), is below 0.05 when it is adjusted for the
-    planned looks, and multiplied by the number of questions as Holm's correction does.
+    This is the smallest K whose smallest p-value, 2^(1 - K), is below 0.05 after adjustment for the
+    planned looks and multiplication by the number of questions (one an arm), as Holm's correction.
 
     Examples
     --------
@@ -191,14 +191,14 @@ def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
 
 
 def too_few_seeds(seeds: int, needed: int) -> str:
-    """Return that there are too few seeds for a verdict, in words; empty if there are enough."""
+    """Return the text that there are too few seeds for a verdict; empty if there are enough."""
     return f"too few seeds for a verdict ({seeds}; {needed} or more)" if seeds < needed else ""
 
 
-def difference(mine: FloatArray, yours: FloatArray) -> FloatArray:
-    """Return mine - yours (K,); 0 where they differ by no more than rounding, NaN with a NaN."""
-    noise = ROUNDING * np.maximum(np.abs(mine), np.abs(yours))
-    apart = np.subtract(mine, yours)
+def difference(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return first - second (K,); 0 where they differ by no more than rounding, NaN with a NaN."""
+    noise = ROUNDING * np.maximum(np.abs(first), np.abs(second))
+    apart = np.subtract(first, second)
     return np.where(np.abs(apart) < noise, 0.0, apart)
 
 
@@ -276,7 +276,7 @@ class Reason:
 
     @property
     def share(self) -> float:
-        """The largest share of its gain that may be by what it knows: a bound at 95 %, or 1."""
+        """The upper 95 % bound of the share of its gain that its knowledge brings; 1 if unknown."""
         over, whole = self.over_controls, float(self.pays.gain.low)
         if over is None or not whole > 0:
             return 1.0
@@ -284,7 +284,7 @@ class Reason:
 
     @property
     def words(self) -> str:
-        """The reason in words; empty if it was not asked for, or if the curriculum does not pay."""
+        """The reason as text; empty if it was not asked for, or if the curriculum does not pay."""
         optimism = "optimism" if self.level >= 0 else "pessimism"
         reasons = {
             "knowledge": "by what it knows",
@@ -296,6 +296,6 @@ class Reason:
 
 
 def not_asked(reasons: Sequence[Reason]) -> str:
-    """Return that some of the curricula that pay were not asked why, in words; else nothing."""
+    """Return a question if controls do not tell why some curriculum pays; else an empty text."""
     open_ = any(reason.why == "not asked" for reason in reasons)
     return f"by what it knows, or by optimism alone? Not asked: {ASKING}" if open_ else ""

@@ -61,21 +61,21 @@ class Curriculum:
     transfers : sequence of Transfer
         Several may share source and target (one source through several mappings).
     aggregate : callable or dict
-        (N, S, A) -> (S, A), of all transfers into a task; default :func:`mean`, which skips NaN,
-        where a mapping leaves a pair unmapped.
+        (N, S, A) -> (S, A), combines the potentials of all transfers into a task; default
+        :func:`mean`. A pair that a mapping leaves unmapped is NaN, which :func:`mean` skips.
     unknown_value : float or dict
         The potential of pairs that all mappings leave unmapped; default 0.
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
         Steps, episodes, or a rule; default 100,000 steps. A source ends when its return has
-        settled: a number of steps is a cap, and all sources without a budget take at most a tenth
-        of the target's steps together. ``StoppingRule(5_000)`` is 5,000 steps exactly.
+        converged: its number of steps is a cap, and all sources without a budget take at most a
+        tenth of the target's steps together. ``StoppingRule(5_000)`` is exactly 5,000 steps.
     shaping : Shaping or dict
         How the potentials of sources enter learning. Default :class:`QInitialisation`, with a
-        :class:`Guard` where the learner has dense tables and no bonus, up to 10 million pairs; for
-        an actor-critic whose only source is distilled from :func:`miniatures` and read unchanged,
-        ``WeightTransfer(kl=0.1)``.
+        :class:`Guard` where the learner has dense tables of up to 10 million pairs and no bonus.
+        Default ``WeightTransfer(kl=0.1)`` for an actor-critic whose only source is distilled from
+        :func:`miniatures` and read unchanged.
     eval_freq : int or dict, optional
         Steps between checkpoints.
     evaluation : GreedyEvaluation or dict, optional
@@ -84,8 +84,8 @@ class Curriculum:
     Raises
     ------
     CurriculumError
-        On a cycle (naming it), an unknown task, a mapping between other tasks than its edge, or a
-        source whose shaping changes its values for good, so that no target can read them.
+        When there is a cycle (which is named), a task is unknown, a mapping is not between the
+        tasks of its edge, or the shaping of a source leaves values that no target can read.
 
     Examples
     --------
@@ -128,7 +128,7 @@ class Curriculum:
                 targets = [edge.target for edge in self.transfers if edge.source == name]
                 if targets and not node.shaping.own_rewards:
                     raise CurriculumError(
-                        "values that are handed on must be in the task's own rewards: "
+                        "values that a target reads must be in their task's own rewards: "
                         f"{node.shaping.name} changes those of {name!r}, which {targets[0]!r} reads"
                     )
 
@@ -213,19 +213,19 @@ class Curriculum:
         settings = {transfer.calibration for transfer in self.in_edges(name)}
         if len(settings) > 1:
             raise CurriculumError(
-                "all transfers into a task are calibrated together and must agree on it: those "
-                f"into {name!r} do not"
+                "all transfers into a task must have the same calibration: those into "
+                f"{name!r} differ"
             )
         calibration = settings.pop() if settings else None
         if calibration is not None and isinstance(self.tasks[name], Miniatures):
             raise CurriculumError(
-                f"a calibration takes steps in a task, and miniatures take none: a transfer into "
+                "a calibration takes steps in its task, which miniatures never do: a transfer into "
                 f"{name!r} has calibrate={calibration}"
             )
         return calibration
 
     def ancestors(self, name: str) -> tuple[str, ...]:
-        """Return the tasks that have to be trained before `name`, in training order."""
+        """Return the tasks that are trained before `name`, in training order."""
         one_of("a task", name, self.tasks, CurriculumError)
         needed = {name}
         for task in reversed(self.order):
@@ -249,7 +249,7 @@ class Curriculum:
         return SETTINGS[which] if which == "unknown_value" else None
 
     def _default_shaping(self, name: str) -> Shaping:
-        """Return the start of Q as the way of potentials, guarded where that is possible."""
+        """Return the default shaping of a task: QInitialisation, guarded where that is possible."""
         learner, edges = self.setting("learner", name), self.in_edges(name)
         if len(edges) == 1 and isinstance(self.tasks[edges[0].source], Miniatures):
             alike = learner == self.setting("learner", edges[0].source)
@@ -266,14 +266,14 @@ class Curriculum:
         return QInitialisation()
 
     def _stated(self, which: str, name: str) -> Any:
-        """Return a setting of a task as stated; None for an `unknown_value` that is not."""
+        """Return a setting of a task as stated; None for an `unknown_value` that is not stated."""
         stated = getattr(self, which)
         if not isinstance(stated, Mapping):
             return stated
         return stated.get(name, None if which == "unknown_value" else SETTINGS[which])
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:
-        """Return the budget of a task: a source ends when its return has settled."""
+        """Return the budget of a task: a source ends when its return has converged."""
         if name in self.last_tasks:
             return DEFAULT_STEPS if stated is None else stated
         if stated is not None:
@@ -290,7 +290,7 @@ class Curriculum:
         return max(shares, key=limits)
 
     def node(self, name: str) -> Node:
-        """Return a task with all its settings; SettingError if they make no sense."""
+        """Return a task with all its settings; SettingError if any is invalid."""
         one_of("a task", name, self.tasks, CurriculumError)
         settings = {which: self.setting(which, name) for which in SETTINGS}
         return Node.of(name, self.tasks[name], **settings)
@@ -345,18 +345,18 @@ class Curriculum:
         saves: str | Place | None = None,
         progress: Progress = None,
     ) -> CurriculumResult:
-        """Return the results of all tasks, learnt in order; K seeds are K independent curricula.
+        """Train all tasks in order and return their results; K seeds are K independent curricula.
 
         Parameters
         ----------
         seeds : int or sequence of int
             As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
-            Where a seed cannot be calibrated, its potential enters unscaled, with a warning;
+            If a seed cannot be calibrated, its potential enters unscaled, with a warning, and
             ``calibrations`` of the result says why.
         only : str or sequence of str, optional
-            Tasks to train, with all that they build on; every task by default.
+            Tasks to train, with all their sources; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
-            Tasks of the curriculum learnt before, for the same seeds, or CurriculumError.
+            Results of tasks learnt before, for the same seeds (else CurriculumError).
         charge : bool
             Whether the budget of :attr:`target` pays for its sources too, seed by seed.
         snapshots : int
@@ -364,10 +364,9 @@ class Curriculum:
         workers : int, optional
             Threads over seeds.
         saves : path, optional
-            A folder or a URL for checkpoints of networks, as in :func:`learn_deep`.
+            Folder or URL for checkpoints of networks, as in :func:`learn_deep`.
         progress : bool or callable, optional
-            True shows a bar for each task; a function is called with the name of each that is
-            learnt.
+            True shows a bar for each task; a function is called with the name of each learnt task.
         """
         check_progress(progress)
         numbers = seed_tuple(seeds)
@@ -440,10 +439,10 @@ class Curriculum:
         *,
         transfers: Sequence[Transfer] | None = None,
     ) -> list[AnyPotential]:
-        """Return the potential of a task for each seed, from its sources; none without sources.
+        """Return a task's potential for each seed, made of its sources; none without sources.
 
-        `transfers` are read, by default all into the task. CurriculumError when a source's values
-        are not kept, or not in a dense table.
+        `transfers` are by default all into the task. CurriculumError when a source's values were
+        not kept, are not in a dense table, or are not in its task's own rewards.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         how: dict[str, Any] = {"function": self.setting("aggregate", name)}
@@ -451,8 +450,8 @@ class Curriculum:
         for edge in edges:
             if not np.all(sources[edge.source].own_rewards):
                 raise CurriculumError(
-                    "values that are handed on must be in the task's own rewards: those of "
-                    f"{edge.source!r}, which {edge.target!r} reads, contain what shaping added"
+                    "values that a target reads must be in their task's own rewards: those of "
+                    f"{edge.source!r}, which {edge.target!r} reads, contain shaping rewards"
                 )
         task, read = self.tasks[name], list[list[Any]]()
         observed = is_observation_task(task)

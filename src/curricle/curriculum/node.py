@@ -1,4 +1,4 @@
-"""A node of a curriculum, a task and all settings of its training, and the defaults of these."""
+"""A node of a curriculum: a task with all settings of its training, and their defaults."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -97,8 +97,8 @@ class Node:
             check_evaluation(settings["evaluation"])
         if settings["shaping"].potential is not None:
             raise CurriculumError(
-                "the shaping of a curriculum's task must have no potential of its own, its sources "
-                f"give it one: that of {name} has"
+                "the shaping of a curriculum's task must have no potential of its own, because "
+                f"sources give it: that of {name} has a potential"
             )
         if not callable(settings["aggregate"]):
             raise CurriculumError(
@@ -110,7 +110,7 @@ class Node:
 
     @property
     def most_steps(self) -> int:
-        """A bound of the steps that training takes."""
+        """The most steps that training takes."""
         if self.takes_no_steps:
             return 0
         limit = self.task.longest if self.deep else generative_model(self.task).time_limit
@@ -118,7 +118,7 @@ class Node:
 
     @property
     def most_evaluation_steps(self) -> int:
-        """A bound of the steps that a seed's greedy evaluations take; 0 where they take none."""
+        """The most steps that a seed's greedy evaluations take; 0 where they take none."""
         if self.evaluation.method == "off" or self.takes_no_steps:
             return 0
         if not (self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)):
@@ -128,13 +128,13 @@ class Node:
 
     @property
     def sizes(self) -> tuple[str, str]:
-        """How many states and actions the task has, in words."""
+        """The numbers of states and actions of the task, as text."""
         model = generative_model(self.task)
         return counted(model.states.size, "state"), counted(model.actions.size, "action")
 
     @property
     def budget_text(self) -> str:
-        """The budget in words."""
+        """The budget as text."""
         return counted(self.budget, "step") if isinstance(self.budget, int) else str(self.budget)
 
     @property
@@ -190,7 +190,7 @@ class Node:
         return learn(self.task, self.learner, self.budget, **common)
 
     def unlearnt(self, result: LearningResult) -> BoolArray:
-        """Return the seeds whose last return is too low to have settled, (K,)."""
+        """Return which seeds' last return is too low to have converged, (K,) bool."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return np.zeros(len(result.seeds), np.bool_)
         _, floor = levels(self.budget, self.task, self.evaluation, target_of)
@@ -199,7 +199,7 @@ class Node:
         return np.array(recent) <= floor
 
     def decisions(self, result: LearningResult) -> Decisions:
-        """Return the decisions of the stopping rule at the checkpoints of each seed, if any."""
+        """Return the stopping rule's decisions at each seed's checkpoints, if there is a rule."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return Decisions([[] for _ in result.seeds], result.seeds)
         level, floor = levels(self.budget, self.task, self.evaluation, target_of)
@@ -230,7 +230,7 @@ def calibrated(
 
 
 def capped(budget: Budget) -> Budget:
-    """Return the budget of a source: a number of steps is a cap, the rest is as it is."""
+    """Return the budget of a source: a number of steps becomes a cap, others do not change."""
     if isinstance(budget, Episodes | StoppingRule):
         return budget
     return StoppingRule(limits(budget)[0], settled=SETTLED)

@@ -42,15 +42,15 @@ MOST_CURVES = 4  # tasks whose curves are shown beside each other, the last ones
 
 @dataclass(frozen=True, eq=False)
 class SourceValues:
-    """The values that K seeds learnt in a task: all that later tasks need of it.
+    """The values that K seeds learnt in a task, which is all that later tasks need.
 
     Attributes
     ----------
     task : Task or ObservationTask
     seeds : tuple of int
-        K of them.
+        The K seeds.
     values : (K, S, A) float array or K ValueSource
-        None if they were not kept.
+        None if the values were not kept.
     steps_used : (K,) int64
         Steps of each seed in the task.
     own_rewards : bool
@@ -94,13 +94,13 @@ class CurriculumResult:
     ----------
     curriculum : Curriculum
     nodes : dict of str to LearningResult
-        Of the tasks trained here, and of those in `trained` that are whole results.
+        Results of the tasks trained here, and those in `trained` that are whole results.
     potentials : dict of str to list of MappedPotential or StateActionPotential
-        Of the tasks trained here, a potential for each seed (empty without sources).
+        Potential of each seed in the tasks trained here; empty for a task without sources.
     calibrations : dict of str to list of Calibration
-        Of each seed, where transfers are calibrated: the first steps of the task's budget.
+        Calibration of each seed, where transfers are calibrated, from the task's first steps.
     given : dict of str to SourceValues
-        Of the tasks that were trained before.
+        Values of the tasks that were trained before.
 
     Examples
     --------
@@ -135,7 +135,7 @@ class CurriculumResult:
         )
 
     def _ended(self, name: str) -> str:
-        """Return what ended a task's training, in words; empty where no rule did."""
+        """Return a sentence on the rule that ended a task's training; empty if no rule did."""
         if name not in self.curriculum.tasks:
             return ""
         try:
@@ -163,7 +163,7 @@ class CurriculumResult:
         return decisions
 
     def unlearnt(self, name: str) -> dict[str, BoolArray]:
-        """Return the seeds that did not learn a source by its stopping rule, for all sources."""
+        """Return for each source which seeds did not learn it by its stopping rule, (K,) bool."""
         sources = [task for task in self.curriculum.ancestors(name) if task in self.nodes]
         return {task: self.curriculum.node(task).unlearnt(self[task]) for task in sources}
 
@@ -200,16 +200,16 @@ class CurriculumResult:
     def save(self, path: str | Path) -> Path:
         """Write the results of all tasks into an ``.npz`` file without pickles; return its path.
 
-        Equal results give equal bytes. The file has no tasks. StoreError when it is not written.
+        Equal results give equal bytes. The file holds no tasks. StoreError if it cannot be written.
         """
         return write_saved(path, type(self).__name__, *to_file(self))
 
     @classmethod
     def load(cls, path: str | Path, curriculum: Any) -> Self:
-        """Return the result in a file that :meth:`save` wrote, of the same `curriculum`.
+        """Return the result in a file that :meth:`save` wrote for the same `curriculum`.
 
         StoreError when the file cannot be read, is damaged, or holds something else;
-        CurriculumError or SettingError when a task is another, or has other states or actions.
+        CurriculumError or SettingError when the curriculum has other tasks, states or actions.
 
         Examples
         --------
@@ -230,7 +230,7 @@ class CurriculumResult:
 
 
 def _in_words(fitted: list[Calibration]) -> str:
-    """Return how many seeds could be calibrated, and to which scale."""
+    """Return a sentence on how many seeds could be calibrated, and to which scale."""
     refused = sum(bool(calibration.refusal) for calibration in fitted)
     scale = np.mean([calibration.scale for calibration in fitted])
     sentence = f"calibrated to scale {scale:.3g} on average over {counted(len(fitted), 'seed')}"
@@ -274,7 +274,7 @@ def to_file(result: CurriculumResult) -> tuple[Arrays, dict[str, Any]]:
 
 
 def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> tuple[Any, ...]:
-    """Return the fields of a result but its curriculum."""
+    """Return the fields of a result except its curriculum."""
     if (stored := {*about["tasks"]}) != {*curriculum.tasks}:
         raise CurriculumError(
             f"a result must be loaded with its own curriculum: {saved.path} has the tasks "
@@ -358,7 +358,7 @@ class StoredValues(NamedTuple):
 
 
 def sources_read(curriculum: Any, name: str) -> set[str]:
-    """Return the tasks whose values are needed to train a task: its sources, and theirs if deep."""
+    """Return the tasks whose values training a task needs: its sources, and theirs for networks."""
     read, waiting = set[str](), [name]
     while waiting:
         for edge in curriculum.in_edges(waiting.pop()):

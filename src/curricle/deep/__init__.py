@@ -1,4 +1,4 @@
-"""Deep learners: potentials inside networks and around them, training, checkpoints."""
+"""Deep learners: networks that learn from potentials, their training and checkpoints."""
 
 import lazy_loader
 

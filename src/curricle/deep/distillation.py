@@ -1,4 +1,4 @@
-"""Distillation: networks of Stable-Baselines3 are fitted to what is known of observations."""
+"""Distillation fits networks of Stable-Baselines3 to known values and policies."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Distillation:
     smoothing: float = 0.1
 
     def batches(self, n: int, seed: int) -> Iterator[IntArray]:
-        """Yield the rows of each update: all n in a new order, over and over."""
+        """Yield the rows of each update: all n rows again and again, each time in a new order."""
         rng = np.random.default_rng(seed)
         order = rng.permutation(n)
         for _ in range(self.updates):
@@ -59,7 +59,7 @@ def distil(
     *,
     seed: int = 0,
 ) -> NetworkValues:
-    """Return a network of a learner's kind, fitted to what is known of observations; no steps."""
+    """Return a network of a learner's kind that is fitted to knowledge and takes no steps."""
     check_spaces(task, learner)
     small = splitmix64(stream_start(seed, "distillation")) >> 33
     with isolated(learner.threads):
@@ -78,7 +78,7 @@ def _fit(
         if known is not None and known.shape[1] != task.n_actions:
             raise SettingError(
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
-                f"{known.shape[1]} of them; a mapping's actions= says which is which"
+                f"{known.shape[1]} actions; a mapping's actions= maps them"
             )
     q_nets = [name for name in ("q_net", "quantile_net") if getattr(policy, name, None) is not None]
     network: Any = None  # of DQN or QR-DQN
@@ -90,8 +90,8 @@ def _fit(
         last = getattr(network, q_nets[0])[-1]
     else:
         raise SettingError(
-            "a network to distil into must be an actor-critic of numbered actions without memory "
-            "or masks, or DQN's or QR-DQN's where action values are known: got "
+            "the learner of a distilled task must be an actor-critic with numbered actions, "
+            "without memory or masks, or DQN or QR-DQN where action values are known: got "
             f"{type(policy).__name__}"
         )
 
@@ -142,7 +142,7 @@ def learn_miniatures(
     eval_freq: int = 1,
     progress: Progress = None,
 ) -> DeepResult:
-    """Return networks fitted to miniatures, or to `potentials`, one for each seed, in no steps."""
+    """Return a network for each seed, fitted to miniatures or to its potential without a step."""
     outcomes = []
     with shown(progress) as bars:
         grow = bars.bar("distilling", len(seeds))
@@ -157,8 +157,8 @@ def learn_miniatures(
             if regained < WORTH and not task.shuffled:
                 raise TaskError(
                     "a network distilled from miniatures must act better than at random, on "
-                    f"held-out levels if any: it regains {regained:.0%} of the way to the optimum "
-                    f"of {task}"
+                    f"held-out levels if there are any: it goes {regained:.0%} of the way from "
+                    f"the random policy to the optimum of {task}"
                 )
             outcomes.append(Outcome(record, network, 0, 0, out_of_memory=False, evaluation_steps=0))
             grow()

@@ -1,4 +1,4 @@
-"""Deep learners: algorithms of Stable-Baselines3, the spaces they take, what they take over."""
+"""Deep learners: algorithms of Stable-Baselines3, their spaces, and transfers of networks."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -31,20 +31,20 @@ class DeepLearner:
     ----------
     algorithm : str
         Its name in ``stable_baselines3`` or ``sb3_contrib``, such as ``"DQN"`` or ``"PPO"``, or
-        one's own class as ``module:Class``.
+        a class of yours as ``module:Class``.
     policy : str
         ``"MlpPolicy"``, ``"CnnPolicy"`` or ``"MultiInputPolicy"``.
     envs : int
-        Sub-environments. Steps are counted over all of them.
+        Number of sub-environments, over all of which steps are counted.
     settings : dict
         Other arguments of the algorithm, such as ``learning_rate``, ``buffer_size`` or
         ``policy_kwargs``. gamma is the task's discount.
     callbacks : callable, optional
-        Returns new callbacks (``BaseCallback``); called for each seed.
+        Returns new callbacks (``BaseCallback``) for each seed.
     progress_bar : bool
-        That of Stable-Baselines3.
+        Whether Stable-Baselines3 shows its progress bar.
     threads : int
-        Of torch; more than one helps large networks only.
+        Threads of torch; more than 1 helps large networks only.
 
     Raises
     ------
@@ -94,7 +94,7 @@ class DeepLearner:
 
     @property
     def scheduled(self) -> bool:
-        """Whether a setting changes over the budget; an algorithm of one's own may have such."""
+        """Whether a setting may change over the budget; an algorithm of the user's always may."""
         values = (value for value in self.settings.values() if not isinstance(value, type))
         return ":" in self.algorithm or self.algorithm in EXPLORING or any(map(callable, values))
 
@@ -106,7 +106,7 @@ class DeepLearner:
                 return getattr(import_module(module), name)
             except (ImportError, AttributeError) as error:
                 raise SettingError(
-                    f"an algorithm as module:Class must be there: {module}:{name} failed, {error}"
+                    f"an algorithm as module:Class must exist: {module}:{name} failed, {error}"
                 ) from error
         libraries = {}
         for library in LIBRARIES:
@@ -200,7 +200,7 @@ def _shown(key: str, part: Space[Any]) -> str:
 
 
 def _encoder(parts: Mapping[str, Space[Any]]) -> str:
-    """Return which encoder makes such observations fit."""
+    """Return a sentence that names the encoder for such observations."""
     if any(type(part).__module__.startswith("minigrid.") for part in parts.values()):
         return "encode=MiniGridView() makes MiniGrid's observations a vector"
     if len(parts) > 1:
@@ -236,7 +236,7 @@ class _OfNetworks(Shaping):
 
 @dataclass(frozen=True)
 class WeightTransfer(_OfNetworks):
-    """Learning starts with the parameters of the one source's network.
+    """The target's network starts with the parameters of its only source's network.
 
     Parameters
     ----------
@@ -254,11 +254,11 @@ class WeightTransfer(_OfNetworks):
 
 @dataclass(frozen=True)
 class PolicyReuse(_OfNetworks):
-    """The sources' policy is carried over, but not their values.
+    """The learner takes over the sources' policy, but not their values.
 
-    An off-policy learner acts on a source of action values with a probability that falls from 1 to
-    0 over the first half of the budget (Fernandez, Veloso 2006). Others start with the source's
-    actor, and may be kept near it at first.
+    An off-policy learner acts greedily on the sources' action values with a probability that falls
+    from 1 to 0 over the first half of the budget (Fernandez, Veloso 2006). An on-policy learner
+    starts with the source's actor, and `kl` may keep it near that at first.
 
     Parameters
     ----------
@@ -279,15 +279,14 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
     """Return the policy class with which a network computes phi + a residual.
 
     A DQN acts, bootstraps and is evaluated on phi(s, a) + residual(s, a), in the online and the
-    target network alike. The residual starts at 0; the potential is saved with the model. Among the
-    ``policy_kwargs`` are
+    target network alike. The residual starts at 0; phi is saved with the model. ``policy_kwargs``:
 
     - ``potential``, an :class:`ObservationPotential`;
-    - ``reads``, which part of phi the residual reads beside the observation, standardised by the
-      first batch: "actions", phi(s, .), the default for fewer than 32 actions; "state", Phi(s) =
-      max_a phi(s, a), the default for more; or "nothing". A linear residual that reads nothing
-      learns what Q-learning from phi learns (Wiewiora 2003); but a network of the observation alone
-      may diverge where phi jumps, as tables do between cells.
+    - ``reads``, the part of phi that the residual reads besides the observation, standardised by
+      the first batch: "actions", phi(s, .), the default for fewer than 32 actions; "state", Phi(s)
+      = max_a phi(s, a), the default for more; or "nothing". A linear residual that reads nothing
+      learns what Q-learning from phi learns (Wiewiora 2003); but a network that reads the
+      observation alone may diverge where phi jumps, as tables do between cells.
 
     Parameters
     ----------
@@ -314,5 +313,5 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
         return POLICIES[policy]
     raise SettingError(
         f"initialising a network needs DQN and one of {', '.join(POLICIES)}: got "
-        f"{algorithm.__name__} with {policy}; StateShaping serves every algorithm"
+        f"{algorithm.__name__} with {policy}; StateShaping suits every algorithm"
     )

@@ -1,4 +1,4 @@
-"""Training a task seen through observations over many seeds, and what is learnt of it."""
+"""Training a task seen through observations over many seeds, and the results."""
 
 import io
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, doe
 
 @dataclass(frozen=True, eq=False)
 class TrainedPolicy:
-    """What a deep learner does in a task it has learnt: ``result.policy`` of its result.
+    """The policy that a deep learner has learnt in a task: ``result.policy`` of its result.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ class TrainedPolicy:
     def predict(self, observation: Any, *, deterministic: bool = True) -> Any:
         """Return the action in an observation, (...), or the actions in n stacked ones, (n, ...).
 
-        Without `deterministic` they are sampled, which DQN does not do. SettingError where the
-        policy needs memory or masks of actions too.
+        Without `deterministic` actions are sampled, except by DQN. SettingError where the policy
+        also needs memory or masks of actions.
         """
         check_sight(self.model)
         try:
@@ -91,7 +91,7 @@ class TrainedPolicy:
     def save(self, path: str | Path) -> Path:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
 
-        It holds pickles: load your own alone. StoreError when it cannot be written.
+        It holds pickles: load your own files only. StoreError when it cannot be written.
         """
         file = local_file(path)
         if not file.name.endswith(".zip"):
@@ -105,7 +105,7 @@ class TrainedPolicy:
     def load(cls, path: str | Path, task: ObservationTask, learner: DeepLearner) -> Self:
         """Return the policy in a file of Stable-Baselines3.
 
-        SettingError when the learner's algorithm did not write it, or for a task of other spaces.
+        SettingError when another algorithm wrote it, or the task has other spaces.
         """
         instance("task of a policy", task, ObservationTask, SettingError)
         instance("learner of a policy", learner, DeepLearner, SettingError)
@@ -130,22 +130,22 @@ class TrainedPolicy:
     def episode(
         self, *, seed: int = 0, deterministic: bool = True, max_steps: int | None = None
     ) -> Episode:
-        """Return one episode of the policy, with a picture of each step.
+        """Return an episode of the policy, with a picture of each step.
 
         Parameters
         ----------
         seed : int
-            Of the reset, and of actions that are sampled.
+            Seed of the reset, and of sampled actions.
         deterministic : bool
             As in :meth:`predict`.
         max_steps : int, optional
-            Steps after which it is cut off; by default the task's own limit.
+            Steps after which the episode is cut off; by default the task's own limit.
 
         Raises
         ------
         SettingError
             When there is no limit, or the environment draws no pictures: a function that makes it
-            must do so with ``render_mode="rgb_array"``, or have that argument.
+            must set ``render_mode="rgb_array"``, or have that argument.
         """
         limit = self.task.longest if max_steps is None else max_steps
         if limit is None:
@@ -176,7 +176,7 @@ class TrainedPolicy:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DeepResult(LearningResult):
-    """What :func:`learn_deep` found: a :class:`LearningResult`, and the policies that were learnt.
+    """The result of :func:`learn_deep`: a :class:`LearningResult` with the learnt policies.
 
     Examples
     --------
@@ -189,7 +189,7 @@ class DeepResult(LearningResult):
 
     @classmethod
     def of(cls, result: LearningResult) -> Self:
-        """Return the result of networks as one with policies."""
+        """Return the result of networks with their policies."""
         return cls(**{field.name: getattr(result, field.name) for field in fields(result)})
 
     @cached_property
@@ -216,7 +216,7 @@ class DeepResult(LearningResult):
         task : ObservationTask, optional
         learner : DeepLearner, optional
         shaping : Shaping or sequence of Shaping, optional
-            What they were trained with, of each seed if it has a potential.
+            The shaping they were trained with; one for each seed if it has a potential.
 
         Raises
         ------
@@ -254,10 +254,10 @@ class DeepResult(LearningResult):
 def policies_of(
     task: Any, learner: Any, values: Any, steps_used: IntArray
 ) -> tuple[TrainedPolicy, ...]:
-    """Return the policies of K :class:`NetworkValues`; SettingError where there are none."""
+    """Return the policies of K :class:`NetworkValues`; SettingError for any other values."""
     if values is None or not all(hasattr(network, "policy") for network in values):
         raise SettingError(
-            "a policy to take away needs the values of networks: these "
+            "policies need the values of networks: these "
             f"{'were not saved' if values is None else 'are their parameters alone, see load'}"
         )
     from curricle.deep.models import isolated, model_for  # needs torch
@@ -278,7 +278,7 @@ def policies_of(
 
 
 def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
-    """Return the mean return of the actor of a potential's one source in a target; NaN if none."""
+    """Return the mean return in a target of the actor of a potential's only source; NaN if none."""
     source = actor_of(potential)
     if source is None:
         return float("nan")
@@ -312,7 +312,7 @@ def learn_deep(
     saves: str | Place | None = None,
     progress: Progress = None,
 ) -> DeepResult:
-    """Return what a deep learner learns of a task, for each of several seeds, one after another.
+    """Train a deep learner in a task, seed after seed, and return the result of all seeds.
 
     Parameters
     ----------
@@ -321,26 +321,25 @@ def learn_deep(
         By default DQN with the settings of Stable-Baselines3.
     budget : int, Episodes or StoppingRule
         As in :func:`learn`. A run ends at the first step of its sub-environments that reaches the
-        budget; a rollout that is cut off is not learnt from.
+        budget; an algorithm does not learn from a rollout that this cuts off.
     seeds : int or sequence of int
-        As in :func:`learn`; torch's version and the machine round differently.
+        As in :func:`learn`; but results may differ with torch's version and the machine.
     shaping : Shaping or sequence of K Shaping, optional
-        One for all seeds or one for each, of an :class:`ObservationPotential` or another
-        ``ValueSource``:
+        One for all seeds or one a seed, with an :class:`ObservationPotential` or ``ValueSource``:
 
         - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q(s, a) = phi(s, a) + residual(s, a)
           wherever DQN reads its network; the residual starts at 0 (Wiewiora 2003).
         - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
-        - :class:`WeightTransfer`, :class:`PolicyReuse`: the one source's network, or the sources'
-          policy and not their values, is carried over.
+        - :class:`WeightTransfer`, :class:`PolicyReuse`: the learner takes over the only source's
+          network, or the sources' policy without their values.
     eval_freq, stream, warm_up, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
-        By rollouts, 5 by default.
+        By rollouts; 5 rollouts by default.
     saves : path, optional
-        A folder or a URL for checkpoints, from which a killed run resumes, with the same result.
+        Folder or URL for checkpoints, from which a killed run resumes to the same result.
     progress : bool or callable, optional
-        True shows a bar for each seed; a function is called with each seed when it is done.
+        True shows a bar for each seed; a function is called with each seed at its end.
 
     Returns
     -------
@@ -350,7 +349,7 @@ def learn_deep(
     Raises
     ------
     SettingError, ImportError
-        When an argument is invalid, or Stable-Baselines3 not installed, before anything runs.
+        When an argument is invalid, or Stable-Baselines3 is not installed; before anything runs.
 
     Examples
     --------
@@ -367,7 +366,7 @@ def learn_deep(
     instance("learner", learner, DeepLearner, SettingError)
     if isinstance(task, Miniatures):
         raise SettingError(
-            "miniatures are solved and distilled, as a task of a Curriculum, and not learnt by "
+            "miniatures are solved and distilled as a task of a Curriculum, not learnt by "
             f"steps: got {task}"
         )
     check_spaces(task, learner)
@@ -412,10 +411,10 @@ def learn_deep(
 
 
 def check_evaluation(evaluation: GreedyEvaluation) -> None:
-    """Raise SettingError unless networks can be evaluated so."""
+    """Raise SettingError for an evaluation that needs tables."""
     if evaluation.method == "exact":
         raise SettingError(
-            "an exact evaluation needs tables, and networks are evaluated by rollouts: got "
+            "networks must be evaluated by rollouts, since an exact evaluation needs tables: got "
             f"{evaluation}"
         )
 
@@ -437,7 +436,7 @@ def _of_observations(
     acts = acts and "buffer_size" in learner.takes
     if isinstance(budget, Episodes) and (getattr(shaping, "kl", 0.0) > 0 or acts):
         raise SettingError(
-            "a source's policy pulls, or acts, over the first half of a budget in steps: "
+            "a source's policy is followed in the first half of a budget in steps: "
             f"{shaping.name} got {budget}"
         )
     of_states = shaping.starts_at_potential and not potential.of_actions

@@ -1,4 +1,4 @@
-"""Miniatures: small relatives of a task, solved exactly, that networks are distilled from."""
+"""Miniatures: small relatives of a task, which are solved exactly and distilled into networks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ class Knowledge(Frozen):
     values: FloatArray  # (n,) V
     action_values: FloatArray | None  # (n, A) Q
     policy: FloatArray | None  # (n, A) the probability of each action
-    states: IntArray  # (n,) how many states look like this: what is known is their mean
+    states: IntArray  # (n,) how many states have this observation: its values are their mean
 
     __repr__ = brief_repr
 
@@ -46,20 +46,20 @@ class Knowledge(Frozen):
     def of(
         cls, observations: Any, action_values: FloatArray, policy: FloatArray | None = None
     ) -> Self:
-        """Return what action values (S, A) say of S observations; greedy without a policy."""
+        """Return the knowledge in action values (S, A) of S observations, by default greedy."""
         q = np.asarray(action_values, np.float64)
         chosen = greedy_policy(q) if policy is None else np.asarray(policy)
         return cls._merged(observations, q.max(axis=1), q, chosen, np.ones(len(q), int))
 
     @classmethod
     def read(cls, values: Any, observations: Any) -> Self:
-        """Return what a :class:`ValueSource` says of those of n observations that it knows."""
+        """Return a :class:`ValueSource`'s values of the observations, of n, that it knows."""
         pairs = values.pairs(observations) if values.of_actions else None
         v = values.v(observations) if pairs is None else pairs.max(axis=1)
         known = np.isfinite(v)
         if not known.any():
             raise PotentialError(
-                f"knowledge to distil must be of some observation: none of {len(v):,} is mapped"
+                f"a potential to distil must know an observation: none of {len(v):,} is mapped"
             )
         seen = rows_of(observations, known)
         if pairs is not None:
@@ -70,7 +70,7 @@ class Knowledge(Frozen):
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Return what several know together, each weighted by its states."""
+        """Return the knowledge of all parts, with means weighted by the parts' states."""
         seen = [parts_of(part.observations) for part in parts]
         stacked = {name: np.concatenate([leaves[name] for leaves in seen]) for name in seen[0]}
         columns: Any = zip(*(part._columns for part in parts), strict=True)
@@ -79,11 +79,11 @@ class Knowledge(Frozen):
 
     @property
     def alike(self) -> float:
-        """The share of states that look like another: what the observation hides."""
+        """The share of states that have the observation of another state."""
         return float(self.states[self.states > 1].sum() / self.states.sum())
 
     def shuffled(self, seed: int) -> Self:
-        """Return the same values and policies, each with the observation of another."""
+        """Return the same values and policies in random order over the observations."""
         order = np.random.default_rng(seed).permutation(len(self.values))
         mixed: Any = (None if column is None else column[order] for column in self._columns)
         return type(self)(self.observations, *mixed)
@@ -94,7 +94,7 @@ class Knowledge(Frozen):
 
     @classmethod
     def _merged(cls, observations: Any, *columns: Any) -> Self:
-        """Return the mean of what is known of equal observations; the last column are states."""
+        """Return the means of columns over equal observations; the last column counts states."""
         leaves = [np.ascontiguousarray(part) for part in parts_of(observations).values()]
         states, numbers = columns[-1], dict[bytes, int]()
         group = np.empty(len(states), np.int64)
@@ -117,7 +117,7 @@ class Knowledge(Frozen):
 
 
 def actor_of(values: Any) -> Any:
-    """Return the one network of a potential if it acts in the same observations; else None."""
+    """Return a potential's network if it is the only source and reads the same observations."""
     edges: Any = getattr(values, "edges", ())
     sources: Any = getattr(values, "values", ())
     if len(sources) != 1 or not edges[0].mapping.is_identity:
@@ -148,28 +148,28 @@ class Miniatures(ObservationTask):
 
     @cached_property
     def solved(self) -> "tuple[SolvedMember, ...]":
-        """The members, solved; levels are drawn to be held out."""
+        """The solved members, some of whose levels are held out at random."""
         settings = self.resets, self.held_out, self.max_states
         return tuple(SolvedMember.of(member, *settings) for member in self.members)
 
     @cached_property
     def solved_tests(self) -> "tuple[SolvedMember, ...]":
-        """The relatives that are only tested on, solved; all their levels are held out."""
+        """The solved relatives for tests only, all of whose levels are held out."""
         settings = self.resets, 1.0, self.max_states
         return tuple(SolvedMember.of(member, *settings) for member in self.tested_on)
 
     def knowledge(self, *, potential: Any = None, seed: int = 0) -> Knowledge:
-        """Return what is distilled: exact answers, or those of a potential."""
+        """Return the knowledge to distil: exact values and policies, or those of a potential."""
         known = Knowledge.joined([member.knowledge(potential) for member in self.solved])
         return known.shuffled(seed) if self.shuffled else known
 
     def examined(self, values: Any) -> "tuple[Examined, ...]":
-        """Return how a network acts on held-out levels, exactly; `tested_on` come last."""
+        """Return a network's exact returns on held-out levels; `tested_on` come last."""
         return tuple(member.examined(values) for member in (*self.solved, *self.solved_tests))
 
     @property
     def transitions(self) -> int:
-        """Steps of the small models: each action tried in each state, none of them charged."""
+        """Steps in the small models, each action in each state; no arm is charged with them."""
         return sum(member.table.record.transitions for member in self.solved)
 
 
@@ -182,32 +182,31 @@ def miniatures(
 ) -> Miniatures:
     """Return small relatives of a task as a source that takes no steps.
 
-    Each member is tabulated (:func:`tabulate`) from so many resets and solved. A level is what can
-    be reached from one reset; a share of them is held out, to see how well the network does there.
+    Each member is tabulated (:func:`tabulate`) from its resets and solved. A level is the set of
+    states that can be reached from a reset. A share of the levels is held out, to test the network.
 
     Parameters
     ----------
     *members : ObservationTask
-        With the observations and the actions of the task that is to learn from them.
+        Relatives with the observations and the actions of the task that is to learn from them.
     resets, max_states : int
-        Of each member.
+        Resets and most states of each member.
     held_out : float
-        Share of levels, up to 0.9; of each member at least one level is not held out.
+        Share of levels to hold out, up to 0.9; at least one level of each member is not held out.
     tested_on : sequence of ObservationTask
-        Relatives that are only tested on, best of growing size.
+        Relatives for tests only, best in the order of their size.
 
     Returns
     -------
     ObservationTask
-        ``solved`` are its members with tables and optima, ``knowledge()`` what is distilled,
-        ``transitions`` the steps of the models, ``examined(values)`` how a network acts on levels
-        held out.
+        ``solved`` are its members with tables and optima, ``knowledge()`` is distilled,
+        ``transitions`` are the steps in the models, ``examined(values)`` are the returns of a
+        network on held-out levels.
 
     Raises
     ------
     TaskError
-        When there is no member, or their spaces or discounts differ; later, when a member cannot be
-        tabulated.
+        When there is no member, their spaces or discounts differ, or (later) a member has no table.
 
     Examples
     --------
@@ -224,7 +223,7 @@ def miniatures(
     for member in (*members, *tested_on):
         instance("each of miniatures", member, ObservationTask, TaskError)
         if isinstance(member, Miniatures):
-            raise TaskError(f"each of miniatures must be one environment: got {member}")
+            raise TaskError(f"a member of miniatures must be one environment: got {member}")
         if (member.observations, member.actions) != (first.observations, first.actions):
             raise TaskError(
                 f"miniatures must have one space of observations and actions: {first} and "
@@ -242,7 +241,7 @@ def miniatures(
 
 
 class Examined(NamedTuple):
-    """Expected discounted returns on held-out levels of a member, or else those trained on."""
+    """Expected discounted returns on a member's held-out levels, or on its training levels."""
 
     member: ObservationTask
     levels: int
@@ -254,7 +253,7 @@ class Examined(NamedTuple):
 
     @property
     def best(self) -> float:
-        """The better return of both ways to act."""
+        """The higher return of acting greedily and of sampling actions."""
         return float(np.nanmax([self.greedy, self.sampled]))
 
     @property
@@ -308,7 +307,7 @@ class SolvedMember:
         return len(np.unique(self.level[self.table.mdp.start > 0]))
 
     def knowledge(self, potential: Any = None) -> Knowledge:
-        """Return what is known of the training levels; a potential may not know all states."""
+        """Return the knowledge of training levels; a potential may not know all their states."""
         assert self.table.observations is not None
         rows = np.flatnonzero(self.training)
         seen = self.table.observations.batch(rows)
@@ -318,7 +317,7 @@ class SolvedMember:
         return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
 
     def examined(self, values: Any) -> Examined:
-        """Return how a network acts on the held-out levels, on all where none is held out."""
+        """Return a network's returns on the held-out levels, or on all if none is held out."""
         apart = np.where(self.training, 0.0, self.table.mdp.start)
         held_out = bool(apart.any())
         start = apart if held_out else self.table.mdp.start
@@ -342,7 +341,7 @@ class SolvedMember:
 
 
 def levels_of(table: TabulatedTask) -> IntArray:
-    """Return the level of each state, (S,): states that a path connects, ends left out."""
+    """Return the level of each state, (S,): states connected by paths that avoid ends."""
     from scipy.sparse import coo_array  # takes time, and few need it
     from scipy.sparse.csgraph import connected_components
 

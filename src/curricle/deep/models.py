@@ -1,6 +1,6 @@
 """Models of Stable-Baselines3: made for a learner and a shaping, trained for a seed, saved.
 
-Checkpoints are pickles: read only those of your own runs. Results are no pickles.
+Checkpoints are pickles: read checkpoints of your own runs only. Results are not pickles.
 """
 
 import io
@@ -48,7 +48,7 @@ def model_for(
     seed: int = 0,
     steps: int | None = None,
 ) -> Any:
-    """Return a model, ready to learn, with its shaping; `seed` is below 2^32."""
+    """Return a model with its shaping that is ready to learn; `seed` is below 2^32."""
     if shaping is not None and shaping.potential is None:
         shaping = None  # nothing is added
     check_learner(learner, shaping)
@@ -108,7 +108,7 @@ def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
 def check_learner(
     learner: DeepLearner, shaping: Shaping | None = None, in_tables: Sequence[str] = ()
 ) -> None:
-    """Raise SettingError unless an algorithm takes settings and shaping of sources `in_tables`."""
+    """Raise SettingError unless an algorithm takes its settings, and shaping by tabular sources."""
     algorithm, known = learner.algorithm_class(), learner.takes
     for name in learner.settings:
         if name not in known:
@@ -121,13 +121,13 @@ def check_learner(
         return
     if isinstance(shaping, WeightTransfer) and in_tables:
         raise SettingError(
-            f"WeightTransfer takes the networks of its sources: {in_tables[0]} is learnt in a table"
+            f"sources of WeightTransfer must be networks: {in_tables[0]} is learnt in a table"
         )
     if shaping.starts_at_potential:
         residual_policy(algorithm, learner.policy)
     if getattr(shaping, "kl", 0.0) > 0 and not issubclass(algorithm, (PPO, A2C)):
         raise SettingError(
-            "a pull by kl needs an actor-critic that learns on-policy, PPO or A2C: got "
+            "kl above 0 needs an actor-critic that learns on-policy, PPO or A2C: got "
             f"{learner.algorithm}"
         )
 
@@ -182,7 +182,7 @@ def isolated(threads: int | None = None, seed: int | None = None) -> Iterator[No
 
 @dataclass(frozen=True)
 class DeepRun:
-    """How each seed is trained."""
+    """A run of a deep learner in a task, the same for each seed."""
 
     task: ObservationTask
     learner: DeepLearner
@@ -198,7 +198,7 @@ class DeepRun:
     def train(
         self, seed: int, shaping: Shaping | None, warm_up: WarmUp, charged: int, saves: Place | None
     ) -> Outcome:
-        """Return what one seed learns, resuming from and saving to the file `saves`."""
+        """Train a seed and return its outcome; resume from the file `saves`, and save to it."""
         start = stream_start(seed, self.stream)
         shaped = None if shaping is None else shaping.name
         run = f"{self.task}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
@@ -228,10 +228,10 @@ class DeepRun:
                         f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times "
                         f"envs: {rollout:,} steps are more than {left:,}"
                     )
-                others = [] if self.learner.callbacks is None else self.learner.callbacks()
+                callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
                 model.learn(
                     left - model.num_timesteps,
-                    callback=[recorder, *others],
+                    callback=[recorder, *callbacks],
                     reset_num_timesteps=saved is None,
                     progress_bar=self.learner.progress_bar,
                 )
@@ -256,7 +256,7 @@ def rollout_of(model: Any) -> int:
 
 @dataclass
 class Progress:
-    """What a run has recorded so far."""
+    """The records of a run so far."""
 
     record: Record
     warm_up: int  # steps spent before learning
@@ -270,7 +270,7 @@ class Progress:
 
     @classmethod
     def begun(cls, run: DeepRun, warm_up: WarmUp) -> "Progress":
-        """Return what is recorded at the start."""
+        """Return the records at the start, after the warm-up."""
         longest = run.longest + run.learner.envs - 1  # all sub-environments make a last step
         record = Record.empty(longest // run.eval_freq + 1)
         spent = warm_up.write(record, run.eval_freq)
@@ -451,7 +451,7 @@ def load_checkpoint(path: Place, run: str) -> Saved | None:
     if not isinstance(saved, Saved):
         if isinstance(path, RemotePath):  # there nothing moves it into place when it is whole
             return None
-        raise StoreError(f"a checkpoint must be one that curricle wrote, here: {path} is not")
+        raise StoreError(f"a checkpoint must be written by curricle, here: {path} is not")
     if saved.run != run:
         raise StoreError(
             f"a checkpoint belongs to one run: {path} is of {saved.run}, this is {run}"

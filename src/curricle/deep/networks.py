@@ -1,4 +1,4 @@
-"""Networks of Stable-Baselines3: their values, read by NumPy where that is quicker; SmallCNN."""
+"""Values of networks of Stable-Baselines3, which NumPy computes where it is quicker; SmallCNN."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class NetworkValues:
     policy : stable_baselines3.common.policies.BasePolicy
         ``model.policy`` of a model.
     values_offset : ObservationPotential, optional
-        The Phi that shaped its rewards. Then Q - Phi is learnt, and Phi is added here.
+        The Phi that shaped its rewards. The policy has then learnt Q - Phi, and Phi is added here.
 
     Raises
     ------
@@ -77,11 +77,11 @@ class NetworkValues:
 
     @property
     def of_actions(self) -> bool:
-        """Whether there is a Q(s, a) for each of numbered actions."""
+        """Whether the policy has a Q(s, a) for each numbered action."""
         return self.kind in ("q_net", "quantile_net")
 
     def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
-        """Return Q(s, a), of the shape of `actions`; of SAC's kind for one action each."""
+        """Return Q(s, a) in the shape of `actions`; SAC's kind takes one action a state."""
         if self.kind == "value_net":
             raise no_actions(self)
         if self.of_actions:
@@ -123,7 +123,7 @@ class NetworkValues:
         else:
             if hasattr(self.policy, "lstm_actor"):
                 raise PotentialError(
-                    "values must be of one observation, without memory: got "
+                    "values must depend on an observation alone, without memory: got "
                     f"{type(self.policy).__name__}; WeightTransfer and PolicyReuse read no values"
                 )
             heads = self.kind == "value_net"
@@ -136,7 +136,7 @@ class NetworkValues:
         return outputs
 
     def _critics(self, observations: Any, actions: Any = None) -> FloatArray:
-        """Return the least Q of the critics, of scaled actions or else of the actor's, (n,)."""
+        """Return the critics' least Q of scaled actions, by default of the actor's, (n,)."""
         with torch.no_grad():
             seen = self._seen(observations)
             if actions is None:
@@ -206,7 +206,7 @@ class PlainNetwork:
         return max(int(layer.weight.numel()) for layer in self.layers)
 
     def takes(self, observations: Any) -> bool:
-        """Return whether these are vectors, (n, D), for which this is quicker."""
+        """Return whether observations are vectors, (n, D), for which NumPy is quicker."""
         vectors = isinstance(observations, np.ndarray) and observations.ndim == 2
         fits = vectors and observations.shape[1] == self.layers[0].weight.shape[1]
         return fits and self.is_quicker_for(len(observations))
@@ -222,7 +222,7 @@ class PlainNetwork:
 
 
 def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
-    """Return the network from vectors to a policy's values; None if anything in it is unusual."""
+    """Return a policy's network from vectors to values; None if any part of it is unusual."""
     if kind == "critic":
         return None
     if kind == "value_net":
@@ -239,7 +239,7 @@ def plain_network(policy: Any, kind: str) -> PlainNetwork | None:
 def plain_layers(
     modules: "Sequence[torch.nn.Module]", extractor: "torch.nn.Module", space: Space[Any]
 ) -> PlainNetwork | None:
-    """Return modules in a row that follow the usual extractor; None if any of it is unusual."""
+    """Return the layers of modules after the usual extractor; None if any of it is unusual."""
     if not isinstance(space, Box) or len(space.shape) != 1:
         return None
     activations: dict[type, Any] = {torch.nn.ReLU: partial(np.maximum, 0), torch.nn.Tanh: np.tanh}
@@ -264,11 +264,11 @@ class SmallCNN(BaseFeaturesExtractor):
     Parameters
     ----------
     observation_space : gymnasium.spaces.Box
-        (channels, height, width); SettingError if it is no such picture.
+        (channels, height, width); SettingError for any other shape.
     features_dim : int
-        Numbers that it returns.
+        Number of features that the network returns.
     channels : int
-        Of the first convolution; the second has twice as many.
+        Channels of the first convolution; the second has twice as many.
 
     Examples
     --------

@@ -31,7 +31,7 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
 
     It is :class:`VectorPotentialShaping` for Stable-Baselines3: where an episode was cut off
     (``info["TimeLimit.truncated"]``) s' is ``info["terminal_observation"]``, from which the
-    algorithms bootstrap. Only where there are several sources the ``info`` has ``shaping_terms``.
+    algorithms bootstrap. The ``info`` has ``shaping_terms`` only if there are several sources.
 
     `Monitor`, `VecMonitor` and wrappers that clip rewards belong inside, so that
     ``rollout/ep_rew_mean`` is the task's; `VecNormalize` belongs outside.
@@ -45,9 +45,9 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
     Raises
     ------
     PotentialError, SettingError
-        As :class:`VectorPotentialShaping`; when a `VecNormalize` is inside, as off-policy
-        algorithms would store its unshaped rewards; and when an algorithm calls
-        ``compute_reward``, as hindsight replay does, which would be unshaped too.
+        As in :class:`VectorPotentialShaping`; when a `VecNormalize` is inside, because off-policy
+        algorithms would store its unshaped rewards; and when an algorithm such as hindsight replay
+        calls ``compute_reward``, whose rewards would be unshaped too.
 
     Examples
     --------
@@ -123,8 +123,8 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         """Call a method of the environments; SettingError where it recomputes rewards."""
         if method_name == "compute_reward":
             raise SettingError(
-                "rewards that are computed anew, as in hindsight replay, would lack the shaping: "
-                "an algorithm that does so must learn from the unshaped environment"
+                "rewards computed anew, as in hindsight replay, would lack the shaping: such an "
+                "algorithm must learn from the unshaped environment"
             )
         return self.venv.env_method(method_name, *args, indices=indices, **named)
 

@@ -1,7 +1,7 @@
-"""What a source hands on to a network, inside the algorithms of Stable-Baselines3.
+"""How potentials and policies of sources enter networks of Stable-Baselines3.
 
-Q-initialisation, or look-ahead advice, which learns the same (Wiewiora 2003): a network cannot be
-started at phi, but the sum of phi and a network that starts at 0 can be learnt.
+Q-initialisation, or look-ahead advice, which learns the same (Wiewiora 2003): a network cannot
+start at phi, but the sum of phi and a network that starts at 0 can be learnt.
 """
 
 from copy import deepcopy
@@ -130,7 +130,7 @@ class ResidualQNetwork(QNetwork):
         return torch.from_numpy((plain.read(inputs) + phi).argmax(axis=1))
 
     def _features(self, obs: Any, phi: torch.Tensor, best: torch.Tensor) -> torch.Tensor:
-        """Return what the residual reads, (n, features); phi is (n, A), best Phi(s), (n, 1)."""
+        """Return the residual's input, (n, features); phi is (n, A), best is Phi(s), (n, 1)."""
         features: torch.Tensor = self.extract_features(obs, self.features_extractor)
         if self.reads == "nothing":
             return features
@@ -181,7 +181,7 @@ class PotentialCache:
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
 
     def _add(self, keys: list[bytes], seen: npt.NDArray[Any]) -> None:
-        """Cache phi of the new ones among some observations."""
+        """Cache phi of the observations that are not cached yet."""
         if len(self.places) * (len(keys[0]) + 4 * (1 + self.n_actions)) > MAX_BYTES:
             self.places.clear()
         new = {key: i for i, key in enumerate(keys) if key not in self.places}
@@ -198,41 +198,40 @@ class PotentialCache:
 
 
 def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
-    """Load all parameters of the one source into a model, or its actor's and what that shares."""
+    """Load the only source's parameters into a model: all, or those its actor uses."""
     for edge in shaping.potential.edges:
         mapping = edge.mapping
         # Weights are compared by shape, so that a mapping may bridge spaces of other bounds.
         if mapping.actions is not None or mapping.status is not None:
             raise SettingError(
-                f"{shaping.name} from this source takes observations and actions as they are: the "
-                f"mapping of {edge.source!r} has {mapping.description}"
+                f"{shaping.name} needs a mapping that keeps observations and actions as they are: "
+                f"that of {edge.source!r} has {mapping.description}"
             )
-    (source, *others) = shaping.potential.values
-    if others or not isinstance(source, NetworkValues):
+    (source, *further_sources) = shaping.potential.values
+    if further_sources or not isinstance(source, NetworkValues):
         raise SettingError(
-            "weights are carried over from one source that is a network: got "
+            "weights must come from a single source, a network: got "
             f"{', '.join(type(values).__name__ for values in shaping.potential.values)}"
         )
     if hasattr(source.policy, "potential"):
         raise SettingError(
-            "weights are carried over from a network that computes all of Q: got a residual on a "
-            "potential"
+            "weights must come from a network that computes all of Q: got a residual on a potential"
         )
-    mine, theirs = model.policy.state_dict(), source.policy.state_dict()
+    in_target, in_source = model.policy.state_dict(), source.policy.state_dict()
     left = (*VALUE_HEAD, "critic") if actor_alone else ()
-    names = [name for name in theirs if not name.startswith(left)]
+    names = [name for name in in_source if not name.startswith(left)]
     for name in names:
-        if name not in mine or mine[name].shape != theirs[name].shape:
-            here = tuple(mine[name].shape) if name in mine else "missing"
+        if name not in in_target or in_target[name].shape != in_source[name].shape:
+            here = tuple(in_target[name].shape) if name in in_target else "missing"
             raise SettingError(
-                "weights are carried over between networks of one shape: "
-                f"{name} is {tuple(theirs[name].shape)} in the source and {here} in the target"
+                "weights can be copied between networks of one shape only: "
+                f"{name} is {tuple(in_source[name].shape)} in the source and {here} in the target"
             )
-    model.policy.load_state_dict({**mine, **{name: theirs[name] for name in names}})
+    model.policy.load_state_dict({**in_target, **{name: in_source[name] for name in names}})
 
 
 def pull(progress_remaining: float) -> float:
-    """Return what is left of a source's pull: 1 at the start, 0 from the half of the budget on."""
+    """Return the strength of a source's pull: from 1 at the start to 0 at half the budget."""
     return max(0.0, 1.0 - (1.0 - progress_remaining) / REUSED)
 
 
@@ -263,7 +262,7 @@ def reusing(algorithm: type) -> type:
 
 
 class _WithLoss(torch.autograd.Function):
-    """x as it is; whatever loss is computed from it, a further loss is added to that."""
+    """The identity, which adds a further loss to any loss that is computed from its result."""
 
     @staticmethod
     def forward(ctx: Any, x: torch.Tensor, loss: torch.Tensor) -> torch.Tensor:
@@ -275,7 +274,7 @@ class _WithLoss(torch.autograd.Function):
 
 
 class _NearSource:
-    """Makes an actor-critic policy add w KL(source || pi) to the loss that is computed from it."""
+    """Makes an actor-critic policy add w KL(source || pi) to its algorithm's loss."""
 
     source: Any  # the frozen policy to be near to
     kl_weight: float
@@ -292,7 +291,7 @@ class _NearSource:
         return values, log_prob, entropy
 
     def _distance(self, obs: Any) -> torch.Tensor:
-        """Return KL(source's policy || this one) in the observations just evaluated, (n,)."""
+        """Return KL(source's policy || this policy) in the observations just evaluated, (n,)."""
         with torch.no_grad():
             wanted = self.source.get_distribution(obs)
         distances = kl_divergence(wanted, self.action_dist)  # type: ignore[attr-defined]
@@ -318,7 +317,7 @@ def kickstarted(algorithm: type, policy: Any) -> tuple[type, type]:
 
 
 def begin_near(model: Any, kl: float) -> None:
-    """Let a model, whose actor is that of its source now, stay near it with a weight."""
+    """Weigh by `kl` the distance of a model's actor from its present state, that of the source."""
     policy = model.policy
     source = deepcopy(policy)
     source.set_training_mode(False)

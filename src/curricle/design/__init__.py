@@ -1,4 +1,4 @@
-"""Candidates for the sources of a target: easier relatives that are made of the target itself."""
+"""Candidates for the sources of a target: easier relatives, made from the target itself."""
 
 import lazy_loader
 

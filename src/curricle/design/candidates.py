@@ -1,4 +1,4 @@
-"""Candidates for the sources of a target: proposed by kind, judged, and none of them twice."""
+"""Candidates for the sources of a target: drafts by kind, of which good ones are kept once."""
 
 import math
 from collections import Counter
@@ -74,27 +74,26 @@ Propose = Callable[[Any], Iterable["SourceCandidate"]]
 class SourceCandidate(Frozen):
     """A task that may be a source of the target, and how the target reads it.
 
-    CurriculumError when the name is unfit, or `mappings` holds something else or leads elsewhere.
+    CurriculumError when the name is not valid, or `mappings` are not mappings to the task.
 
     Parameters
     ----------
     name : str
-        For a curriculum; every candidate of a target has a different one.
+        Name in a curriculum; every candidate of a target has a different name.
     task : Task
-        With tables.
+        A task with tables.
     mappings : StateActionMapping, ObservationMapping or sequence of them
         From the target to the task; several where the target reads it in several ways, as two
         predators both read the single predator of a smaller hunt.
     kind, words : str
-        A kind of :func:`source_candidates`, or "proposed"; and a description for a person.
+        A kind of :func:`source_candidates`, or "proposed"; and a description for people.
     share : float, optional
-        Size or distance as a share of the target's: the side of a crop, the way from starts or a
-        bottleneck to the goal.
+        Share of the target's size or distance: of a crop's side, or of the way to the goal.
     member : FamilyMember, optional
-        Its address, if it is a member of the target's family.
+        The task's address, if it is a member of the target's family.
     optimum, random_return : float
-        Expected discounted return from its start, of an optimal policy and of the uniformly random
-        policy; NaN before it is judged.
+        Expected discounted returns of an optimal policy and of the uniformly random policy from
+        the task's start; NaN before it is judged.
 
     Examples
     --------
@@ -142,18 +141,24 @@ class SourceCandidate(Frozen):
 def mappings_between(
     target: Any, after: SourceCandidate, before: SourceCandidate
 ) -> tuple[Any, ...]:
-    """Return how a source reads an earlier source: f(s', a') for the later source's pairs.
+    """Return the mappings by which a source reads an earlier source.
 
     Members of a family map onto each other as the family declares. Other sources, which must have
-    tables, read each other through the target: of all target pairs that read a pair of the later
-    source, most read the same pair of the earlier source, and that is its value. Of several
-    mappings those are returned for which nearly all target pairs agree, or most.
+    tables, read each other through the target: a pair of the later source maps to the pair of the
+    earlier source that most of its target pairs read. Of several mappings it returns those in which
+    nearly all target pairs agree, or else those in which most agree.
 
     Parameters
     ----------
     target : Task
-        Whose pairs the mappings of both sources are from.
+        The target from which both candidates map.
     after, before : SourceCandidate
+        The later source and the earlier source.
+
+    Raises
+    ------
+    CurriculumError
+        When the sources are not members of one family and have no tables.
 
     Examples
     --------
@@ -171,8 +176,8 @@ def mappings_between(
         return member_mappings(later, earlier, after.task, before.task)
     if not all(has_tables(task) for task in (target, after.task, before.task)):
         raise CurriculumError(
-            "sources that build on each other must be members of one family, or have tables as "
-            f"the target has: {after.name!r} and {before.name!r} do not"
+            "sources that build on each other must be members of one family, or have tables like "
+            f"the target: {after.name!r} and {before.name!r} do not"
         )
     reader = after.mappings[0].index
     read = [_through(reader, mapping.index, after.task, before.task) for mapping in before.mappings]
@@ -185,7 +190,7 @@ def mappings_between(
 
 
 def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
-    """Return the pair that most target pairs read, (S', A'), and the share of pairs that do."""
+    """Return the share of target pairs that agree, and the pair that most read, (S', A')."""
     shape = after.states.size, generative_model(after).actions.size
     known, index = (reader >= 0) & (read != UNMAPPED), np.full(math.prod(shape), UNMAPPED, np.int64)
     if not known.any():
@@ -203,7 +208,7 @@ def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple
 
 
 class DroppedCandidate(NamedTuple):
-    """A draft that is no candidate, and why."""
+    """A draft that was dropped, and the reason."""
 
     name: str
     kind: str
@@ -219,9 +224,9 @@ class SourceCandidates:
     ----------
     target : Task
     candidates : tuple of SourceCandidate
-        They take turns by kind.
+        The candidates; their kinds take turns.
     dropped : tuple of DroppedCandidate
-        The drafts before the last candidate that are no candidates.
+        The drafts before the last candidate that were dropped.
     cut : bool
         Whether `most` ended the list before all drafts were judged.
     """
@@ -246,7 +251,7 @@ class SourceCandidates:
 
     @property
     def reasons(self) -> str:
-        """Why drafts were dropped and how many, the most frequent reason first."""
+        """The reasons for dropping drafts, with their numbers, the most frequent first."""
         counts = Counter(dropped.reason for dropped in self.dropped).most_common()
         return "; ".join(f"{n} {reason}" for reason, n in counts)
 
@@ -278,7 +283,7 @@ class SourceCandidates:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A task with its returns, and values by which most tasks differ."""
+    """A task with its returns, and values that differ between most tasks."""
 
     mdp: FiniteMDP
     refusal: str  # why it can be no candidate; empty if it can
@@ -290,18 +295,18 @@ class Judged:
 def source_candidates(
     target: Any, *, kinds: Sequence[str] = KINDS, most: int = 20, propose: Propose | None = None
 ) -> SourceCandidates:
-    """Return candidates for the sources of a target, each with its mapping from it.
+    """Return candidates for the sources of a target, with their mappings from the target.
 
-    Tasks that are the target or another candidate up to an exact homomorphism are dropped, and
-    those that cannot be learnt: where the goal is never reached from the start, every optimal
-    policy avoids it, or the random policy is optimal. The order is the same in every run.
+    A task is dropped if it equals the target or another candidate up to an exact homomorphism, or
+    if it cannot be learnt: no path leads from the start to the goal, every optimal policy avoids
+    the goal, or the random policy is optimal. The order is the same in every run.
 
     Parameters
     ----------
     target : Task or FamilyMember
-        With tables of at most 20 million pairs.
+        A task or member with tables of at most 20 million pairs.
     kinds : sequence of str
-        By default all of these, which take turns in this order:
+        Kinds of candidates, by default all, which take turns in this order:
 
         - ``"member"``: easier members of the target's family;
         - ``"crop"``: the part around the goal, of a task with `crop`;
@@ -311,10 +316,9 @@ def source_candidates(
         - ``"bottleneck"``: a doorway as the goal;
         - ``"coarser"``: neighbouring values of ordered components merged.
     most : int
-        Candidates at most.
+        Most candidates to return.
     propose : callable, optional
-        A function of the target task that returns further :class:`SourceCandidate`, which come
-        first.
+        Returns further :class:`SourceCandidate` of the target task, which come first.
 
     Raises
     ------
@@ -419,7 +423,7 @@ def _proposed(target: Any, propose: Propose) -> Iterator[Draft]:
             raise CurriculumError(f"propose must return SourceCandidates: got {candidate!r}")
         name = candidate.name
         if name in names:
-            raise CurriculumError(f"candidates need different names: {name!r} is given twice")
+            raise CurriculumError(f"candidates need different names: {name!r} is there twice")
         if not all(same_task(mapping.target, target) for mapping in candidate.mappings):
             raise CurriculumError(
                 "the mappings of a candidate must be from the target: one of "
@@ -435,7 +439,7 @@ def _proposed(target: Any, propose: Propose) -> Iterator[Draft]:
 
 
 def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
-    """Return the returns of a task with a goal (S,), by default :func:`aims`, or its refusal."""
+    """Return the returns of a task with a goal, (S,), by default :func:`aims`; or its refusal."""
     n_states, n_actions = mdp.outcome_row.shape
     if mdp.outcome_row.size > LARGEST:
         return Judged(mdp, "too large to be judged")

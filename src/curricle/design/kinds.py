@@ -1,4 +1,4 @@
-"""The kinds of candidates for a source, each a generator of drafts, made from the target alone.
+"""The kinds of candidates for a source: generators of drafts, made from the target alone.
 
 Parts of the target: easier members of its family, windows around the goal, starts near the goal
 (Asada et al. 1996, "learning from easy missions"; Florensa et al. 2017, "reverse curriculum
@@ -122,7 +122,7 @@ def aims(mdp: FiniteMDP) -> BoolArray:
 
 
 def spread(items: Iterable[Item]) -> list[Item]:
-    """Return items in an order of which the first few are spread over all: the middle first."""
+    """Return items in an order whose first few are spread over all items: the middle first."""
     items = list(items)
     order, parts = list[Item](), [(0, len(items))]
     for low, high in parts:  # grows while it is read
@@ -137,7 +137,7 @@ def spread(items: Iterable[Item]) -> list[Item]:
 
 
 def family_members(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the members that are nowhere harder than the target, spread over all of them."""
+    """Yield the members that are harder than the target in no parameter, spread over them."""
     if target.member is None:
         return
     parameters = target.member.parameters
@@ -216,7 +216,7 @@ def _window(extent: Range, side: int, place: int) -> Range:
 
 
 def _cut(task: Any, part: dict[str, Range]) -> Any:
-    """Return the part; where its agent must begin inside, it begins as far right as it can."""
+    """Return a part of a task; an agent that must begin inside begins as far right as possible."""
     if "agent" not in signature(task.crop).parameters:
         return task.crop(**part)
     low, high = part["columns"]
@@ -300,7 +300,7 @@ def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
 
 
 def _edges(mdp: FiniteMDP) -> Any:
-    """Return which states can follow each, (S, S) sparse: 1 from a live state to another."""
+    """Return the edges between states, (S, S) sparse: 1 from a live state to a next state."""
     from scipy.sparse import csr_array  # takes time, and few need it
 
     n_states, n_actions = mdp.outcome_row.shape
@@ -318,7 +318,7 @@ def _edges(mdp: FiniteMDP) -> Any:
 
 
 def _dependencies(edges: Any, first: Any) -> FloatArray:
-    """Return for each state the share of shortest paths through it, summed over ends, (S,)."""
+    """Return the share of shortest paths through each state, summed over ends, (S,)."""
     # Brandes' recursion, level by level: delta(v) = sum over w one level farther, next to v, of
     # paths(v) / paths(w) (1 + delta(w)).
     n = edges.shape[0]

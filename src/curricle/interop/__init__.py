@@ -1,4 +1,4 @@
-"""Other people's worlds: Gymnasium, both ways, and trackers of runs."""
+"""Gymnasium's environments as tasks, tasks as environments, and trackers of runs."""
 
 import lazy_loader
 from gymnasium.envs import registration

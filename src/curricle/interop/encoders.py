@@ -1,4 +1,4 @@
-"""Encoders: what of an environment's observations a table or a network sees.
+"""Encoders turn an environment's observations into the input of a table or a network.
 
 All are frozen dataclasses: equal settings are equal encoders, with the same text in every process.
 """
@@ -27,10 +27,9 @@ from curricle.tasks.spaces import Component, Space
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """An observation of n numbers as n components, each cut into bins at its edges.
+    """Encoder that sorts each of an observation's n numbers into the bins of a component.
 
-    For `encode` of :func:`from_gymnasium`. What lies outside the outermost edges falls into the
-    first or the last bin.
+    For `encode` of :func:`from_gymnasium`. Numbers outside the edges fall into the nearest bin.
 
     Parameters
     ----------
@@ -41,7 +40,7 @@ class Bins:
     Raises
     ------
     TaskError
-        When edges do not ascend or make no bin, or an observation is not n numbers.
+        When edges do not ascend or are fewer than two, or an observation is not n numbers.
 
     Examples
     --------
@@ -115,7 +114,7 @@ CAMERA = (1, 3, 4)  # channels of pictures that have them last: grey, colours, w
 
 
 class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
-    """Shows ``encoded(env, observation)``, of the unwrapped environment; it has no state."""
+    """Wrapper that shows ``encoded(unwrapped environment, observation)``; it has no state."""
 
     def __init__(self, env: Environment, encoded: Callable[[Any, Any], Any], space: gym.Space[Any]):
         super().__init__(env)
@@ -128,15 +127,15 @@ class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
 
 @dataclass(frozen=True)
 class FunctionEncoder:
-    """Observations through a function of one's own.
+    """Encoder that applies a function of the user's to every observation.
 
     Parameters
     ----------
     function : callable
-        From an observation to another, always the same for the same. Tasks can be sent to other
+        Returns the encoded observation, the same for equal observations. Tasks can be sent to other
         processes if it is a function of a module.
     space : gymnasium.Space
-        Of what it returns; TaskError when an observation has another shape.
+        Space of the encoded observations; TaskError when the function returns another shape.
 
     Examples
     --------
@@ -164,7 +163,7 @@ class FunctionEncoder:
         encoded = self.function(observation)
         if self.space.shape is not None and np.shape(encoded) != self.space.shape:
             raise TaskError(
-                f"an encoder's function must return what is in its space, {self.space}: "
+                f"an encoder's function must return points of its space, {self.space}: "
                 f"{named(self.function)} returned an array of shape {np.shape(encoded)}"
             )
         return encoded
@@ -175,20 +174,20 @@ class FunctionEncoder:
 
 @dataclass(frozen=True)
 class FlatDict:
-    """A Dict of numbers as one vector, float32.
+    """Encoder that joins the numbers of a Dict into a vector, float32.
 
     A Box is read row by row, unscaled; ``Discrete`` and ``MultiDiscrete`` are one-hot.
 
     Parameters
     ----------
     leave_out : sequence of str
-        Keys to leave out, as text must be.
+        Keys to leave out; those of text must be among them.
 
     Raises
     ------
     SettingError, TaskError
-        When `leave_out` is no list of keys, observations are no Dict, a key is unknown, or a part
-        is neither numbers nor left out.
+        When `leave_out` is not a list of keys, observations are not a Dict, a key is unknown, or a
+        part is neither numbers nor left out.
 
     Examples
     --------
@@ -247,17 +246,18 @@ def _of_numbers(space: gym.Space[Any]) -> bool:
 
 @dataclass(frozen=True)
 class StackedFrames:
-    """The last n observations at once, for tasks in which one observation shows too little.
+    """Encoder that shows the last n observations together, where the last alone shows too little.
 
     Vectors are joined end to end and pictures by their channels, the oldest first. An episode
-    begins with n times its first observation. :func:`tabulate` refuses them: they are a history.
+    begins with n copies of its first observation. :func:`tabulate` refuses stacked frames, because
+    each history would be a state.
 
     Parameters
     ----------
     n : int
-        How many, from 2.
+        Number of observations, at least 2.
     of : callable, optional
-        An encoder of each observation, which must be an array (``Box``): TaskError if not.
+        An encoder of each observation; its result must be an array (``Box``): TaskError if not.
 
     Examples
     --------
@@ -288,7 +288,7 @@ class StackedFrames:
 
 
 def _joined(env: Any, frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return n frames as one: vectors end to end, planes as channels, pictures by channels."""
+    """Return n frames joined: vectors end to end, planes as channels, pictures by channels."""
     if frames.ndim == 2:
         return frames.reshape(-1)
     if frames.ndim == 4 and frames.shape[3] in CAMERA:
@@ -307,12 +307,12 @@ VOCABULARY = (
     "unlock unseen up use wall yellow you your"
 )
 WORDS = tuple(VOCABULARY.split())
-"""The words of missions: those of MiniGrid's ``DictObservationSpaceWrapper`` and of BabyAI."""
+"""Words in missions of MiniGrid (its ``DictObservationSpaceWrapper``) and of BabyAI."""
 Cells = npt.NDArray[np.float32]
 
 
 class _MiniGridEncoder:
-    """Puts cells, direction and mission together, as a vector or a picture."""
+    """Joins cells, direction and mission into a vector or a picture."""
 
     picture: bool
     mission: bool
@@ -321,7 +321,7 @@ class _MiniGridEncoder:
         for name in ("picture", "mission"):
             instance(f"{name} of an encoder", getattr(self, name), bool, SettingError)
         if self.picture and self.mission:
-            raise SettingError("a mission goes with a vector: got picture=True and mission=True")
+            raise SettingError("a picture has no mission: got picture=True and mission=True")
 
     def _cells(self, base: Any, observation: Any) -> Cells:
         """Return the cells that are encoded, (width, height, 20)."""
@@ -344,8 +344,8 @@ class _MiniGridEncoder:
         width, height = self._size(env.unwrapped, (seen[0], seen[1]))
         shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
         if not self.picture:
-            words = len(WORDS) if self.mission else 0
-            shape = (width * height * CHANNELS + DIRECTIONS + words,)
+            n_words = len(WORDS) if self.mission else 0
+            shape = (width * height * CHANNELS + DIRECTIONS + n_words,)
         return EncodedObservations(env, self._encoded, Box(0, 1, shape, np.float32))
 
     def _encoded(self, base: Any, observation: Any) -> Cells:
@@ -354,13 +354,13 @@ class _MiniGridEncoder:
         if self.picture:
             planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, *cells.shape[1::-1]))
             return np.concatenate([cells.transpose(2, 1, 0), planes])
-        words = [_words(observation["mission"])] if self.mission else []
-        return np.concatenate([cells.reshape(-1), direction, *words])
+        mission = [_bag_of_words(observation["mission"])] if self.mission else []
+        return np.concatenate([cells.reshape(-1), direction, *mission])
 
 
 @dataclass(frozen=True)
 class MiniGridView(_MiniGridEncoder):
-    """What a MiniGrid agent sees before it, as zeros and ones.
+    """Encoder of what a MiniGrid agent sees, as zeros and ones.
 
     Each of the view's 7 x 7 cells is one-hot by its object (11), colour (6) and state (3), the
     agent's direction by 4 more: a vector of 984 numbers, float32.
@@ -368,14 +368,14 @@ class MiniGridView(_MiniGridEncoder):
     Parameters
     ----------
     picture : bool
-        The same as planes, (24, 7, 7), channels first, for :class:`~curricle.deep.SmallCNN`.
+        Return planes instead, (24, 7, 7), channels first, for :class:`~curricle.deep.SmallCNN`.
     mission : bool
-        Append which of MiniGrid's 59 words the mission has, whatever their order.
+        Append a number for each of MiniGrid's 59 words: 1 if the mission contains it, else 0.
 
     Raises
     ------
     SettingError, TaskError
-        When a setting makes no sense, or an environment has not MiniGrid's own observations.
+        When a setting is invalid, or an environment's observations are not MiniGrid's own.
 
     Examples
     --------
@@ -389,16 +389,16 @@ class MiniGridView(_MiniGridEncoder):
 
 @dataclass(frozen=True)
 class MiniGridFullView(_MiniGridEncoder):
-    """All of a MiniGrid level, as zeros and ones.
+    """Encoder of a whole MiniGrid level, as zeros and ones.
 
-    Cells are one-hot as in :class:`MiniGridView`. The agent is one more object of its cell, as is
-    what it carries. A smaller level lies in the middle, among unseen cells, so that levels of
-    several sizes share a space: 20 x width x height + 4 numbers, float32.
+    Cells are one-hot as in :class:`MiniGridView`. The agent's cell also holds the agent and the
+    object that it carries. A smaller level lies in the middle, among unseen cells, so that levels
+    of several sizes share a space: 20 x width x height + 4 numbers, float32.
 
     Parameters
     ----------
     width, height : int
-        Of the largest level, walls included.
+        Cells of the largest level, walls included.
     picture, mission : bool
         As in :class:`MiniGridView`; a picture is (24, height, width).
 
@@ -457,12 +457,12 @@ def _one_hot(codes: npt.NDArray[Any]) -> Cells:
         ) from None
 
 
-def _words(mission: str) -> Cells:
-    """Return which of MiniGrid's words a mission has, (59,)."""
+def _bag_of_words(mission: str) -> Cells:
+    """Return 1 for each of MiniGrid's words that a mission contains, else 0, (59,)."""
     has = np.zeros(len(WORDS), np.float32)
     for word in mission.lower().replace(",", " ").split():
         if word not in WORDS:
-            raise TaskError(f"a mission must have words of MiniGrid's: got {word!r} in {mission!r}")
+            raise TaskError(f"a mission must have MiniGrid's words: got {word!r} in {mission!r}")
         has[WORDS.index(word)] = 1
     return has
 

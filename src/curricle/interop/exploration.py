@@ -1,4 +1,4 @@
-"""Every state that can be reached, breadth first."""
+"""Breadth-first search for every state that an environment can reach."""
 
 import math
 import time
@@ -36,7 +36,7 @@ INTERVAL = 0.5  # seconds between two reports of progress
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a tabulation is: states, those with all actions taken, outcomes, and seconds."""
+    """How far a tabulation is: states found, states with all actions tried, outcomes, seconds."""
 
     states: int
     expanded: int
@@ -44,7 +44,7 @@ class Progress:
     seconds: float
 
     def in_words(self, name: str) -> str:
-        """Return a line to be shown."""
+        """Return the progress of the tabulation of `name`, as a line of text."""
         speed = self.transitions / max(self.seconds, 1e-9)
         return (
             f"tabulating {name}: {self.states:,} states, {self.expanded:,} done, {speed:,.0f} "
@@ -53,7 +53,7 @@ class Progress:
 
 
 class Reached(NamedTuple):
-    """One outcome of an action: where it leads, and how likely."""
+    """An outcome of an action: the next state, its probability and its reward."""
 
     probability: float
     key: Hashable  # equal for equal states
@@ -79,7 +79,7 @@ class Search:
     ):
         self.world, self.show = world, show
         self.max_states, self.max_seconds = max_states, max_seconds
-        self.observations, self.words, self.terminal = list[Any](), list[Words](), list[bool]()
+        self.observations, self.components, self.terminal = list[Any](), list[Words](), list[bool]()
         self.start = dict[int, float]()  # the probability of each start
         self.first = list[int]()  # the state that each start leads to
         # An outcome is a place in each of four lists; a pair is state x A + action.
@@ -92,7 +92,7 @@ class Search:
         self._contents, self._queued, self._queue = list[Any](), list[bool](), deque[int]()
 
     def run(self) -> Self:
-        """Return the search when it is done; TaskError when a limit does not suffice."""
+        """Search to the end and return the search; TaskError when a limit is reached before."""
         n_actions, seeds, expanded = self.world.n_actions, self.world.seeds, 0
         began = shown = time.perf_counter()
         for seed in seeds:
@@ -121,14 +121,14 @@ class Search:
             for pair in range(state * n_actions, (state + 1) * n_actions):
                 self._add(pair, state, STAY)
         self.cut = len(staying)
-        others = (self.world.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
-        known = (self._numbers.get((other.key, False)) in self.start for other in others)
+        resets = (self.world.start(max(seeds) + k) for k in range(1, MORE_RESETS + 1))
+        known = (self._numbers.get((other.key, False)) in self.start for other in resets)
         self.several = len(self.start) > 1 or not all(known)
         self.seconds = time.perf_counter() - began
         return self
 
     def _number(self, reached: Reached) -> int:
-        """Return the number of a state, a new one if it was not met before."""
+        """Return the number of a state, which is a new number if the state is new."""
         name = reached.key, reached.terminated  # entered with the episode's end it is another
         state = self._numbers.get(name)
         if state is None:
@@ -136,13 +136,13 @@ class Search:
             if state >= self.max_states:
                 raise self._too_many()
             before = time.perf_counter()
-            observation, words = self.world.look()
+            observation, components = self.world.look()
             self.observing += time.perf_counter() - before
             self._contents.append(reached.content)
             self._queued.append(False)
             self.terminal.append(reached.terminated)
             self.observations.append(deepcopy(observation))  # which a step may change
-            self.words.append({**words, **words_of_state(observation, "_")})
+            self.components.append({**components, **words_of_state(observation, "_")})
         if not (self._queued[state] or reached.terminated or reached.truncated):
             self._contents[state] = reached.content
             self._queued[state] = True
@@ -156,24 +156,25 @@ class Search:
         self.reward.append(reached.reward)
 
     def _too_many(self) -> TaskError:
-        """Return the error of a state budget, which says in what states differ most."""
-        everywhere = set(self.words[0]).intersection(*self.words)
+        """Return the error of too many states, which names the component with most values."""
+        everywhere = set(self.components[0]).intersection(*self.components)
         values = dict[str, set[Any]]()
-        for words in self.words:
+        for components in self.components:
             parts = dict[str, list[int | str]]()
-            for name, value in words.items():
+            for name, value in components.items():
                 # Entries that some states lack are those of a list that grows.
                 whole = name if name in everywhere else name.rstrip("0123456789").rstrip("_")
                 parts.setdefault(whole, []).append(value)
             for name, part in parts.items():
                 values.setdefault(name, set()).add(tuple(part))
         name = max(values, key=lambda name: len(values[name]), default="")
-        hint = ", most of which differ in what is no whole number or word"
-        if 2 * len({frozenset(words.items()) for words in self.words}) > len(self.words):
-            hint = f", which differ most in {name!r}, of {len(values[name]):,} values"
+        hint = ", and most differ only in parts that are neither whole numbers nor words"
+        different = {frozenset(components.items()) for components in self.components}
+        if 2 * len(different) > len(self.components):
+            hint = f", and {name!r} has the most values, {len(values[name]):,}"
         return TaskError(
             f"a table may have at most max_states, {self.max_states:,} states: tabulating "
-            f"{self.world.name} found more{hint if len(self.words) > 1 else ''}"
+            f"{self.world.name} found more{hint if len(self.components) > 1 else ''}"
         )
 
 
@@ -183,7 +184,7 @@ LONG_AGO = -(2**62)  # steps that the clock of a wrapper shows, so that no time 
 
 @dataclass(eq=False)
 class World:
-    """An environment's own steps, and how its states are saved and restored."""
+    """An environment that is stepped from saved states."""
 
     env: Environment  # nobody else's: it is stepped and reset
     act: Callable[[int], Any]
@@ -207,7 +208,7 @@ class World:
         self.access.prepare(self.env)
 
     def start(self, seed: int) -> Reached:
-        """Return the state in which an episode begins that is reset with a seed."""
+        """Return the state after a reset with a seed."""
         self._known = None
         if self.access.copies:
             self.now, _ = self.access.restore(self.core, (self.core, []))
@@ -217,7 +218,7 @@ class World:
         return Reached(1.0, *self.access.save(self.now), 0.0, terminated=False, truncated=False)
 
     def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
-        """Yield the one outcome, or those met in the samples, as often as they were met."""
+        """Yield an action's only outcome, or the outcome of every sample."""
         if self.transitions == self.n_actions:
             self.access.check()
         self.transitions += 1
@@ -234,14 +235,14 @@ class World:
             yield reached
 
     def look(self) -> tuple[Any, Words]:
-        """Return the observation and the words of the state that was yielded last."""
+        """Return the observation and the components of the state that was yielded last."""
         seen = self.access.observation(self.now, self._observed)
         for view in self.views:
             seen = view.observation(seen)
         return seen, self.access.describe(self.now)
 
     def _step(self, content: Any, action: int) -> Reached:
-        """Return where the one outcome of an action leads from a saved state."""
+        """Return the only outcome of an action in a saved state."""
         env, generators = self.access.restore(self.core, content)
         generators = [*generators, *self.shared]
         before = self._known if self._known is not None else [*map(state_of, generators)]
@@ -277,7 +278,7 @@ class World:
         return Reached(chance, *saved, earned, bool(terminated), bool(truncated)), observed
 
     def _returned(self, by: str, returned: Any) -> tuple[Any, ...]:
-        """Return what a reset or a step returned, if it has so many parts."""
+        """Return the result of a reset or a step; TaskError unless it has the right parts."""
         if not isinstance(returned, tuple) or len(returned) != len(RETURNED[by]):
             parts = ", ".join(RETURNED[by])
             raise TaskError(f"a {by} must return ({parts}): got {returned!r} from {self.name}")
@@ -345,7 +346,7 @@ class ListedOutcomes:
     seeds: Sequence[int]
     name: str
     save: Callable[[Any], Hashable] | None = None
-    words: Callable[[Any], Words] | None = None
+    parts: Callable[[Any], Words] | None = None
     transitions: int = 0
     _state: Any = None  # the last that was reached
 
@@ -387,10 +388,10 @@ class ListedOutcomes:
             )
 
     def look(self) -> tuple[Any, Words]:
-        """Return the state, if it is an observation, and its words."""
+        """Return the state, if it is an observation, and its components."""
         state = self._state
-        words = words_of_state(state) if self.words is None else self.words(state)
-        return state if self.save is None else None, words
+        components = words_of_state(state) if self.parts is None else self.parts(state)
+        return state if self.save is None else None, components
 
     def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
         self._state = state
@@ -398,7 +399,7 @@ class ListedOutcomes:
 
 
 def _key(state: Any) -> Any:
-    """Return what is equal for equal states, in which arrays and lists are tuples."""
+    """Return a hashable key, equal for equal states: arrays and lists become tuples."""
     if isinstance(state, np.ndarray):
         state = state.tolist()
     if isinstance(state, Mapping):

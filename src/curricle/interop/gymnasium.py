@@ -79,19 +79,19 @@ def from_gymnasium(
     time_limit : int, None or "own"
         Steps after which episodes are truncated; the environment's own by default.
     names : sequence of str, optional
-        Of a state's components, in their order: the numbers in an observation.
+        Names of a state's components, in the order of the numbers in an observation.
     sizes : sequence of int, optional
-        How many values each of the `names` has, where an observation is one number for all of
-        them, the last counting fastest: row * columns + column.
+        Number of values of each component, where an observation is a single number in which the
+        last component counts fastest: row * columns + column.
     states : Space, optional
-        Needed with an `encode` that has no attribute ``states``. Without `encode`, other names and
-        labels for the observations, in their order.
+        The states that `encode` returns, needed where it has no attribute ``states``. Without
+        `encode`, other names and labels for the observations, in their order.
     actions : sequence of str or Space, optional
-        A label for each action, or the actions by other names, in their order. Those called north,
-        east, south and west, or up, right, down and left, are drawn as arrows.
+        A label for each action, or other names for the actions, in their order. Actions called
+        north, east, south and west, or up, right, down and left, are drawn as arrows.
     encode : callable, optional
-        From an observation to a state's number or the tuple of its components' values, such as
-        :class:`Bins`.
+        Returns the number of the state that an observation shows, or the tuple of its components'
+        values, such as :class:`Bins`.
     live : bool
         Whether to use ``env.step`` even if there is a table.
     **make_arguments
@@ -100,8 +100,8 @@ def from_gymnasium(
     Returns
     -------
     FiniteMDP or LiveMDP
-        Gymnasium's toy-text environments have named components and labelled actions; else these are
-        `state` and `action`, numbered if there are several, or have the keys of a ``Dict``.
+        Gymnasium's toy-text environments have named components and labelled actions. Others have
+        components `state` and `action`, numbered if there are several, or the keys of a ``Dict``.
 
     Raises
     ------
@@ -121,10 +121,12 @@ def from_gymnasium(
     LiveMDP(4 states, 3 actions, discount 0.99, time limit 200)
     """
     if names is None and sizes is not None:
-        raise TaskError(f"sizes need names of what has them: got sizes {sizes!r} without names")
+        raise TaskError(
+            f"sizes need the names of their components: got sizes {sizes!r} without names"
+        )
     if names is not None and states is not None:
         raise TaskError(
-            f"names go without states, whose components have names: got both, names {names!r}"
+            f"names must be left out with states, which name the components: got names {names!r}"
         )
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
@@ -209,11 +211,11 @@ def actions_of(
         return act, with_space("actions", named, actions)
     if len(named.components) > 1:
         raise TaskError(
-            "labels are for actions that are one number, and others are named by a Space: these "
-            f"have {', '.join(named.names)}"
+            "actions of several components must be named by a Space, not by labels: these have "
+            f"{', '.join(named.names)}"
         )
     if isinstance(actions, str) or len(actions) != named.size:
-        raise TaskError(f"actions must be a label for each, {named.size} in all: got {actions!r}")
+        raise TaskError(f"actions must hold {named.size} labels in order: got {actions!r}")
     return act, Space([replace(named.components[0], labels=tuple(actions))])
 
 
@@ -232,7 +234,7 @@ def _check_unchanged(env: gym.Env[Any, Any], make: EnvironmentMaker) -> None:
 
 
 def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextManager[Any]:
-    """Return a context with an environment that is given, or a new one, closed at its end."""
+    """Return a context with the caller's environment, or a new environment that it closes."""
     if isinstance(environment, gym.Env):
         return nullcontext(environment)
     with refusals_of_make(environment):
@@ -245,7 +247,7 @@ def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextM
 
 @contextmanager
 def refusals_of_make(source: Any) -> Iterator[None]:
-    """Raise TaskError for whatever ``gymnasium.make`` raises; a function's errors are its own."""
+    """Raise TaskError for whatever ``gymnasium.make`` raises; errors of a function stay as is."""
     try:
         yield
     except CurricleError:
@@ -264,7 +266,7 @@ def refusals_of_make(source: Any) -> Iterator[None]:
 def maker_of(
     environment: Environment, time_limit: TimeLimit, arguments: dict[str, Any]
 ) -> EnvironmentMaker:
-    """Return how environments are made; of None if the one given has no specification."""
+    """Return the maker of environments; it makes None where an environment has no specification."""
     arguments = deepcopy(arguments)
     if isinstance(environment, EnvironmentMaker) and environment.encode is None:
         arguments = {**deepcopy(dict(environment.arguments)), **arguments}
@@ -306,8 +308,8 @@ def observation_task(
     time_limit : int, optional
         Steps after which episodes are truncated; the environment's own by default.
     encode : callable, optional
-        From the environment to the same with other observations: an encoder such as
-        :class:`MiniGridView` or :class:`FlatDict`, a wrapper's class or a function.
+        Returns an environment with other observations: an encoder such as :class:`MiniGridView` or
+        :class:`FlatDict`, a wrapper's class or a function.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -343,10 +345,10 @@ def name_list(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def with_space(points: str, space: Space, other: Space | None) -> Space:
-    """Return the space that a caller gives instead of another with as many points, if any."""
+    """Return `other`, a space with as many points, in place of a space; by default the space."""
     if other is not None and other.size != space.size:
         raise TaskError(
-            f"{points} must name the environment's {space.size}: got {other.size} of them"
+            f"{points} must name all {space.size} of the environment's: got {other.size}"
         )
     return space if other is None else other
 
@@ -359,7 +361,7 @@ def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
         return Space([replace(c, name=name) for c, name in pairs], space.points)
     if sizes is None:
         raise TaskError(
-            f"names must be one for each component of a state, in the order of {here}: got "
+            f"names must have a name for each component of a state, in the order of {here}: got "
             f"{len(names)}, {', '.join(names) or 'none'}"
         )
     if isinstance(sizes, str) or not isinstance(sizes, Sequence):
@@ -368,12 +370,12 @@ def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
         raise TaskError(f"sizes are for observations that are one number: these have {here}")
     if len(sizes) != len(names):
         raise TaskError(
-            f"sizes must be of each name, {', '.join(names)}: got {len(sizes)}, {list(sizes)}"
+            f"sizes must have a number for each name, {', '.join(names)}: got {list(sizes)}"
         )
     split = Space([Component(name, size) for name, size in zip(names, sizes, strict=True)])
     if split.size != space.size:
         raise TaskError(
-            f"sizes must make the environment's {space.size:,} states when multiplied: "
+            f"the product of sizes must be the environment's {space.size:,} states: "
             f"{' x '.join(map(str, sizes))} is {split.size:,}"
         )
     return split
@@ -461,7 +463,7 @@ Flatten = Callable[[Any], tuple[Any, ...]]
 
 
 def space_of(space: gym.Space[Any], name: str) -> Space:
-    """Return the points of a discrete Gymnasium space, one component for each number in them."""
+    """Return the points of a discrete Gymnasium space, with a component for each number."""
     components = list(_components(space, name))
     if len({component.name for component in components}) < len(components):
         components = [replace(c, name=f"{name}_{i + 1}") for i, c in enumerate(components)]
@@ -487,7 +489,7 @@ class Number:
     space: gym.Space[Any] = field(hash=False)
 
     def __call__(self, point: Any) -> int:
-        """Return the number of a point, negative where it is none."""
+        """Return the number of a point, negative where it is not in the space."""
         try:
             return self._place(point)
         except (TypeError, ValueError):  # of what is no whole number, or no array of them
@@ -586,7 +588,7 @@ class Coding:
         return [int(offset) for offset in np.unravel_index(point, self.space.shape)]
 
     def label(self, point: int) -> str:
-        """Return a point in words, as :meth:`Space.label` does, but faster."""
+        """Return the label of a point, as :meth:`Space.label` does, but faster."""
         parts = zip(self.space.components, self.offsets(point), strict=True)
         return " ".join(f"{part.name}={part.label(part.low + offset)}" for part, offset in parts)
 
@@ -625,8 +627,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
     time limit first. ``info`` has the number of the state, ``state``, and its ``label``.
-    ``reset(options={"state": ...})`` starts in a state: its number, or the value or label of each
-    of its components by name.
+    ``reset(options={"state": ...})`` starts in a state: its number, or a dict of values or labels.
 
     Parameters
     ----------
@@ -646,7 +647,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
     TaskError, SettingError
         When `task` is not a task, or a live one; when a form is unknown or not every combination of
         action components is an action; when an action is outside the space or no episode is under
-        way; when a reset's options are unknown, or its state is none or known to be terminal.
+        way; when a reset's options are unknown, or its state does not exist or is terminal.
 
     Examples
     --------
@@ -743,7 +744,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         return scene_of(self.task)
 
     def _check(self) -> None:
-        """Raise TaskError if a function of the task returned what makes no sense."""
+        """Raise TaskError if a function of the task returned an invalid value."""
         if self._users_code and self._model.failure["by"][0]:
             self._under_way, model, self._model = False, self._model, self._rules.model
             check_answers(self.task, model)
@@ -785,7 +786,7 @@ def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
 
 
 def pursuit_environment(**settings: Any) -> TaskEnvironment:
-    """Return a :class:`Pursuit` whose predators act as one: ``Curricle/Pursuit-v0``."""
+    """Return a :class:`Pursuit` whose predators act jointly: ``Curricle/Pursuit-v0``."""
     forms = {name: settings.pop(name) for name in FORMS & settings.keys()}
     return TaskEnvironment(Pursuit(**settings), **forms)
 

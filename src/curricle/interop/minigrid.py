@@ -30,7 +30,7 @@ STILL = {"wall", "floor", "goal", "lava"}  # types of objects without a state
 
 
 class Level:
-    """What a reset made: constant attributes, objects with a state, plain attributes."""
+    """A level as a reset made it: constant attributes, objects with a state, plain attributes."""
 
     def __init__(self, number: int, env: Any):
         self.number = number
@@ -70,25 +70,25 @@ class Level:
             if name not in self.plain
         }
 
-    def words(self, env: Any) -> Words:
+    def components(self, env: Any) -> Words:
         """Return the components of the state that an environment of this level is in."""
         x, y = map(int, env.agent_pos)
-        words: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
-        words["direction"] = DIRECTIONS[env.agent_dir]
+        components: dict[str, int | str] = {"level": self.number, "x": x, "y": y}
+        components["direction"] = DIRECTIONS[env.agent_dir]
         for door in self.doors:
             state = 0 if door.is_open else 2 if door.is_locked else 1
-            words[self.names[id(door)]] = DOOR_STATES[state]
+            components[self.names[id(door)]] = DOOR_STATES[state]
         places = {id(thing): i for i, thing in enumerate(env.grid.grid) if thing is not None}
         for thing in self.movable:
             x = y = CARRIED if thing is env.carrying else AWAY
             if id(thing) in places:
                 y, x = divmod(places[id(thing)], env.width)
-            words |= {f"{self.names[id(thing)]}_x": x, f"{self.names[id(thing)]}_y": y}
+            components |= {f"{self.names[id(thing)]}_x": x, f"{self.names[id(thing)]}_y": y}
         for name in self.plain:
             value = vars(env)[name]
             if isinstance(value, str | bool | int) and value != "":
-                words.setdefault(name, value)
-        return words
+                components.setdefault(name, value)
+        return components
 
 
 def _is_plain(value: Any) -> bool:
@@ -114,9 +114,9 @@ PROBED = 300  # random steps that show whether a level has a state beside MiniGr
 class MiniGridState:
     """States of MiniGrid: the agent, the grid, the objects in it, and plain attributes.
 
-    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode; a table of states that are no times
-    has the goal's reward as 1. Where nothing else is earned, a policy that is optimal at a discount
-    below 1 is as short as possible, and best by MiniGrid's own reward as well.
+    MiniGrid pays 1 - 0.9 t / max_steps at step t of an episode. States of a table hold no time, so
+    the goal pays 1 there. If it is the only reward, a policy that is optimal at a discount below 1
+    takes as few steps as possible, and is best by MiniGrid's own reward as well.
 
     Components are the agent's `x`, `y` and `direction`; the state of each `door`; and the place of
     each `key`, `ball` and `box`, such as `key_x`: -1 while it is carried, -2 while it is in a box
@@ -125,10 +125,10 @@ class MiniGridState:
     Parameters
     ----------
     own_reward : bool
-        Pay MiniGrid's own reward. The time is then part of a state, `step`.
+        Pay MiniGrid's own reward; then the time is a component of the state, `step`.
     copies : bool
         Whether to save states by copies; by default only where a level (BabyAI's instructions) or a
-        wrapper keeps a state elsewhere.
+        wrapper keeps part of the state elsewhere.
 
     Examples
     --------
@@ -144,7 +144,7 @@ class MiniGridState:
         instance("copies", self.copies, bool, SettingError)
 
     def open(self) -> StateAccess:
-        """Return what saves and restores the states."""
+        """Return the :class:`StateAccess` that saves and restores the states."""
         if self.copies:
             return Copies(frozenset()) if self.own_reward else _TimelessCopies()
         return MiniGridAccess(own_reward=self.own_reward)
@@ -181,22 +181,22 @@ def named_actions(env: Environment) -> Space | None:
     return Space([Component("action", len(labels), labels=labels)])
 
 
-def _one() -> float:
+def _unit() -> float:
     return 1.0
 
 
 def _pay_one(env: Environment) -> str:
-    """Let the goal pay 1, and return a note of it; nothing, where the reward is a subclass's."""
+    """Let the goal pay 1 and return a note of it; keep a subclass's reward and return nothing."""
     base: Any = env.unwrapped
     known = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
-    if type(base)._reward is not known or vars(base).get("_reward", _one) is not _one:
+    if type(base)._reward is not known or vars(base).get("_reward", _unit) is not _unit:
         return ""
-    base._reward = _one
+    base._reward = _unit
     return "goal reward 1"
 
 
 def _time(number: int, env: Any) -> int:
-    """Return times before an episode's end, of which any two that follow are far apart."""
+    """Return times before an episode's end in an order in which consecutive times are far apart."""
     return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))
 
 
@@ -223,7 +223,7 @@ class _TimelessCopies(Copies):
 
 
 class _View(Unseen, UserDict[str, Any]):
-    """An observation that is made when somebody looks at it."""
+    """An observation that is computed when it is read."""
 
     def __init__(self, env: Any):
         self.env = env
@@ -235,7 +235,7 @@ class _View(Unseen, UserDict[str, Any]):
 
 
 class MiniGridAccess(StateAccess):
-    """Saves states as tuples, and restores them into the one environment."""
+    """Saves states as tuples, and restores them into the same environment."""
 
     copies = False
 
@@ -256,7 +256,7 @@ class MiniGridAccess(StateAccess):
             self.note = _pay_one(env)
 
     def begin(self, env: Environment) -> None:
-        """Note the level that a reset made, or find it among those before."""
+        """Store the level that a reset made, unless it is known already."""
         base: Any = env.unwrapped
         self.env = base
         vars(base).pop("gen_obs", None)
@@ -273,7 +273,7 @@ class MiniGridAccess(StateAccess):
         base.gen_obs = lambda: _View(base)
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
-        """Return the state as a tuple, which tells it from others and restores it."""
+        """Return the state as a tuple, its key and its content alike."""
         base: Any = env
         x, y = base.agent_pos
         attributes, level, cells = vars(base), self.level, base.grid.grid
@@ -320,11 +320,11 @@ class MiniGridAccess(StateAccess):
 
     def describe(self, env: Environment) -> Words:
         """Return the components of the state."""
-        words = self.level.words(self.env)
-        return {**words, "step": self.env.step_count} if self.own_reward else words
+        components = self.level.components(self.env)
+        return {**components, "step": self.env.step_count} if self.own_reward else components
 
     def missed(self, env: Environment) -> str:
-        """Return an attribute that steps have changed though it is not part of what is saved."""
+        """Return the name of an attribute that steps have changed and that is not saved."""
         for level in self.levels:
             self.restore(env, level.content)
             for name, digest in level.digests().items():
@@ -341,7 +341,6 @@ class MiniGridAccess(StateAccess):
         self.release()
         if missed := self.missed(self.env):
             raise TaskError(
-                "states of MiniGrid are saved fast if they are in the agent, the grid, its objects "
-                "and plain attributes, and by MiniGridState(copies=True) else: steps changed "
-                f"{missed!r} of {self.env}"
+                "a state outside the agent, the grid, its objects and plain attributes must be "
+                f"saved by MiniGridState(copies=True): steps changed {missed!r} of {self.env}"
             )

@@ -52,7 +52,7 @@ a graphics processor, whose products of matrices have 11 bits."""
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A potential, read from n observations: by their values, or by the states that they show."""
+    """A potential that is read from n observations, or from the states that they show."""
 
     name: str
     read_from: Callable[[Any], Any]  # of an observation, or of stacked ones if `batched`
@@ -73,7 +73,7 @@ class Source:
         encode: Callable[[Any], Any] | None,
         batched: bool,
     ) -> "Source":
-        """Return a potential, to be read from observations of a space."""
+        """Return the source that reads a potential from observations of a space."""
         if isinstance(potential, TaskPotential):
             if isinstance(potential, StateActionPotential):
                 potential = potential.to_state()
@@ -88,8 +88,8 @@ class Source:
             discount = potential.task.discount
             if potential.task.observations != space:
                 raise SettingError(
-                    "a potential over observations must be read from those of its task: "
-                    f"{name!r} is one of {potential.task.observations} and gets {space}"
+                    "a potential over observations must read those of its own task: "
+                    f"{name!r} is made for {potential.task.observations} and gets {space}"
                 )
         if isinstance(potential, ValueSource):
             return cls(name, potential.v, True, discount, NETWORK_ROUNDING)
@@ -116,7 +116,7 @@ class Source:
         return phi.tolist()  # type: ignore[no-any-return]
 
     def _values(self, rows: Sequence[Any], stacked: Any) -> list[float]:
-        """Return what the function returns, (n,)."""
+        """Return the values of n observations, (n,); PotentialError unless they are n numbers."""
         if self.batched:
             who = f"a batched potential, {self.name!r},"
             if self.rounding > 0:
@@ -145,8 +145,8 @@ class Source:
             array = whole(self.read_from(stacked), "the states of observations")
             if array.shape != (len(rows),):
                 raise SettingError(
-                    f"a batch of observations must have states of shape {(len(rows),)}: "
-                    f"{self.name!r} got {array.shape}"
+                    f"encode must return states of shape {(len(rows),)} for a batch of "
+                    f"observations: {self.name!r} got {array.shape}"
                 )
             states: list[int] = array.tolist()
         else:
@@ -171,7 +171,7 @@ class Source:
 
 
 def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
-    """Return stacked observations one by one; `space` is that of the n stacked."""
+    """Return stacked observations as a list; `space` is the space of the stack."""
     if isinstance(stacked, np.ndarray):
         return list(stacked)  # as `iterate` does, and quicker
     return list(iterate(space, stacked))
@@ -183,7 +183,7 @@ def each_step(steps: Steps, n: int) -> list[int]:
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
-    """Return the function from an observation, or stacked ones, to numbers of a task's states."""
+    """Return the function from an observation, or stacked observations, to states' numbers."""
     if isinstance(space, Discrete) and space.n == states.size:
         return partial(operator.add, -int(space.start))
     sizes: tuple[int, ...] = ()
@@ -198,7 +198,7 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
         return partial(_components, states, starts)
     raise SettingError(
         f"observations must number the task's {states.size} states, as a whole or component by "
-        f"component, or encode= must say how: got {space}"
+        f"component, or encode= must number them: got {space}"
     )
 
 
@@ -214,7 +214,7 @@ def _components(states: Space, starts: list[int], observation: Any) -> Any:
 
 
 class ShapingPotential:
-    """Phi of observations of a space, with what each of its N named sources gives."""
+    """Phi of observations of a space, and Phi_i of each of its N named sources."""
 
     def __init__(
         self,
@@ -243,7 +243,7 @@ class ShapingPotential:
             for name, potential in named.items()
         }
         if encode is not None and all(s.potential is None for s in self.sources.values()):
-            raise SettingError("encode must be left out where no potential is one over a task")
+            raise SettingError("encode must be left out where no potential is over a task's states")
         stated = {
             f"the task of {name!r}": source.discount
             for name, source in self.sources.items()
@@ -310,7 +310,7 @@ def check_unshaped(info: Mapping[str, Any]) -> None:
 
 @dataclass(eq=False)
 class Episode:
-    """One episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
+    """An episode under shaping; lists hold Phi and, after it, each source's Phi_i."""
 
     first: Any  # the observation it began with
     begun: int  # the step at which it began
@@ -347,7 +347,7 @@ class Episode:
 
 
 class ShapedStep(NamedTuple):
-    """What shaping makes of one step of n environments."""
+    """A step of n environments with shaped rewards."""
 
     stepped: list[bool]  # which made a step of an episode; the others only reset
     shaping: list[list[float]]  # (n, 1 + N): F and after it each source's F_i; 0 of a reset
@@ -356,7 +356,7 @@ class ShapedStep(NamedTuple):
 
 
 class Episodes:
-    """The episodes of n environments that step together; n is 1 of a single environment."""
+    """The episodes of n environments that step together; n = 1 for a single environment."""
 
     # `finals_in` says, for messages, where the observations are at which episodes were cut off; it
     # is None unless a step that ends an episode returns the observation that begins the next.
@@ -385,7 +385,7 @@ class Episodes:
         final: Callable[[int], Any] | None = None,  # where episode i was cut off; None if unknown
         stacked: Any = None,
     ) -> ShapedStep:
-        """Return what shaping makes of a step, given what the step returned."""
+        """Return the shaped step, from the results of the environments' step."""
         running, potential = self._running, self._potential
         shaping = list[list[float]]()
         steps: Any
@@ -467,17 +467,17 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
       ``telescoping_residual``: sum_t gamma^t F_t - (gamma^T Phi(s_T) - Phi(s_0)), with Phi(s_0)
       computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
 
-    A step after an episode's end is taken to be the reset of `gymnasium.wrappers.Autoreset`: its
-    reward stays as it is. Wrappers that record returns belong inside.
+    A step after an episode's end counts as the reset of `gymnasium.wrappers.Autoreset`: its reward
+    stays as it is. Put wrappers that record returns inside.
 
     Parameters
     ----------
     env : gymnasium.Env
     potential : callable, potential over a task, source of values, or dict of str to these
         A function observation -> float; or a `StatePotential`, `MappedPotential` or
-        `StateActionPotential`, whose Phi(s) = max_a phi(s, a), over the states that observations
-        number, whole (`Discrete`) or by component (`MultiDiscrete`, `Tuple`); or an
-        `ObservationPotential` or other `ValueSource`, whose Phi(s) = V(s).
+        `StateActionPotential`, Phi(s) = max_a phi(s, a), of the states that observations number,
+        whole (`Discrete`) or by component (`MultiDiscrete`, `Tuple`); or an `ObservationPotential`
+        or other `ValueSource`, Phi(s) = V(s).
     discount : float, optional
         gamma, which must be the learner's. Needed where no potential has a task to state it.
     weight : float or Schedule
@@ -488,15 +488,15 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
     encode : callable, optional
         observation -> number of the state, for potentials over a task.
     tolerance : float or None
-        The largest residual allowed, as a share of the largest abs(Phi) in the episode; for a
-        `ValueSource` at least 0.001, as networks round. None allows any, for potentials that
-        change: shaping is sound for these too (Devlin, Kudenko 2012).
+        The largest residual allowed, as a share of the largest abs(Phi) in the episode; at least
+        0.001 for a `ValueSource`, because networks round. None allows any residual, for potentials
+        that change: shaping is sound for these too (Devlin, Kudenko 2012).
 
     Raises
     ------
     PotentialError, SettingError
-        When a value is not finite or a residual exceeds the tolerance; when the discount is not
-        stated, or twice, observations do not number a task's states, or `env` is shaped already.
+        When a value is not finite or a residual exceeds the tolerance; when there is not exactly
+        one discount, observations do not number a task's states, or `env` is shaped already.
 
     Examples
     --------
@@ -580,7 +580,7 @@ class VectorPotentialShaping(Shaped, AnyVectorWrapper, RecordConstructorArgs):
     Raises
     ------
     PotentialError, SettingError
-        As :class:`PotentialShaping`, and when the vector environment does not say how it resets.
+        As in :class:`PotentialShaping`, and when the vector environment does not say how it resets.
 
     Examples
     --------
@@ -661,7 +661,7 @@ class VectorPotentialShaping(Shaped, AnyVectorWrapper, RecordConstructorArgs):
 
 
 def _shown(mask: BoolArray, /, **arrays: FloatArray) -> dict[str, Any]:
-    """Return arrays as Gymnasium's infos hold them: 0 where the mask is false, each with it."""
+    """Return arrays as Gymnasium's infos hold them: with their mask, and 0 where it is False."""
     shown: dict[str, Any] = {}
     for name, values in arrays.items():
         shown[name], shown[f"_{name}"] = np.where(mask, values, 0.0), mask

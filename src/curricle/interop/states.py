@@ -1,4 +1,4 @@
-"""The states of an environment: told apart, saved and restored."""
+"""The states of an environment: how they are distinguished, saved and restored."""
 
 import hashlib
 import random
@@ -45,7 +45,7 @@ SALT = 2718  # begins the seeds of repeated steps, so that they are not those of
 
 
 def restart(generators: Sequence[Any], repetition: int, left: Mapping[Any, Any]) -> None:
-    """Let generators draw other numbers than in other repetitions, or go on as they were `left`."""
+    """Seed generators differently in each repetition, or let them go on as they were `left`."""
     for place, generator in enumerate(generators):
         kind = kind_of(generator)
         _set(generator, left.get((place, kind)) or _fresh(kind, place, repetition))
@@ -53,7 +53,7 @@ def restart(generators: Sequence[Any], repetition: int, left: Mapping[Any, Any])
 
 @contextmanager
 def shared_draws() -> Iterator[Callable[[], bool]]:
-    """Return a context with whether the global generators were drawn from; it sets them back."""
+    """Return a context that notes whether the global generators are used, and resets them."""
     before = [*map(state_of, SHARED)]
     try:
         yield lambda: [*map(state_of, SHARED)] != before
@@ -63,7 +63,7 @@ def shared_draws() -> Iterator[Callable[[], bool]]:
 
 
 def state_of(generator: Any) -> Any:
-    """Return a generator's state, to be compared."""
+    """Return a generator's state in a form that can be compared."""
     if isinstance(generator, np.random.Generator):
         return generator.bit_generator.state
     if isinstance(generator, np.random.RandomState):
@@ -88,7 +88,7 @@ def _fresh(kind: Any, place: int, repetition: int) -> Any:
 
 
 def kind_of(generator: Any) -> type:
-    """Return what a generator draws its bits by."""
+    """Return the kind of a generator: the type that draws its bits."""
     if isinstance(generator, np.random.Generator):
         return type(generator.bit_generator)
     return next(kind for kind in GENERATORS if isinstance(generator, kind))
@@ -96,7 +96,7 @@ def kind_of(generator: Any) -> type:
 
 PLAIN = (type(None), bool, int, float, complex, str, bytes)
 CONSTANT = (gym.Space, EnvSpec, *GENERATORS)
-"""What is no part of a state: spaces and specifications are constant, and generators of random
+"""Parts that belong to no state: spaces and specifications are constant, and generators of random
 numbers decide what happens next only in environments that are random."""
 NAMED = (type, BuiltinFunctionType, ModuleType)
 # What is read again wherever it is met: sharing it makes no difference.
@@ -104,12 +104,12 @@ UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType
 
 
 def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
-    """Return a digest, 16 bytes, of a value and all it refers to but what `left_out` names."""
+    """Return a digest, 16 bytes, of a value and all it refers to, without names in `left_out`."""
     return _Reader(value, frozenset(left_out)).digest.digest()
 
 
 class _Reader:
-    """Feeds a value to a digest; each shared part once, then by its number."""
+    """Feeds a value to a digest: a shared part the first time, later its number."""
 
     def __init__(self, value: Any, left_out: frozenset[str], *, strict: bool = True):
         self.left_out, self.strict = left_out, strict
@@ -184,7 +184,7 @@ class _Reader:
                 self.read(part)
 
     def _read_object(self, value: Any) -> None:
-        """Read an object by its attributes, or where it has none by what pickle would keep."""
+        """Read an object's attributes, or what pickle would keep where it has none."""
         kind = type(value)
         self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)  # SWIG's have none
         attributes = dict(getattr(value, "__dict__", {}))
@@ -227,45 +227,45 @@ class StateAccess(ABC):
     note = ""  # what the tables say in another way than the environment
 
     def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
-        """Change for good what is to be tabulated in another way than the environment has it."""
+        """Change the environment once, before it is tabulated."""
 
     def begin(self, env: Environment) -> None:  # noqa: B027
-        """Note what a reset made."""
+        """Prepare for the states after a reset."""
 
     @abstractmethod
     def save(self, env: Environment) -> tuple[Hashable, Any]:
-        """Return what is equal for equal states of an environment, and what restores this one."""
+        """Return a key, equal for equal states, and the content from which to restore the state."""
 
     @abstractmethod
     def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
-        """Return an environment in a saved state, the one given or another; its generators."""
+        """Return an environment in a saved state, maybe `env` itself, and its generators."""
 
     def check(self) -> None:  # noqa: B027 - many have nothing to do
-        """Check what can be checked when all actions have been taken in a state."""
+        """Check the settings as soon as all actions have been taken in the first state."""
 
     def observation(self, env: Environment, returned: Any) -> Any:
-        """Return the observation of an environment, given what its step or reset returned."""
+        """Return the observation, from the observation that a step or reset returned."""
         return returned
 
     @abstractmethod
     def describe(self, env: Environment) -> Words:
-        """Return the state in words."""
+        """Return the state's components by name."""
 
     def end(self) -> None:  # noqa: B027 - many have nothing to do
-        """Check what can only be checked when all states are known."""
+        """Check that nothing was missed, when all states are known."""
 
 
 @dataclass(frozen=True)
 class DeepCopy:
     """States are deep copies of the environment: right for every environment that can be copied.
 
-    Two states are equal if all attributes but random generators are, part by part. States that
-    differ in nothing that can be observed or earned later are made one in the end.
+    Two states are equal if all their attributes but random generators are equal. In the end states
+    are merged whose later observations and rewards are the same.
 
     Parameters
     ----------
     ignore : collection of str
-        Names of attributes that make no difference, such as a counter that is only shown.
+        Names of attributes that change no observation and no reward, such as a counter for display.
 
     Examples
     --------
@@ -282,12 +282,12 @@ class DeepCopy:
         object.__setattr__(self, "ignore", tuple(map(str, names)))
 
     def open(self) -> StateAccess:
-        """Return what saves and restores by copies."""
+        """Return the :class:`StateAccess` that saves and restores by copies."""
         return Copies(frozenset(self.ignore))
 
 
 class Copies(StateAccess):
-    """States as copies: the content of one is an environment and its random generators."""
+    """States as copies: the content of a state is an environment and its random generators."""
 
     copies = True
 
@@ -295,16 +295,16 @@ class Copies(StateAccess):
         self.ignored, self.unmet = ignored, set(ignored)
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
-        """Return the environment itself, and its digest."""
+        """Return the environment's digest; and itself, with its generators."""
         reader = _Reader(env, self.ignored | left_out(env))
         self.unmet -= reader.skipped
         return reader.digest.digest(), (env, [*reader.generators.values()])
 
     def check(self) -> None:
-        """Raise SettingError if there is no attribute of a name that is ignored."""
+        """Raise SettingError if `ignore` names an attribute that nothing has."""
         if self.unmet:
             raise SettingError(
-                "ignore must name attributes of what an environment holds: nothing in it has "
+                "ignore must name attributes in the environment: nothing in it has "
                 f"{', '.join(sorted(self.unmet))}"
             )
 
@@ -335,7 +335,7 @@ class SaveAndRestore(StateAccess):
         self.generators = list(reader.generators.values())
 
     def save(self, env: Environment) -> tuple[Hashable, Any]:
-        """Return what the function returns, which tells states apart and restores them."""
+        """Return what the user's function returns, as key and as content."""
         state = self.save_state(env.unwrapped)
         try:
             hash(state)
@@ -382,8 +382,8 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
         return deepcopy(env, memo), memo
     except Exception as error:
         raise TaskError(
-            "an environment must be one that can be copied, or come with functions state=(save, "
-            f"restore), to be tabulated: copying {env} failed with {type(error).__name__}: {error}"
+            "an environment that cannot be copied needs functions state=(save, restore) to be "
+            f"tabulated: copying {env} failed with {type(error).__name__}: {error}"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""An environment as tables: what is observed in each state, and how the tables came about."""
+"""An environment as tables: the observation of each state, and how the tables were made."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ POSITION = "#"  # begins the name of a part of a tuple, before its position
 
 
 class Unseen:
-    """Stands for an observation that a step did not make, as it may never be read."""
+    """Stands for an observation that a step did not compute, because it may never be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,10 @@ class ObservationTable(Frozen):
     Parameters
     ----------
     parts : dict of str to (S, ...) arrays
-        By their place in an observation: ``""`` if it is one array, else the keys on the way to it,
-        joined by ``/``; ``#0`` is the first part of a tuple.
+        The arrays of all states, by place in an observation: ``""`` if it is a single array, else
+        the keys on the way to it, joined by ``/``; ``#0`` is the first part of a tuple.
     terminal : (S,) bool array
-        Which states end an episode: another state that looks the same is preferred.
+        Which states end an episode; an observation shared with one of them shows the other state.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class ObservationTable(Frozen):
 
     @cached_property
     def ambiguous(self) -> BoolArray:
-        """Which states look like another, (S,) bool: no observation shows them."""
+        """Which states share their observation, (S,) bool: `state` does not return them."""
         unique = np.zeros(len(self.terminal), dtype=bool)
         unique[[state for state in self._states.values() if state != UNMAPPED]] = True
         return ~unique
@@ -95,7 +95,7 @@ class ObservationTable(Frozen):
         return states
 
     def _key(self, parts: Mapping[str, Any]) -> bytes:
-        """Return what is equal for equal observations; of another shape, equal to no other."""
+        """Return a key, equal for equal observations; that of another shape equals no other."""
         if parts.keys() != self.parts.keys():
             return b""
         contents = []
@@ -117,7 +117,7 @@ def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) 
     for name in of_states[0]:
         leaves: list[Any] = [state_parts.get(name) for state_parts in of_states]
         shapes = {np.shape(leaf) for leaf in leaves}
-        if len(shapes) > 1 or any(len(others) != len(of_states[0]) for others in of_states):
+        if len(shapes) > 1 or any(len(state) != len(of_states[0]) for state in of_states):
             raise TaskError(
                 f"observations must have one shape to be tabulated: {name or 'they'} came in "
                 f"{len(shapes)} shapes"
@@ -147,18 +147,18 @@ def parts_of(observation: Any) -> dict[str, Any]:
 
 
 def same_observation(first: Any, second: Any) -> bool:
-    """Return whether two observations are equal, part by part; what is unseen equals all."""
+    """Return whether two observations are equal, part by part; an unseen part equals any other."""
     if isinstance(first, Unseen) or isinstance(second, Unseen):
         return True
-    mine, yours = parts_of(first), parts_of(second)
-    return mine.keys() == yours.keys() and all(
-        np.array_equal(part, yours[name], equal_nan=np.asarray(part).dtype.kind == "f")
-        for name, part in mine.items()
+    first_parts, second_parts = parts_of(first), parts_of(second)
+    return first_parts.keys() == second_parts.keys() and all(
+        np.array_equal(part, second_parts[name], equal_nan=np.asarray(part).dtype.kind == "f")
+        for name, part in first_parts.items()
     )
 
 
 def assembled(parts: Mapping[str, Leaf]) -> Any:
-    """Return parts in the tuples and dicts that they were taken from."""
+    """Return the observation that these parts were taken from."""
     if list(parts) == [""]:
         return parts[""]
     inner = dict[str, dict[str, Leaf]]()
@@ -175,23 +175,22 @@ BATCH = 4096  # observations that a model is asked about at once
 
 @dataclass(frozen=True)
 class TabulationRecord:
-    """How tables came about.
+    """How tables were made.
 
     Attributes
     ----------
     environment, seeds
-        Its name, and the seeds of the resets, each a start as likely as the others.
+        Name of the environment; seeds of the resets, which are equally likely starts.
     samples : int or None
         Steps by which each pair's outcomes were estimated; None if outcomes are exact.
     transitions, drawing, checked : int
-        Pairs of a state and an action that were tried or listed; those that drew random numbers,
-        and still led to one state in all 8 repetitions; steps of episodes that agree with the
-        tables.
+        Pairs of a state and an action that were tried or listed; those that drew random numbers but
+        led to a single state in all 8 repetitions; steps of episodes that agree with the tables.
     cut, explored : int
-        States in which episodes are only ever truncated: every action stays there, with reward 0.
-        States before equivalent ones were merged.
+        States in which episodes are only ever truncated: every action stays there, with reward 0;
+        and states before equivalent states were merged.
     seconds, observing : float
-        Wall-clock time of the search, and the part in which new states were observed and described.
+        Wall-clock time of the search, and its share for the observations and names of new states.
     note : str
         How the tables differ from the environment, such as in rewards.
     cached, several : bool
@@ -220,16 +219,16 @@ class TabulationRecord:
 class TabulatedTask(Frozen):
     """A Gymnasium environment as tables of all states that can be reached (:func:`tabulate`).
 
-    It is a :class:`Task`, and is mapped by the names of its components.
+    It is a :class:`Task`; mappings read its components by name.
 
     Attributes
     ----------
     mdp : FiniteMDP
         The tables, of S states and A actions.
     observations : ObservationTable or None
-        None where outcomes are listed of states that are no observations.
+        None where listed outcomes are those of saved states, not of observations.
     record : TabulationRecord
-        How the tables came about.
+        How the tables were made.
 
     Examples
     --------
@@ -273,7 +272,7 @@ class TabulatedTask(Frozen):
         return self._observations().many(observations)
 
     def policy(self, model: Any, *, deterministic: bool = True) -> IntArray | FloatArray:
-        """Return what a model does in each state.
+        """Return the action of a model in each state, or the probability of each action.
 
         Parameters
         ----------
@@ -281,7 +280,7 @@ class TabulatedTask(Frozen):
             With a method ``predict(observations, deterministic=...)`` that returns actions for
             stacked observations, alone or first in a tuple; SettingError if it does not.
         deterministic : bool
-            If not, the probability of each action, of policies with a distribution (A2C, PPO).
+            If False, return probabilities of actions; for policies with a distribution (A2C, PPO).
 
         Returns
         -------
@@ -319,8 +318,8 @@ class TabulatedTask(Frozen):
     def _observations(self) -> ObservationTable:
         if self.observations is None:
             raise TaskError(
-                "a task must know what is observed in its states to look up observations: the "
-                f"outcomes of {self.record.environment} are listed of states that are none"
+                "observations can be looked up only where tables have them: the listed outcomes of "
+                f"{self.record.environment} are of saved states"
             )
         return self.observations
 
@@ -339,7 +338,7 @@ class TabulatedTask(Frozen):
 
 
 def needs_of(policy: Any) -> str:
-    """Return what a policy of a network needs beside observations, "" where it is nothing."""
+    """Return what a network's policy needs besides observations, "" for nothing."""
     if hasattr(policy, "predict") and "action_masks" in signature(policy.predict).parameters:
         return "masks of actions"
     return "memory" if hasattr(policy, "lstm_actor") else ""

@@ -1,8 +1,8 @@
 """Any Gymnasium environment as tables, by visiting every state that can be reached.
 
-Three things are needed of an environment: to save a state, to restore it, to step. Deep copies do
-for all, and equivalent states are merged, so that counters and notes do no harm. What a way of
-saving misses is found by playing episodes beside the tables.
+Tabulation saves states, restores them, and steps. Deep copies do this for every environment.
+Equivalent states are merged, so that counters and notes do no harm. Episodes are then played beside
+the tables: they find what a way of saving states has missed.
 """
 
 import os
@@ -147,7 +147,7 @@ class Plan:
                 raise SettingError("outcomes are listed or estimated: got outcomes and samples")
 
     def carried_out(self, env: Any, act: Callable[[int], Any], n_actions: int, name: str) -> Made:
-        """Return an environment's tables, and how they came about; from the cache if there."""
+        """Return an environment's tables and their record; from the cache if it exists."""
         how = self.state  # how states are saved and restored
         if isinstance(how, MiniGridState) and not is_minigrid(env):
             raise SettingError(f"state={how!r} is for MiniGrid's environments: got {env}")
@@ -187,7 +187,7 @@ class Plan:
             source = ListedOutcomes(env, self.outcomes, *known, save)
         elif self.state is None and self.samples is None and has_table(env):
             table: Any = base
-            source = ListedOutcomes(env, lambda s, a: table.P[s][a], *known, words=words_of(base))
+            source = ListedOutcomes(env, lambda s, a: table.P[s][a], *known, parts=words_of(base))
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -211,7 +211,7 @@ class Plan:
         return tables, record
 
     def _explored(self, source: Any) -> Search:
-        """Return all states, and show the progress if asked to."""
+        """Return the finished search, and show its progress where `progress` asks for it."""
         line = f"tabulating {source.name}"
         with shown(self.progress, lambda: line) as bars:
 
@@ -243,24 +243,24 @@ def tabulate(
 ) -> TabulatedTask:
     """Return a Gymnasium environment as tables of every state that can be reached.
 
-    Each action is taken in each state, breadth first from those that resets lead to. What
-    :func:`solve`, :func:`certify` and :func:`evaluate` prove of the tables holds for the
-    environment: steps must be deterministic, which repeating them checks, or their outcomes be
-    listed or estimated; up to 1,000 steps of episodes must agree with the tables.
+    Each action is taken in each state, breadth first from the states after resets. Results of
+    :func:`solve`, :func:`certify` and :func:`evaluate` then hold for the environment: steps must be
+    deterministic, which repeated steps check, or their outcomes must be listed or estimated; and up
+    to 1,000 steps of episodes must agree with the tables.
 
     Parameters
     ----------
     environment : str, gymnasium.EnvSpec, gymnasium.Env or callable
-        As in :func:`from_gymnasium`. It is copied, and itself stepped only if it cannot be copied
-        and there are functions to restore it.
+        As in :func:`from_gymnasium`. A copy is stepped; the environment itself only if it cannot be
+        copied and there are functions to restore it.
     discount : float
     seeds : int or sequence of int
-        Of the resets that starts are taken from, each as likely; K stands for 0 .. K-1.
+        Seeds of the resets, which are equally likely starts; K stands for 0 .. K-1.
     time_limit : int, None or "own"
         Steps after which episodes are truncated; by default the least of the environment's own.
         Time is no part of a state, unless the environment counts it itself.
     names, actions : sequence of str, optional
-        Names of a state's components, in their order; actions as in :func:`from_gymnasium`.
+        Names of a state's components, in their order; `actions` as in :func:`from_gymnasium`.
     state : DeepCopy, MiniGridState or (save, restore), optional
         How states are saved and restored: by default :class:`DeepCopy`, in MiniGrid's environments
         :class:`MiniGridState`, where the goal's reward is 1. Two functions are faster:
@@ -268,17 +268,17 @@ def tabulate(
         without wrappers, back into it. The fields of a named tuple name components.
     outcomes : callable, optional
         ``outcomes(state, action)`` lists (probability, next state, reward, terminated) of each
-        outcome; states are observations, or what `save` returns. An environment's table ``P`` is
-        used unless `state` is given.
+        outcome; states are observations, or what `save` returns. By default an environment's table
+        ``P`` is used if it has one and there is no `state`.
     samples : int, optional
-        Estimate outcomes from so many steps of each pair.
+        Steps of each pair from which to estimate its outcomes.
     max_states, max_seconds : int, float
-        What the tabulation may need at most.
+        Most states and seconds that the tabulation may take.
     progress : bool or callable, optional
-        True shows how far it is; a function is called with a :class:`Progress`.
+        True shows the progress; a function is called with a :class:`Progress`.
     cache : str or Path, optional
         A file that the tables are read from, or written to if it does not exist. Tables of another
-        environment, content after a reset, setting or version are refused; the environment's code
+        environment, content after a reset, setting or version are refused. The environment's code
         is not compared: name another file when you change it.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
@@ -286,16 +286,15 @@ def tabulate(
     Returns
     -------
     TabulatedTask
-        States have a component for each number or word that differs between them, in the
-        environment's attributes or what `save` returns, then in private attributes and
-        observations.
+        Its states have a component for each number or word that differs between states, taken first
+        from the environment's attributes or `save`, then from private attributes and observations.
 
     Raises
     ------
     TaskError, SettingError, StoreError
-        When the environment cannot be copied or its states not be told apart, frames are stacked,
-        steps are random, a budget does not suffice, or an episode is not in the tables; when a
-        setting makes no sense; when the cache is of other tables or damaged, or cannot be written.
+        When the environment cannot be copied, its states cannot be distinguished, frames are
+        stacked, steps are random, a limit is reached, or an episode is not in the tables; when a
+        setting is invalid; when the cache has other tables, is damaged, or cannot be written.
 
     Examples
     --------
@@ -329,7 +328,7 @@ def tabulate(
 
 
 def _opened(environment: Any, make: Any, state: Any) -> AbstractContextManager[Any]:
-    """Return a context with an environment that is nobody else's."""
+    """Return a context with an environment that nothing else steps."""
     if isinstance(environment, gym.Env):
         try:
             return nullcontext(copied(environment)[0])
@@ -345,11 +344,11 @@ def words_of(world: Any) -> Callable[[Any], Words] | None:
     if states is None or states.size != len(world.P):
         return None
 
-    def words(state: Any) -> Words:
+    def components(state: Any) -> Words:
         values = zip(states.components, values_of(states, int(state)).values(), strict=True)
         return {part.name: part.label(value) if part.labels else value for part, value in values}
 
-    return words
+    return components
 
 
 # -- tables of explored states --------------------------------------------------------------------
@@ -358,7 +357,7 @@ Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
-    """Return the tables of explored states, of which those that are alike become one."""
+    """Return the tables of explored states; states that are alike are merged."""
     seen = None
     if all(observation is not None for observation in search.observations):
         seen = stacked_observations(search.observations, search.terminal)
@@ -382,8 +381,8 @@ def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> 
             first=blocks[tables.first],
             observations=ObservationTable(parts, seen.terminal[first]),
         )
-    words, vague = words_of_blocks(search.words, blocks)
-    return tables._replace(states=named_states(words, tables.terminal, vague))
+    components, vague = words_of_blocks(search.components, blocks)
+    return tables._replace(states=named_states(components, tables.terminal, vague))
 
 
 def _outcome_rows(
@@ -435,35 +434,35 @@ def _in_order(labels: IntArray) -> IntArray:
 # -- names ----------------------------------------------------------------------------------------
 
 
-def words_of_blocks(words: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
-    """Return the words of each block, `ANY` where they differ, and the names of which some do."""
+def words_of_blocks(of_states: Sequence[Words], blocks: IntArray) -> tuple[list[Words], set[str]]:
+    """Return the components of each block, `ANY` where its states differ, and their names then."""
     words_of_block = dict[int, dict[str, int | str]]()
     vague = set[str]()
-    for state_words, block in zip(words, blocks.tolist(), strict=True):
-        shared = words_of_block.setdefault(block, dict(state_words))
-        for name in {**shared, **state_words}:
-            if shared.get(name) != state_words.get(name):
+    for components, block in zip(of_states, blocks.tolist(), strict=True):
+        shared = words_of_block.setdefault(block, dict(components))
+        for name in {**shared, **components}:
+            if shared.get(name) != components.get(name):
                 shared[name] = ANY
                 vague.add(name)
     return [words_of_block[block] for block in sorted(words_of_block)], vague
 
 
-def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
-    """Return the space whose components are what differs between states."""
-    names = dict.fromkeys(name for state_words in words for name in state_words)
+def named_states(of_states: Sequence[Words], terminal: BoolArray, vague: Collection[str]) -> Space:
+    """Return the space of the components that differ between states."""
+    names = dict.fromkeys(name for components in of_states for name in components)
     parts = list[Part]()
     # Public names first, then those with an underscore, then vague ones; at last a number.
     for name in sorted(names, key=lambda name: 2 if name in vague else name.startswith("_")):
         public = name not in vague and not name.startswith("_")
-        if not public and _count(parts) == len(words):
+        if not public and _count(parts) == len(of_states):
             break
-        values = [state_words.get(name, ABSENT) for state_words in words]
+        values = [components.get(name, ABSENT) for components in of_states]
         part = _component(_free(name.lstrip("_") or name, parts), values)
         # Of the rest only what tells states apart that are alike so far.
         if part[0].size > 1 and (public or _count([*parts, part]) > _count(parts)):
             parts.append(part)
     if not parts:
-        return Space([Component("state", len(words), arbitrary=True)])
+        return Space([Component("state", len(of_states), arbitrary=True)])
     if _copy_numbers(parts).any() and terminal.any() and not terminal.all():
         ended = Component(_free("ended", parts), 2, labels=("no", "yes"))
         parts.append((ended, terminal.astype(np.int64)))
@@ -476,7 +475,7 @@ def named_states(words: Sequence[Words], terminal: BoolArray, vague: Collection[
 
 
 def _component(name: str, values: Sequence[int | str]) -> Part:
-    """Return the component of these values, one a state, and the values as its numbers."""
+    """Return the component of these values, (S,), and the number of each value in it."""
     if not any(isinstance(value, str) for value in values):
         array = np.array(values, dtype=np.int64)
         low, size = int(array.min()), int(array.max()) - int(array.min()) + 1
@@ -492,7 +491,7 @@ def _count(parts: Sequence[Part]) -> int:
 
 
 def _copy_numbers(parts: Sequence[Part]) -> IntArray:
-    """Return how many states before each have the same values, (S,)."""
+    """Return for each state how many states before it have the same values, (S,)."""
     which = numbered_rows(np.stack([values for _, values in parts], axis=1))
     order = np.argsort(which, kind="stable")
     counts = np.bincount(which)
@@ -510,10 +509,7 @@ def _free(name: str, parts: Sequence[Part]) -> str:
 
 
 def steps_checked(world: World, tables: Tables) -> int:
-    """Return how many steps of episodes are in the tables; TaskError where one is not.
-
-    They find what a way of saving states missed.
-    """
+    """Return how many steps of episodes agree with the tables; TaskError where a step does not."""
     rng, steps, n_actions = np.random.default_rng(0), 0, world.n_actions
     for walk in range(WALKS):
         k = walk % len(world.seeds)
@@ -548,7 +544,7 @@ def steps_checked(world: World, tables: Tables) -> int:
 def _looking_like(
     observed: Any, possible: set[int], tables: Tables, where: str, name: str
 ) -> set[int]:
-    """Return the possible states that look like what was observed, at least one."""
+    """Return the possible states with this observation; TaskError if there are none."""
     if tables.observations is not None:
         seen, parts = tables.observations.parts, parts_of(observed)
         possible = {
@@ -558,14 +554,14 @@ def _looking_like(
         }
     if not possible:
         raise TaskError(
-            "tables must say what the environment does, so that all that matters of a state must "
+            "tables must agree with the environment, so every part of a state that matters must "
             f"be saved and compared: {where} led elsewhere in {name}"
         )
     return possible
 
 
 def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -> list[int]:
-    """Return actions that lead to a state drawn at random if their most likely outcomes do."""
+    """Return actions whose most likely outcomes lead to a state drawn at random."""
     likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
     likely = likely.reshape(-1, n_actions)
     # Breadth first, the state and action from which each state is first reached; -1 where not.
@@ -600,7 +596,7 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
     for aspect, value in made_of.items():
         if about.get(aspect) != value:
             raise StoreError(
-                f"a cache must hold tables of the same {aspect}, or another file be named: {path} "
+                f"a cache must hold tables of the same {aspect}; else name another file: {path} "
                 f"has {about.get(aspect)}, got {value}"
             )
     try:
@@ -619,7 +615,7 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
 
 
 def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
-    """Write tables, and what they were made of."""
+    """Write tables, with the description that :func:`made_of` returns."""
     tables, record = made
     arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
     if tables.states.points is not None:
@@ -635,7 +631,7 @@ def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
 
 
 def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
-    """Return what tables are made of, as JSON has it: not the code of environments or functions."""
+    """Return the origin of tables for JSON: environment and settings, but no code."""
     layers = layers_of(env)
     content = b""  # arguments are in it too, of an environment that is no id but a function or made
     for seed in seeds:

@@ -41,19 +41,19 @@ class Tracker(Protocol):
     """
 
     def start(self, study: str, configuration: Mapping[str, Any], folder: Path) -> None:
-        """Begin a study; settings nested as in its file, and the absolute folder of its results."""
+        """Begin a study, with its settings, nested as in its file, and its absolute folder."""
 
     def record(self, arm: str, node: str, result: LearningResult) -> None:
-        """Log a task that has been trained, in an arm, under its name there."""
+        """Log the result of a task, `node`, that has been trained in an arm."""
 
     def close(self) -> None:
         """End the study."""
 
 
 class Trackers:
-    """Several trackers, none of which stops the study: one that raises is not called again.
+    """Several trackers as one: a tracker that raises is not called again, and the study goes on.
 
-    `report` is called with a sentence for each failure; by default it is printed to stderr.
+    `report` is called with a sentence for each failure, by default printed to stderr.
 
     Examples
     --------
@@ -99,9 +99,9 @@ class Trackers:
 
 
 def trackers_of(trackers: Iterable[str | Tracker]) -> list[Tracker]:
-    """Return trackers, each once; SettingError where a name is unknown or its tool is missing."""
+    """Return trackers without repetition; SettingError if a name is unknown or a tool missing."""
     if isinstance(trackers, str):
-        raise SettingError(f"trackers must be a list of them: got {trackers!r}")
+        raise SettingError(f"trackers must be a list of trackers: got {trackers!r}")
     listed = list[Tracker]()
     for tracker in dict.fromkeys(trackers):
         if isinstance(tracker, Tracker):
@@ -140,7 +140,7 @@ def checkpoints(result: LearningResult, k: int) -> Iterator[tuple[int, dict[str,
 
 
 def hyperparameters(configuration: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
-    """Return nested settings as one level, with dotted names; lists and None become JSON text."""
+    """Return nested settings as a flat dict with dotted names; lists and None become JSON text."""
     flat: dict[str, bool | int | float | str] = {}
     for name, value in json.loads(json.dumps(dict(configuration), default=str)).items():
         if isinstance(value, dict) and value:

@@ -7,12 +7,12 @@ from curricle.transfer import UNMAPPED, StateActionMapping
 
 
 def first(hunt: Pursuit, chase: Pursuit) -> StateActionMapping:
-    """Return f_1: the first predator is the one of the chase."""
+    """Return f_1, which maps the first predator to that of the chase."""
     return _apart(hunt, chase, "predator_1")
 
 
 def second(hunt: Pursuit, chase: Pursuit) -> StateActionMapping:
-    """Return f_2: the second predator is the one of the chase."""
+    """Return f_2, which maps the second predator to that of the chase."""
     return _apart(hunt, chase, "predator_2")
 
 

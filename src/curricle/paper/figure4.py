@@ -79,10 +79,10 @@ def _run(name: str, studies: Studies) -> Arms:
     """Return the training results of a setting by arm: scratch, source, one for each potential."""
     setting = SETTINGS[name]
     study = studies.run(name, setting.study, *setting.changes)
-    scratch, others = dict[str, LearningResult](), dict[str, LearningResult]()
+    scratch, shaped = dict[str, LearningResult](), dict[str, LearningResult]()
     for arm, results in study.results.items():
-        (scratch if arm == "scratch" else others)[arm] = results["hunt"]
-    return scratch | {"source": study.result(next(iter(others)), "chase", values=True)} | others
+        (scratch if arm == "scratch" else shaped)[arm] = results["hunt"]
+    return scratch | {"source": study.result(next(iter(shaped)), "chase", values=True)} | shaped
 
 
 def figure4(studies: Studies) -> FigureResult:
@@ -347,12 +347,12 @@ def _mapping_found(curriculum: Curriculum) -> Claim:
     hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
     projections = find_projections(hunt, chase)
     exact = [projection for projection in projections if projection.error < 1e-9]
-    others = [projection for projection in projections if projection.error >= 1e-9]
+    inexact = [projection for projection in projections if projection.error >= 1e-9]
     recovered = len(exact) == len(hand_made) and all(
         any(np.array_equal(p.mapping.index, f.index) for p in exact) for f in hand_made
     )
     source, starts = solve(chase).action_values, {}
-    for name, pair in (("the two found", exact), ("control: the next best two", others[:2])):
+    for name, pair in (("the two found", exact), ("control: the next best two", inexact[:2])):
         aggregate = minimum(np.stack([p.mapping.read(source) for p in pair]))
         starts[name] = evaluate(hunt, greedy_policy(aggregate, tolerance=1e-7)).start_value
     return Claim(
@@ -366,6 +366,6 @@ def _mapping_found(curriculum: Curriculum) -> Claim:
             **{f"greedy start on the minimum of {name}": start for name, start in starts.items()},
             "assignments tried": len(projections),
             "with no disagreement": ", ".join(str(projection.states) for projection in exact),
-            "disagreement of the next best": others[0].error,
+            "disagreement of the next best": inexact[0].error,
         },
     )

@@ -1,4 +1,4 @@
-"""What a figure consists of, and the paper's mazes: figures 1 to 3 and reward hacking."""
+"""The parts of a figure, and the paper's mazes: figures 1 to 3 and reward hacking."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,7 +47,7 @@ INTERVAL = ("estimate", "low", "high")
 
 @dataclass(frozen=True)
 class Studies:
-    """The paper's studies, each run once; a run that was stopped goes on where it was."""
+    """The paper's studies, which run only once; a stopped run goes on where it was."""
 
     folder: Path  # where their results are
     seeds: int
@@ -81,7 +81,7 @@ class Studies:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper, or an answer to an open question of it, and the verdict."""
+    """A statement of the paper, or an answer to one of its open questions, with the verdict."""
 
     id: str
     claim: str  # the statement
@@ -222,7 +222,7 @@ class Maze:
         return cls(study, curve, threshold, times(curve, threshold).steps)
 
     def arm(self, name: object) -> Arm:
-        """Return what the source called `name` saves."""
+        """Return the arm of the source called `name`."""
         cost = self.study.source_steps(str(name))
         curve = Curve.of(self.study.results[str(name)]["target"], cost)
         to_threshold = times(curve, self.threshold)
@@ -259,7 +259,7 @@ TARGETS = {
 
 
 def figure1(studies: Studies) -> FigureResult:
-    """Return figure 1, for which nothing is learnt."""
+    """Return figure 1, which needs no learning."""
     source = GridWorld(SOURCE, start="uniform", representation="relative")
     figure, axes = new_figure(1, 3, width=9, height=3.4)
     draw_maze(axes[0, 0], source)
@@ -483,7 +483,7 @@ def _claims(step: float, arms: Arms) -> list[Claim]:
         starts[f"{start} start, net"] = mean_interval(arm.net)
     fixed, uniform = starts["fixed start, net"], starts["uniform start, net"]
     explained = fixed.low < 500 and uniform.low > max(0, fixed.high)
-    words = (
+    explanation = (
         "Yes: with the target's own fixed start it gains nothing net, with a uniform start it does."
         if explained
         else "Not by these runs."
@@ -518,7 +518,7 @@ def _claims(step: float, arms: Arms) -> list[Claim]:
         Claim(
             f"f3.random-start.{tag}",
             "Open question: does random initialisation explain why a full-size source beats "
-            f"learning from scratch? {words}",
+            f"learning from scratch? {explanation}",
             f"{setting}; full-size source, fixed against uniform start",
             answer(explained),
             starts,

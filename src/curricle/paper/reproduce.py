@@ -82,11 +82,11 @@ def reproduce(
 
 
 def seeds_words(seeds: int) -> str:
-    """Return how many seeds everything is learnt with, and whether these are too few."""
-    words = f"Every learner is trained with {counted(seeds, 'seed')}."
+    """Return a sentence on the seeds of every learner, with a warning if they are too few."""
+    sentence = f"Every learner is trained with {counted(seeds, 'seed')}."
     if seeds < INTENDED_SEEDS:
-        words += (
+        sentence += (
             f" The verdicts are meant for {INTENDED_SEEDS}: with fewer they may differ, and a "
             "claim may be not reproduced for that reason alone."
         )
-    return words
+    return sentence

@@ -46,7 +46,7 @@ LARGE = (
     *("tasks.hunt.time_limit=200", "tasks.hunt.budget=1_000_000", "tasks.hunt.eval_freq=20_000"),
     "scratch=false",
 )
-"""What is different on 7x7."""
+"""The changes of the study on 7x7."""
 FORECAST_SEEDS, LARGE_SEEDS = 2, 10  # seeds of the forecast, and the most of 7x7
 EXAMINED = 20_000  # steps after which the greedy choices in the maze are examined
 Hunts = dict[tuple[int, str], LearningResult]
@@ -70,7 +70,7 @@ def hunts_of(studies: Studies) -> Hunts:
 
 
 def wrong_choices_added(study: StudyResults) -> FloatArray:
-    """Return how much more often a greedy choice in a state is wrong with the source, (S,)."""
+    """Return the share of seeds in which the source makes a state's greedy choice wrong, (S,)."""
     optimal, wrong = solve(maze(-5)).optimal, list[FloatArray]()
     for arm in ("at first", "at first, without it"):
         values: Any = study.result(arm, "target", values=True).values
@@ -80,7 +80,7 @@ def wrong_choices_added(study: StudyResults) -> FloatArray:
 
 
 def refused_calibrations(studies: Studies, step: float) -> dict[int, float]:
-    """Return the share of seeds in which no scale fits what a corner taught, by its size."""
+    """Return the share of seeds in which no scale fits a corner's values, by its size."""
     study = studies.read("maze", f"tasks.target.rewards.step={step}")
     results, refused = mazes.Maze.learnt(studies, step).study, dict[int, float]()
     for size in range(3, 11):
@@ -122,7 +122,7 @@ def trust(studies: Studies) -> FigureResult:
     controls = compare(
         {"mean, calibrated": study.curriculum("mean, calibrated")},
         controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
-        progress=lambda words: studies.say(f"5x5, controls: {words}"),
+        progress=lambda sentence: studies.say(f"5x5, controls: {sentence}"),
         seeds=seeds,
         **how,
     )
@@ -196,8 +196,8 @@ def _draw_forecast(panel: Any, forecast: Forecast) -> None:
     for y, name in enumerate(names):
         row = forecast[name]
         panel.barh(y, row.mean("start") - low, 0.55, low, color=COLOURS["sky"])
-        words = f"{row.mean('optimistic'):.0%} of pairs above Q*, by {row.mean('excess'):.2g}"
-        panel.text(low, y + 0.33, f" {words}; c = {row.scale:.2g}", fontsize=7.5)
+        optimism = f"{row.mean('optimistic'):.0%} of pairs above Q*, by {row.mean('excess'):.2g}"
+        panel.text(low, y + 0.33, f" {optimism}; c = {row.scale:.2g}", fontsize=7.5)
     bounds = {"random policy": (low, "left"), "optimum": (forecast.optimum, "right")}
     for word, (value, side) in bounds.items():
         panel.axvline(value, color=COLOURS["grey"], lw=0.8, ls=":")
@@ -251,7 +251,7 @@ def _change(result: LearningResult) -> Interval:
 
 
 def _forecast_claims(predicted: Forecast, compared: Comparison, hunts: Hunts) -> Iterator[Claim]:
-    """Yield the claims about what can be said before training."""
+    """Yield the claims about forecasts before training."""
     fitted = predicted["mean"].calibrations[0].potential
     safe, hint = certify(fitted.task, QInitialisation(fitted)), mazes.nearness()
     bonus, control = (certify(mazes.GRID, shaping(hint)) for shaping in (RewardBonus, StateShaping))
@@ -279,16 +279,16 @@ def _forecast_claims(predicted: Forecast, compared: Comparison, hunts: Hunts) ->
         answer(seen and order == sorted(order, reverse=True)),
         _predicted(rows, first),
     )
-    words = {name: predicted[name].verdict for name in ("minimum", "mean")}
+    verdicts = {name: predicted[name].verdict for name in ("minimum", "mean")}
     change = {name: _change(hunts[5, name]) for name in ("min", "mean")}
-    right = "expect a fall" in words["mean"] and "no fall" in words["minimum"]
+    right = "expect a fall" in verdicts["mean"] and "no fall" in verdicts["minimum"]
     yield Claim(
         "trust.collapse-foretold",
         "Open question: why does performance collapse? Overestimation; measured before training, "
         "it predicts which aggregate collapses and which does not",
         f"{WHERE}; training return, last minus first tenth",
         answer(right and change["mean"].high < 0 < change["min"].low),
-        _predicted(words, change),
+        _predicted(verdicts, change),
     )
 
 
@@ -337,7 +337,7 @@ def _calibration_claims(hunts: Hunts) -> Iterator[Claim]:
 
 
 def _control_claims(controls: Comparison) -> Iterator[Claim]:
-    """Yield the claims about what the gain is not due to."""
+    """Yield the claims about causes that controls rule out."""
     gains = {name: contrast.strong_gain for name, contrast in controls.contrasts.items()}
     main = gains["mean, calibrated"]
     setting = f"{WHERE}; mean return above scratch, source steps counted"

@@ -1,7 +1,7 @@
-"""Everything that is drawn: figures, mazes and potentials, a study's report as one HTML page.
+"""All drawing: figures, mazes and potentials, and a study's report as an HTML page.
 
-What moves and what a cell is (``views``), the colours and the words of numbers (``style``) are said
-once; Matplotlib's figures, SVG on a page, pixels and text in a terminal are outputs of them.
+``views`` defines cells and markers that move over them, ``style`` colours and numbers as text. From
+both come Matplotlib's figures, SVG on a page, pixels, and text in a terminal.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The sections of a page in words and numbers: findings, forecast, and what was swept or tuned."""
+"""The text and tables of a page: findings, forecast, and main effects of sweeps and tunings."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ Row = Mapping[str, Any]  # of :meth:`Comparison.rows`
 
 @dataclass(frozen=True)
 class Finding:
-    """The finding about one arm."""
+    """The finding about an arm."""
 
     arm: str
     control: bool
@@ -37,7 +37,7 @@ class Finding:
 
 
 def headline(comparison: Comparison) -> str:
-    """Return the comparison in a sentence: which curricula paid, or why there is no verdict."""
+    """Return a sentence on which curricula paid, or why there is no verdict."""
     verdicts = comparison.verdicts
     if comparison.withheld:
         return _sentence(comparison.withheld)
@@ -62,7 +62,7 @@ def headline(comparison: Comparison) -> str:
     rival = "learning from scratch"
     if len(comparison.scratches) > 1:
         rival = f"the best learner from {comparison.best_scratch}"
-    # Why curricula pay that were asked: a sentence for each reason.
+    # Why curricula pay, where controls tell: a sentence for each reason.
     reasons: dict[str, list[str]] = {}
     for name, reason in comparison.reasons.items():
         if reason.words:
@@ -96,7 +96,7 @@ def signed(interval: Interval) -> str:
 
 
 def findings(comparison: Comparison) -> tuple[Finding, ...]:
-    """Return the finding about each arm besides those from scratch, in their order."""
+    """Return the finding about each arm that does not learn from scratch, in order."""
     rows = {row["arm"]: row for row in comparison.rows()}
     return tuple(_finding(comparison, name, rows) for name in comparison.contrasts)
 
@@ -112,17 +112,17 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Find
         f"Over target steps only: {signed(contrast.weak_gain)}.",
         _reached(comparison, row, rows[comparison.best_scratch]),
     ]
-    others = [*map(comparison.cluster_sentence, (name, comparison.best_scratch))]
+    remarks = [*map(comparison.cluster_sentence, (name, comparison.best_scratch))]
     if name in comparison.control_verdicts:
-        others.append(comparison.control_sentence(name).removeprefix(f"{name} "))
+        remarks.append(comparison.control_sentence(name).removeprefix(f"{name} "))
     if name in comparison.verdicts:
-        # Why a curriculum pays, as far as the verdict does not say it.
+        # Why a curriculum pays, unless the verdict says it already.
         reason = comparison.reasons[name]
-        others.append(comparison.cheaper_way(name))
+        remarks.append(comparison.cheaper_way(name))
         if reason.why in ("level", "mostly level") and reason.share < 1:
-            others.append(f"at most {reason.share:.0%} of its gain is by what it knows")
-        others.append(not_asked([reason]))
-    sentences += map(_sentence, filter(None, (*others, row["unlearnt"])))
+            remarks.append(f"at most {reason.share:.0%} of its gain is by what it knows")
+        remarks.append(not_asked([reason]))
+    sentences += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
 
@@ -143,7 +143,7 @@ def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
 
 
 def too_few(comparison: Comparison) -> str:
-    """Return why no difference could have been shown; empty if one could."""
+    """Return why no difference could have been shown; empty if a difference could."""
     few = [verdict for verdict in comparison.verdicts.values() if verdict.withheld]
     if not few or comparison.interim:
         return ""
@@ -159,7 +159,7 @@ def too_few(comparison: Comparison) -> str:
 
 
 def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, list[float]]]:
-    """Return the places of 0 and of each gain's low, estimate and high on an axis, in percent."""
+    """Return the positions of 0 and each gain's low, estimate and high, in percent of an axis."""
     gains = [finding.gain for finding in answers]
     low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
     # One seed has no interval.
@@ -253,7 +253,7 @@ def table(comparison: Comparison) -> dict[str, dict[str, Cell]]:
 
 
 def meanings(comparison: Comparison) -> list[tuple[str, str]]:
-    """Return the name of each column, and what it means."""
+    """Return the name and the meaning of each column."""
     why = f" ({comparison.threshold_from})" * bool(comparison.threshold_from)
     terms = {"threshold": rounded(comparison.threshold) + why, "window": comparison.window}
     weak = {key: " (weak)" * (column.transfer == WEAK) for key, column in COLUMNS.items()}
@@ -269,7 +269,7 @@ def meanings(comparison: Comparison) -> list[tuple[str, str]]:
 def forecast_sections(
     analysis: Analysis, curricula: CurriculaRecord, learnt: Learnt
 ) -> list[Mapping[str, Any]]:
-    """Return the forecast and certificates of arms with the same graph, and what was measured."""
+    """Return forecasts and certificates of arms with the same graph, with the measured starts."""
     sections = list[Mapping[str, Any]]()
     for record in analysis.sections:
         if not set(record.arms) <= curricula.arms.keys():
@@ -308,7 +308,7 @@ Texts = list[tuple[str, ...]]
 def effects_sections(
     effects: Sequence[Effects], tuning: TuningRecord | None
 ) -> list[tuple[Effects, Texts, Texts]]:
-    """Return for a sweep and for a tuning, where there are any, the rows of their tables."""
+    """Return the rows of the tables of a sweep and of a tuning, if there are any."""
     best: Texts = []
     if tuning is not None:
         for name, arm in tuning.arms.items():

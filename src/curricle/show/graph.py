@@ -1,4 +1,4 @@
-"""The graph of a curriculum for a page: cards, arrows, and where they are."""
+"""The graph of a curriculum for a page: cards and arrows with their positions."""
 
 import math
 from collections import Counter
@@ -34,7 +34,7 @@ CURVE, CURVE_HEIGHT, CURVE_POINTS = 140.0, 44.0, 60  # size of a curve, its most
 
 
 def graphs(curricula: CurriculaRecord, learnt: Learnt, reasons: Reasons) -> list[Data]:
-    """Return the graphs of a study; arms whose tasks and transfers are alike share one."""
+    """Return the graphs of a study; arms with equal tasks and transfers share a graph."""
     return [_graph(arms, curricula, learnt, reasons) for arms in curricula.groups()]
 
 
@@ -79,7 +79,7 @@ def _graph(
 
 
 def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
-    """Return the curves of one task in one scale; arms that learnt it alike share one."""
+    """Return the curves of a task in one scale; arms with equal results share a curve."""
     alike: dict[bytes, list[str]] = {}
     for arm, result in trained.items():
         if not np.isnan(result.greedy_return).all():
@@ -137,7 +137,7 @@ def _lay_out(cards: Mapping[str, Data], pairs: Sequence[tuple[str, str]]) -> tup
 
 
 def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Return the place of a number on a curve: near its middle, but apart from those taken."""
+    """Return the place of a number on a curve: near the middle, but away from taken places."""
     along = 0.5 + np.array([0, 1, -1, 2, -2, 3, -3, 4, -4, 5, -5]) / 14
     rest = 1 - along
     weights = np.stack([rest**3, 3 * rest**2 * along, 3 * rest * along**2, along**3])
@@ -148,7 +148,7 @@ def _free(curve: FloatArray, taken: Sequence[tuple[float, float]]) -> tuple[floa
 
 
 def _edges(arm: ArmRecord, cards: Mapping[str, Data]) -> Iterator[Data]:
-    """Yield an arrow for each pair of tasks: none on a card, and no number on another."""
+    """Yield an arrow for each pair of tasks; arrows avoid cards, and numbers avoid each other."""
     pairs: dict[tuple[str, str], list[str]] = {}
     for transfer in arm.transfers:
         pairs.setdefault((transfer.source, transfer.target), []).append(transfer.words)

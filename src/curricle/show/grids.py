@@ -92,7 +92,7 @@ def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
 
 
 def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
-    """Draw the grid of a view, north on top, its walls, what stands on it, and the legend below."""
+    """Draw the grid of a view, north on top, with walls and objects, and the legend below it."""
     (top, left), (height, width) = view.origin, view.shape
     axes.set(
         xlim=(left - 0.5, left + width - 0.5),
@@ -141,10 +141,9 @@ def draw_potential(
     bar: bool = True,
     unit: str = "return",
 ) -> AxesImage:
-    r"""Draw values of states, or the best of their actions, as a heat map of a grid.
+    r"""Draw values of states, or of their best actions, as a heat map on a grid.
 
-    Colours diverge from white at 0 where the limits have both signs. States in which the episode is
-    over are hatched.
+    Colours diverge from white at 0 where the limits have both signs. Terminal states are hatched.
 
     Parameters
     ----------
@@ -152,17 +151,17 @@ def draw_potential(
     task : Task
         A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free.
     values : (S,) or (S, A) float64
-        Of (S, A) the maximum over actions is drawn.
+        Values to draw; the maximum over actions is drawn of (S, A).
     label, unit : str
         Titles of the panel and of its bar of colours.
     at : dict of str to int, str or (int, int), optional
-        The other components of the state, as in ``{"prey": (1, 2)}``. Letters mark them.
+        Values of the other components, such as ``{"prey": (1, 2)}``; letters mark them.
     limits : (float, float), optional
-        Ends of the colours, to compare panels; by default those of the drawn values.
+        Values at the ends of the colours, to compare panels; by default of the drawn values.
     difference : bool
-        Whether 0 is the middle of the colours in any case.
+        Whether 0 is always the middle of the colours.
     bar : bool
-        Whether to draw the bar; several panels can share that of the image that is returned.
+        Whether to draw the bar; several panels can share the bar of a returned image.
 
     Raises
     ------
@@ -206,7 +205,7 @@ def draw_potential(
 
 
 def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> tuple[float, float]:
-    """Return the least and the largest value :func:`draw_potential` would draw of `several`."""
+    """Return the least and largest value that :func:`draw_potential` draws of `several` tables."""
     view = GridView.of(task, at)
     alive = view.states[~view.ended]
     drawn = np.concatenate([_best(task, values)[alive] for values in several])
@@ -237,19 +236,19 @@ def draw_sources(
 ) -> Figure:
     """Return the figure of a target's potentials: of each transfer, aggregated, and V*.
 
-    A panel for phi_i(s) = max_a phi_i(s, a) of each transfer, for the aggregate, unless it equals
-    the only source, and for V*(s) = max_a Q*(s, a), all in the same colours; and for the error of
-    the aggregate, phi(s, a*) - V*(s), where a* is the action that phi prefers. Where the target
-    cannot be solved, the last two are left out.
+    Panels in the same colours show phi_i(s) = max_a phi_i(s, a) of each transfer, the aggregate
+    (unless it equals the only source), and V*(s) = max_a Q*(s, a). A last panel shows the error of
+    the aggregate, phi(s, a*) - V*(s), where a* is the action that phi prefers. If the target cannot
+    be solved, the last two are left out.
 
     Parameters
     ----------
     result : CurriculumResult
-        With the target's sources trained.
+        A result in which the target's sources were trained.
     target : str, optional
         By default the task that all others lead to.
     seed : int
-        One of those of the sources.
+        A seed of the sources.
     at : dict of str to int, str or (int, int), optional
         As in :func:`draw_potential`.
 

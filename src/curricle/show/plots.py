@@ -1,4 +1,4 @@
-"""Figures of what was learnt, of comparisons and forecasts, and figures as files."""
+"""Figures of learning results, comparisons and forecasts, and figures as files."""
 
 import io
 import math
@@ -49,23 +49,23 @@ METADATA: dict[str, dict[str, Any]] = {
 
 
 def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> Figure:
-    """Return the figure of what was found, and write it to a file if a path is given.
+    """Return the figure of a subject, and write it to a file if there is a path.
 
     Parameters
     ----------
     subject : Comparison, Forecast, StudyResults, LearningResult, CurriculumResult or array
-        Of a comparison, a study or a trial: curves, profiles and gains of the arms. Of a forecast
-        its rows. Of what was learnt its learning curve, of a curriculum those of its last tasks.
-        Of values, (S,) or (S, A) float64, the best of each state as a heat map of their `task`.
+        A comparison or a study: curves, profiles and gains of the arms. A forecast: its rows. A
+        learning result: its learning curve; a curriculum's: those of its last tasks. Values, (S,)
+        or (S, A) float64: the best of each state, as a heat map of their `task`.
     path : str or Path, optional
-        Ending in .png, .svg or .pdf, in a folder that exists; written whole or not at all.
+        File that ends in .png, .svg or .pdf, in a folder that exists; written whole or not at all.
     task : Task, optional
-        Of an array of values, as in :func:`draw_potential`.
+        The task of an array of values, as in :func:`draw_potential`.
 
     Raises
     ------
     CurricleError
-        When the subject or the file's ending is another, values and task are not given together,
+        When the subject or the file's ending is another, values and task do not come together,
         states lie on no grid, the file cannot be written, or a study cannot be compared.
 
     Examples
@@ -111,7 +111,7 @@ def save(figure: Figure, path: str | Path) -> None:
     Raises
     ------
     SettingError
-        When the path is none for a picture, or the file cannot be written.
+        When the path is not a picture's, or the file cannot be written.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def content_of(figure: Figure, ending: str) -> bytes:
 
 
 def check_path(path: str | Path) -> Path:
-    """Return the path of a picture, or raise SettingError if none can be written there."""
+    """Return the path of a picture; SettingError if no picture can be written there."""
     if not isinstance(path, str | Path):
         raise SettingError(f"a picture's file must be a path: got {path!r}")
     place = Path(path)
@@ -184,7 +184,7 @@ def draw_curve(
     dashes : str or tuple
         Line style of Matplotlib.
     confidence : float
-        Of the band, at each checkpoint.
+        Confidence of the band at each checkpoint.
 
     Examples
     --------
@@ -204,12 +204,12 @@ def draw_curve(
 
 
 def places(n: int, most: int) -> IntArray:
-    """Return the places of at most `most` of `n` checkpoints, evenly spaced, with both ends."""
+    """Return the indices of at most `most` of `n` checkpoints, evenly spaced, with both ends."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 
 
 def shown_curve(comparison: Comparison, name: str, *, strong: bool) -> tuple[Curve, int]:
-    """Return the curve of an arm as it is drawn, and its first checkpoint of the comparison's."""
+    """Return the drawn curve of an arm, and the comparison's checkpoint at which it begins."""
     arm = comparison[name]
     if not strong:
         kept = arm.curve.steps <= comparison.budget
@@ -252,7 +252,7 @@ def draw_learning_curves(
 
 
 def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = ALL) -> None:
-    """Draw the curve of each arm into panels, in which source steps count if True, in one scale."""
+    """Draw all arms' curves in one scale into panels; source steps count in a panel under True."""
     for axes, strong in panels.items():
         _draw_panel(axes, comparison, strong, most)
     # In which the threshold can be seen.
@@ -290,7 +290,7 @@ def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]
 
 
 def random_level(comparison: Comparison) -> float:
-    """Return the return that counts while an arm trains its sources: the first of scratch."""
+    """Return the return of an arm while it trains its sources: the first return of scratch."""
     return float(comparison.scratch.curve.filled()[:, 0].mean())
 
 

@@ -1,6 +1,6 @@
 """Replays of training: one seed's values and greedy actions, and an episode before and after.
 
-The page holds three drawn moments of each; its script draws the others from :meth:`Replay.data`.
+The page holds three drawn moments of a replay; its script draws the rest from :meth:`Replay.data`.
 """
 
 import base64
@@ -84,7 +84,7 @@ def shifted(view: GridView, cells: IntArray) -> list[tuple[int, int]]:
 
 
 def move_path(direction: int, *, alone: bool) -> str:
-    """Return a move as a path around a cell's middle: an arrow, or a tip if others are as good."""
+    """Return a move as a path around a cell's middle: an arrow, or only a tip if moves tie."""
     points: tuple[tuple[float, float], ...] = _STAY
     if direction:
         # A quarter turn from north for each direction after it.
@@ -106,7 +106,7 @@ def _options(view: GridView) -> IntArray:
 
 
 def greedy_choices(view: GridView, values: FloatTable) -> BoolArray:
-    """Return which moves, or else actions, are greedy, ties included: (..., A) -> (..., O)."""
+    """Return which moves, or actions without moves, are greedy: (..., A) -> (..., O) bool."""
     greedy = values == values.max(axis=-1, keepdims=True)
     options = _options(view)
     chosen = [greedy[..., options == option].any(axis=-1) for option in np.unique(options)]
@@ -114,7 +114,7 @@ def greedy_choices(view: GridView, values: FloatTable) -> BoolArray:
 
 
 def mark_of(view: GridView, chosen: BoolArray) -> str:
-    """Return how greedy choices, (O,), are drawn into a cell; empty where all are equally good."""
+    """Return the path that marks greedy choices, (O,), in a cell; empty if all are equally good."""
     if chosen.all() and len(chosen) > 1:
         return ""
     best = np.unique(_options(view))[chosen].tolist()
@@ -128,7 +128,7 @@ def mark_of(view: GridView, chosen: BoolArray) -> str:
 
 
 def shown_episode(record: EpisodeRecord, columns: int) -> dict[str, Any]:
-    """Return a greedy episode of n states on a grid: how it ended, and where markers are."""
+    """Return a greedy episode of n states on a grid: its end, and the cells of its markers."""
     cells, (n, markers) = record.cells, record.cells.shape
     turn = 2 * np.pi * np.arange(markers) / markers
     # Several markers stand apart within a cell.
@@ -168,7 +168,7 @@ class Replay:
 
     @cached_property
     def grid(self) -> dict[str, Any]:
-        """The unchanging parts of the drawing."""
+        """The parts of the drawing that do not change."""
         return grid_drawing(self.view)
 
     def moment(self, place: int) -> dict[str, Any]:

@@ -1,8 +1,7 @@
 """The report of a study: one HTML page without a network and without other files.
 
-Curves are in it twice: as pictures, for paper and for readers without scripts, and as numbers. An
-interim report is made of what the folder holds, whoever runs the study, so that ``run --open`` and
-``watch`` do the same.
+It has curves twice: as pictures, for paper and for readers without scripts, and as numbers. An
+interim report is made from the folder alone, so that ``run --open`` and ``watch`` do the same.
 """
 
 import base64
@@ -69,7 +68,7 @@ def render(template: str, **values: Any) -> str:
     template : str
         File name in ``assets``.
     **values
-        What it names; ``UndefinedError`` where one is missing.
+        Values of the names in it; ``UndefinedError`` if any is missing.
 
     Examples
     --------
@@ -95,7 +94,7 @@ def render(template: str, **values: Any) -> str:
 
 
 def _visible(value: Any) -> Any:
-    """Return a text with control and format characters written out: some reverse what follows."""
+    """Return a text with control and format characters written out: some reverse later text."""
     if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
         return value
     return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
@@ -107,7 +106,7 @@ def asset(name: str) -> Markup:
 
 
 def _digest(script: str) -> str:
-    """Return the digest by which the policy of a page names its script."""
+    """Return the digest of a script, by which a page's content policy allows it."""
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
@@ -142,7 +141,7 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     Parameters
     ----------
     folder : path or str
-        Or a URL.
+        Folder, or its URL.
     out : path, optional
         ``report.html`` in the folder by default; NAME-report.html here for the URL of NAME.
 
@@ -166,7 +165,7 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 
 
 def page_of(study: StudyResults, banner: str = "") -> str:
-    """Return the page of a study, an interim one if it has a `banner`; StoreError without arms."""
+    """Return the page of a study, an interim page with a `banner`; StoreError without arms."""
     comparison, tuning, analysis = study.comparison, read_tuning(study.store), study.analysis
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
@@ -251,7 +250,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
 
 
 def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[str, Axes]]:
-    """Return the learning curves, kind of transfer -> width -> SVG, and the axes of each kind."""
+    """Return learning curves as kind of transfer -> width -> SVG, and the axes of each kind."""
     drawn: dict[str, dict[str, Markup]] = {"weak": {}, "strong": {}}
     panels = dict[str, Axes]()
     for size, (width, height, most) in WIDTHS.items():
@@ -265,7 +264,7 @@ def _curves(comparison: Comparison) -> tuple[dict[str, dict[str, Markup]], dict[
 
 
 def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, Any]]:
-    """Return rows of arm, task and content; rows of equal task and content become one."""
+    """Return rows of arm, task and content; rows with equal task and content are joined."""
     alike: dict[str, tuple[list[str], str, Any]] = {}
     for arm, task, content in rows:
         alike.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
@@ -325,7 +324,7 @@ SEEN, SEEN_NEAR_ZERO = 4000, 100  # rounded to a share of an axis, of a symlog a
 def curve_data(
     comparison: Comparison, styles: Mapping[str, ArmStyle], panels: Mapping[str, Axes]
 ) -> dict[str, Any]:
-    """Return what the script of a page draws curves from, as data for JSON."""
+    """Return the data for JSON from which the script of a page draws curves."""
     scale, symlog = panels["strong"].yaxis.get_transform(), None
     if isinstance(scale, SymmetricalLogTransform):
         symlog = [float(scale.linthresh), float(scale.linscale)]
@@ -391,7 +390,7 @@ NO_LONGER = "The command that followed the run was ended; the run goes on by its
 
 
 class InterimReport:
-    """Writes the report of a folder anew as units are stored; what fails is said, not raised."""
+    """Writes the report of a folder anew as units are stored; failures are told, not raised."""
 
     def __init__(
         self,
@@ -414,7 +413,7 @@ class InterimReport:
         self._thread: Thread | None = None
 
     def begin(self) -> None:
-        """Begin to follow the folder in a thread; again, it does nothing."""
+        """Begin to follow the folder in a thread, unless it has begun already."""
         if self._thread is None:
             self._thread = Thread(target=self._follow, daemon=True)
             self._thread.start()
@@ -442,14 +441,14 @@ class InterimReport:
             raise
 
     def break_off(self, sentence: str) -> None:
-        """Write the page a last time as it is, and why it ends; what is being read is left."""
+        """Write the current page a last time with why it ends; drop a page in preparation."""
         self._stopped.set()
         with self._writing:
             if self._page:
                 self._write(sentence, 0)
 
     def refresh(self, *, last: bool = False) -> float:
-        """Write the page if something is new; return the seconds until the next time at least."""
+        """Write the page if something is new; return the least seconds until the next refresh."""
         begun = monotonic()
         for attempt in range(ATTEMPTS):
             try:
@@ -508,7 +507,7 @@ class InterimReport:
             self._opened(self.path)
 
     def _ended(self, study: StudyResults, whole: bool, running: bool | None) -> bool:
-        """Return whether a run elsewhere is over: it let go of the folder, or all is there."""
+        """Return whether another process's run is over: its lock is gone, or all is stored."""
         let_go, self._was_running = self._was_running and running is False, running is True
         done = whole or bool(study.failed and running is False)
         return let_go or (done and not running and study.store.has(ANALYSIS))
@@ -531,14 +530,14 @@ def arms_so_far(study: StudyResults) -> list[str]:
         for name, arm in record.arms.items()
         if name not in study.failed
     }
-    others = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
+    finished = sorted(done.keys() - {SCRATCH}, key=lambda name: -len(done[name] & done[SCRATCH]))
     # The n arms for which n times the number of seeds that all have finished is largest.
     best, most, common = 0, 0, done[SCRATCH]
-    for number, name in enumerate(others, start=1):
+    for number, name in enumerate(finished, start=1):
         common = common & done[name]
         if common and (number + 1) * len(common) >= most:
             best, most = number, (number + 1) * len(common)
-    chosen = {SCRATCH, *others[:best]}
+    chosen = {SCRATCH, *finished[:best]}
     # A control says nothing without the arm that it is of.
     kept = {name: arm for name, arm in record.arms.items() if name in chosen}
     kept = {name: arm for name, arm in kept.items() if arm.control_of in {"", *kept}}

@@ -196,7 +196,7 @@ INKS = dict(zip(("blue", "green", "vermillion", "purple", "black"), COATS[:5], s
 
 @dataclass(frozen=True)
 class GridScene:
-    """What moves over a grid, and lines of text about what the grid does not show."""
+    """Figures that move over a grid, and lines of text for components not on the grid."""
 
     letters: Letters  # of the map as text, (rows, columns)
     canvas: Canvas
@@ -208,7 +208,7 @@ class GridScene:
     lines: Callable[[Any], list[str]] = lambda moment: []
 
     def image(self, moment: Any) -> Pixels:
-        """Return the grid from above, and the lines below it."""
+        """Return the picture of the grid from above, with the lines below it."""
         cells, lines = self.cells(moment), self.lines(moment)
         # The agent is drawn small in a cell with an object.
         figures = [
@@ -227,7 +227,7 @@ class GridScene:
         return np.concatenate([grid, np.array(below)])
 
     def text(self, moment: Any) -> str:
-        """Return the map with the names of what moves, and the lines."""
+        """Return the map with the names of the moving figures, and the lines."""
         cells = self.cells(moment)
         named = zip(self.names, *zip(*cells, strict=True), strict=True)
         there = stacked(named) if self.gap else dict(zip(cells, self.names, strict=True))
@@ -247,9 +247,9 @@ class LabelScene:
 
     def image(self, state: int) -> Pixels:
         """Return a card with a line for each component."""
-        first, *others = self.states.components
+        first, *further = self.states.components
         lines = list[str]()  # none of the one component of plain numbered states
-        if others or not self.states.is_box or first.low != 0 or first.labels is not None:
+        if further or not self.states.is_box or first.low != 0 or first.labels is not None:
             lines = _lines_of(self.states, state, self.states.names)
         if len(lines) > MOST_LINES:
             lines[MOST_LINES - 1 :] = [f"and {len(lines) - MOST_LINES + 1} more"]
@@ -273,7 +273,7 @@ Scene = GridScene | LabelScene
 
 
 def scene_of(task: Any) -> Scene:
-    """Return what draws a task: from above where it says where its states lie, else as a label."""
+    """Return the scene that draws a task: a grid if its states have cells, else a label."""
     if isinstance(task, TaskWithStart):
         return scene_of(task.task)
     if isinstance(task, Pursuit):  # with a dark frame where the grid is walled
@@ -293,7 +293,7 @@ def scene_of(task: Any) -> Scene:
 
 
 def scene_of_view(view: GridView) -> GridScene:
-    """Return what draws a view; its moments are the cells of markers, (markers,), by rows."""
+    """Return the scene that draws a view; a moment is the cell of each marker, (markers,)."""
     letters, columns = _letters_of(view, view.walls), view.shape[1]
     names, gap = [marker.letter for marker in view.markers], " "
     figures = [tile(marker.letter, INKS[marker.colour]) for marker in view.markers]
@@ -307,9 +307,9 @@ def scene_of_view(view: GridView) -> GridScene:
 
 
 def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
-    """Return the agent among walls, objects and what else moves; other components are lines."""
+    """Return a scene of the agent, walls, objects and markers; other components are lines."""
     states, letters = generative_model(task).states, _letters_of(layout, layout.wall_cells)
-    others = set(states.names) - {*layout.components, *layout.markers}
+    unplaced = set(states.names) - {*layout.components, *layout.markers}
     moving = [*layout.markers.values(), layout.cells]
     markers = [str(i + 1) for i in range(len(layout.markers))]
 
@@ -329,14 +329,14 @@ def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
     figures = [*(tile(number, COATS[2]) for number in markers), AGENT]
 
     def lines(state: int) -> list[str]:
-        return _lines_of(states, state, others) if others else []
+        return _lines_of(states, state, unplaced) if unplaced else []
 
     canvas, names = Canvas(letters, (glowing, starts)), [*markers, "@"]
     return GridScene(text, canvas, letters, cells, names, figures, lines=lines)
 
 
 def _letters_of(grid: GridLayout | GridView, walls: Any) -> Letters:
-    """Return the map of a layout or a view: walls, and the letters of what lies in cells."""
+    """Return the map of a layout or a view: walls, and the letters of objects in cells."""
     letters = np.full(grid.shape, ".")
     letters[tuple((walls - grid.origin).T)] = "#"
     for name, row, column, _ in grid.objects:

@@ -44,7 +44,7 @@ SCREEN = 72  # pixels of an inch in a notebook
 
 
 def value_scale(low: float, high: float, *, difference: bool = False) -> tuple[float, float, str]:
-    """Return the ends of the colours of values, and the map; 0 is the middle of both signs."""
+    """Return the ends and the map of value colours; 0 is the middle if values have both signs."""
     if difference or low < 0 < high:
         high = max(abs(low), abs(high)) or 1.0
         return -high, high, DIVERGING
@@ -137,7 +137,7 @@ def without_seeds(interval: Interval) -> str:
 
 
 class ShownFigure(Figure):
-    """A figure that a notebook shows by itself, once, and that pyplot knows nothing of."""
+    """A figure that a notebook shows once by itself; it is not known to pyplot."""
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         """Return the picture, at twice the size that it is shown at."""

@@ -1,7 +1,7 @@
-"""Grid views: the states of a task that a grid shows, the cell of each, and what moves.
+"""Grid views: the states of a task that a grid shows, their cells, and markers that move.
 
-Like `scenes` this module knows tasks alone: episodes, environments and records lie below the rest
-of this package, and need it.
+Like `scenes` this module depends on tasks alone, because episodes, environments and records, which
+lie below the rest of this package, need it.
 """
 
 import re
@@ -98,7 +98,7 @@ class GridView:
 
 
 def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], str]:
-    """Return the letters of each cell, (row, column) -> those that share it."""
+    """Return the letters in each cell, as (row, column) -> letters."""
     together: dict[tuple[int, int], str] = {}
     for letter, row, column in letters:
         together[row, column] = together.get((row, column), "") + letter
@@ -106,7 +106,7 @@ def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], st
 
 
 def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
-    """Return the fields read off a task: which states end, and what its actions do to `mover`."""
+    """Return the fields that a task determines: ended states, and the moves of `mover`."""
     generative = generative_model(task)
     terminal, actions = generative.terminal, generative.actions
     ended = np.zeros(len(states), bool) if terminal is None else terminal[states]
@@ -127,20 +127,20 @@ def _says_where(task: Any) -> bool:
 def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
     """Return the view of a task that says where its states lie."""
     space = generative_model(task).states
-    others = [part for part in space.components if part.name not in layout.components]
-    if fixed and not others:
+    unplaced = [part for part in space.components if part.name not in layout.components]
+    if fixed and not unplaced:
         raise SettingError(
             f"a {type(task).__name__} is drawn whole, without at: got at {dict(fixed)}"
         )
-    _check_names(fixed, [part.name for part in others])
-    values = space.decode() if others else {}
+    _check_names(fixed, [part.name for part in unplaced])
+    values = space.decode() if unplaced else {}
     start = 0  # a state that episodes start in; of a task given by functions the first state
-    if others and has_tables(task):
+    if unplaced and has_tables(task):
         start = int(tables(task).start_states[0])
-    elif others and is_live(task):
+    elif unplaced and is_live(task):
         start = reset_state(task)
     shown, keys = np.ones(space.size, bool), list[str]()
-    for part in others:
+    for part in unplaced:
         value = _value(part, fixed.get(part.name, int(values[part.name][start])))
         shown &= values[part.name] == value
         if part.name not in layout.markers:
@@ -166,7 +166,7 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
 
 
 def labelled_cells(component: Component) -> IntArray | None:
-    """Return the row and column of each value, (size, 2); None if its labels are no cells."""
+    """Return the row and column of each value, (size, 2); None if its labels are not cells."""
     matches = [match for label in component.labels or () if (match := _CELL.fullmatch(label))]
     if len(matches) < component.size:
         return None
@@ -237,7 +237,7 @@ def _value(component: Component, value: Any) -> int:
 
 
 def _lettered(places: Mapping[str, IntArray]) -> tuple[Letters, dict[str, str]]:
-    """Return the letters of what is fixed in cells, name -> (row, column), and what they mean."""
+    """Return letters for the components fixed in cells, name -> (row, column), and a legend."""
     letters = _letters_of(places)
     there = [(letters[name], int(row), int(column)) for name, (row, column) in places.items()]
     return tuple(there), {name: f"{letter}: {name}" for name, letter in letters.items()}

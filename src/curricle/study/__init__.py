@@ -1,7 +1,7 @@
 """Studies: files that describe them, runs that survive interruption, and their results.
 
-``config`` reads a study file; ``running`` trains the units of its ``arms`` and keeps them in a
-``store``; ``results`` reads them.
+``config`` reads a study file; ``running`` trains the units of its ``arms`` and stores their
+results in a ``store``; ``results`` reads these.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What only tasks can say of a study: its record, forecasts, certificates, episodes, and play."""
+"""Results of a study that need its tasks: its record, forecasts, certificates, episodes, play."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -84,7 +84,7 @@ def curricula_record(
 ) -> CurriculaRecord:
     """Return the record of curricula by arm, with the keys of their stored results, if any.
 
-    `controls` names the arm that each control is of.
+    `controls` names for each control the arm that it belongs to.
     """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
@@ -119,7 +119,7 @@ def curricula_record(
 
 
 def _number(value: Any, known: list[Any], same: Any) -> int:
-    """Return the place of an object among those that differ, to which it is added if it is new."""
+    """Return the place of a value in a list of different values; append it if it is new."""
     place = next((n for n, other in enumerate(known) if same(value, other)), len(known))
     if place == len(known):
         known.append(value)
@@ -152,12 +152,12 @@ def _setting_text(value: Any) -> str:
 
 
 def _aggregate(curriculum: Curriculum, name: str, nameless: str) -> str:
-    """Return the name of what combines the transfers into a task."""
+    """Return the name of the aggregate of a task."""
     return str(getattr(curriculum.setting("aggregate", name), "__name__", nameless))
 
 
 def _depends_on_total(curriculum: Curriculum) -> str:
-    """Return why what a target learns by a step depends on its budget; empty if it does not."""
+    """Return why learning in a target depends on its budget at every step; empty if it does not."""
     target = curriculum.target
     learner, shaping = (curriculum.setting(which, target) for which in ("learner", "shaping"))
     if curriculum.calibration(target) is not None:
@@ -182,7 +182,7 @@ LARGEST_TABLE = 20_000_000  # pairs (S x A) of a task up to which its episodes a
 def analyse(study: StudyResults, arms: Arms) -> None:
     """Write the analysis of a study whose arms are compared, unless it is there.
 
-    It is of the first seeds that every arm has finished.
+    It covers the first seeds that every arm has finished.
     """
     curricula = {
         arm: curriculum
@@ -226,7 +226,7 @@ def analysed(
 def before_and_after(
     snapshots: Snapshots | None, task: Task, *, discounted: bool
 ) -> EpisodePair | None:
-    """Return an episode of the first greedy policy and one of the last; None if not drawn."""
+    """Return an episode of the first and of the last greedy policy; None without a grid."""
     view = None if snapshots is None else GridView.for_replay(task)
     if snapshots is None or view is None:
         return None
@@ -278,7 +278,7 @@ def _section(
 def _extent(
     arms: Sequence[str], results: Mapping[str, CurriculumResult], target: str, n_groups: int
 ) -> tuple[int, bool, list[str]]:
-    """Return the seeds of the forecast, whether to certify, and what is left out and why."""
+    """Return the forecast's number of seeds, whether to certify, and sentences on omitted parts."""
     first, values = results[arms[0]], dict[str, list[Any]]()
     for arm in arms:
         edges = results[arm].curriculum.in_edges(target)
@@ -359,8 +359,8 @@ def stored_episode(
     pair = None if analysis is None else analysis.episodes.get(arm, {}).get(task)
     if pair is None or about.view is None:
         raise StoreError(
-            f"{results.store.path} stores no episode of {task!r} in arm {arm!r}: it stores those "
-            "of tasks with a grid and snapshots, when the run of all arms has ended; "
+            f"{results.store.path} stores no episode of {task!r} in arm {arm!r}: episodes are "
+            "stored of tasks with a grid and snapshots, when the run of all arms has ended; "
             f"{IN_THE_TASK}"
         )
     snapshots = results.result(arm, task).snapshots
@@ -372,7 +372,7 @@ def stored_episode(
         )
     view, record, cells = about.view.view, pair.after, pair.after.cells
     if cells.shape[1] != len(view.markers) or cells.max() >= np.prod(view.shape):
-        raise StoreError(f"{results.store.path} stores an episode of {task!r} that is off its grid")
+        raise StoreError(f"{results.store.path} stores an episode of {task!r} that leaves its grid")
     scene, moments = scene_of_view(view), np.arange(len(cells))
     return first, Episode(
         frames=Drawn(lambda moment: scene.image(cells[moment]), moments),

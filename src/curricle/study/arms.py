@@ -1,4 +1,4 @@
-"""A study's plan, its units as they are sent to workers, and what these return."""
+"""A study's plan, its units as they are sent to workers, and the results that workers return."""
 
 import json
 from collections.abc import Callable, Collection, Mapping
@@ -34,11 +34,11 @@ from curricle.study_file.vary import target_alone
 
 
 class Arms(Plan):
-    """What a study trains: a plan whose keys are hashes of plain data."""
+    """The plan of a study, whose keys are hashes of plain data."""
 
     @property
     def code(self) -> dict[str, str]:
-        """The digest of each own module, by file, and found mapping, that any arm uses."""
+        """The digests of the user's modules, by file, and of found mappings that arms use."""
         parts = [depends["code"] for depends in self.dependencies.values()]
         return {file: code[file] for code in parts for file in code}
 
@@ -49,7 +49,9 @@ class Arms(Plan):
         controls = study.controls or ()
         if controls and not (scratches and study.compared):
             setting = "compared" if scratches else "scratch"
-            raise SettingError(f"controls are compared with scratch: leave out {setting} = false")
+            raise SettingError(
+                f"controls need the comparison with scratch: leave out {setting} = false"
+            )
         for name, curriculum in study.curricula.items():
             check_fit(controls, name, curriculum)
         learners = [
@@ -92,7 +94,7 @@ def units_of(
 
 
 def seeds_of(study: StudyConfig, shard: tuple[int, int]) -> list[int]:
-    """Return the seeds of a shard (i, n), those of every n-th group of `seeds_per_unit`."""
+    """Return the seeds of a shard (i, n): every n-th group of `seeds_per_unit` seeds."""
     part, parts = shard
     return [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
 
@@ -112,21 +114,21 @@ def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def arms_from_json(config: str, folder: str, code: str) -> Arms:
-    """Return the arms of the study that a JSON text describes; cached, as many units ask."""
-    # Who began the run has printed what is found.
+    """Return the arms of the study that a JSON text describes; cached, since many units ask."""
+    # The process that began the run has printed which mappings were found.
     study = StudyConfig.from_data(json.loads(config), Path(folder), say=lambda _: None)
     arms = Arms.of(study)
     here, there = arms.code, json.loads(code)
     for file in sorted({*here, *there}):
         if here.get(file) != there.get(file):
             raise ConfigError(
-                f"{file} is not as it was when the run began: run it again with --resume"
+                f"{file} must not change during a run: run the study again with --resume"
             )
     return arms
 
 
 class UnitInput(NamedTuple):
-    """All that a unit depends on, as plain data: it can be sent to any machine."""
+    """Everything on which a unit depends, as plain data that can be sent to any machine."""
 
     config: str  # JSON of `StudyConfig.to_data`
     folder: str  # of the study's own modules
@@ -142,7 +144,7 @@ class UnitInput(NamedTuple):
 
 
 def train_unit(sent: UnitInput) -> UnitResult:
-    """Return what a unit's seeds learn; it depends on `sent` only, not on its `checkpoints`."""
+    """Train a unit and return its results, which depend on `sent` but not on its `checkpoints`."""
     arms = arms_from_json(sent.config, sent.folder, sent.code)
     unit = sent.unit
     arm = arms.arms[unit.arm]
@@ -167,7 +169,7 @@ def train_unit(sent: UnitInput) -> UnitResult:
 
 
 def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dict[str, Any]]:
-    """Return a row for each decision of the stopping rule, or one for the end of each seed."""
+    """Return a row for each decision of the stopping rule, or else a row for each seed's end."""
     result, budget = trained.result, curriculum.setting("budget", unit.task)
     rows = list[tuple[Any, ...]]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):

@@ -1,7 +1,7 @@
-"""A study's configuration: its tables, how a file is read into them, and the curricula they say.
+"""A study's configuration: its tables, how a file is read into them, and their curricula.
 
-A file is validated twice: as it is written (:class:`FileTable`), which finds keys that nobody
-reads, and with every arm complete (:class:`StudyConfig`), which runs, is stored and makes keys.
+A file is validated twice: as it is written (:class:`FileTable`), to find keys that nothing reads,
+and with every arm complete (:class:`StudyConfig`), which is run, stored and hashed into keys.
 """
 
 import ast
@@ -90,18 +90,18 @@ Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key pat
 # -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
 
 Unvalidated = WrapValidator(lambda value, _: as_table(value))
-"""A table that is validated only once it is complete, but is in the JSON Schema."""
+"""A table that is in the JSON Schema, but is validated only when it is complete."""
 
 
 class RunTable(Table):
-    """How a study is run and read: its top-level keys that are no settings of tasks."""
+    """How a study is run and read: the top-level keys that are not settings of tasks."""
 
     name: Name
     """Name of the study."""
     seeds: Annotated[
         tuple[int, ...], BeforeValidator(seeds_of, json_schema_input_type=int | str | list[int])
     ] = tuple(range(30))
-    """How many, a list, or ranges such as "0-29"."""
+    """The number of seeds, a list of seeds, or ranges such as "0-29"."""
     seeds_per_unit: Count = 5
     """Seeds trained together as one unit of work."""
     threshold: Number | None = None
@@ -128,7 +128,7 @@ class ArmTables(Table):
 
     @model_validator(mode="after")
     def _all_fits(self) -> Self:
-        """Refuse keys for observations in tables' tasks and transfers, and vice versa."""
+        """Refuse keys for observations where tasks have tables, and keys for tables elsewhere."""
         messages: list[tuple[KeyPath, str]] = []
         for name, task in self.tasks.items():
             messages += [(("tasks", name, *path), text) for path, text in task.mismatches(name)]
@@ -151,12 +151,12 @@ class ArmTables(Table):
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
-        """Return the keys that a file may give an arm, settings for all tasks included."""
+        """Return the keys that an arm may have in a file, settings for all tasks included."""
         return (*cls.model_fields, *SETTINGS)
 
 
 class ArmPatch(Settings):
-    """An arm as written: what it changes in the study's curriculum."""
+    """An arm as it is written: its changes of the study's curriculum."""
 
     tasks: dict[str, dict[str, Any]] = Field({})
     """Changes of tasks, by name."""
@@ -227,29 +227,29 @@ def _docstrings(kind: type) -> list[tuple[str, str]]:
 
 
 class StudyConfig(RunTable):
-    """A study of which nothing is left to fill in: every arm is complete, every map is there.
+    """A complete study: every arm has all its settings, and every map is there.
 
     :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Results depend
-    on nothing else but the modules of its own functions.
+    on it alone and on the modules of its own functions.
 
     Parameters
     ----------
     name, seeds, seeds_per_unit, threshold, window, snapshots
         Keys of a study file.
     scratch, compared, scratch_learners, controls
-        Keys of a study file too.
+        Further keys of a study file.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
     scratches : dict of str to ArmTables, optional
-        The arms from scratch that a sweep or a tuning made; else they follow from the first arm.
+        The arms from scratch that a sweep or a tuning made; by default those of the first arm.
     variants : dict of str to VariantRecord, optional
-        The settings of each arm that a sweep or a tuning gave it, scratch included.
+        The settings that a sweep or a tuning gave each arm, scratch included.
     tune : Tuning, optional
-        What is searched for every arm before the study is run.
+        The settings that are searched for every arm before the study is run.
     own_learners : bool, optional
-        Whether each arm may learn the target in its own way, as it was tuned.
+        Whether arms may learn the target with different learners, as they were tuned.
     total : int, optional
-        Steps that every arm spends at least, sources included.
+        The least steps that every arm spends, sources included.
 
     Examples
     --------
@@ -290,8 +290,8 @@ class StudyConfig(RunTable):
     ) -> Self:
         """Return the configuration that plain data describe, as :meth:`to_data` returns them.
 
-        `folder` has the modules with the study's own functions, `positions` are for messages, and
-        `say` takes each line about a mapping that is found. Raises pydantic.ValidationError.
+        `folder` has the modules of the study's own functions, `positions` are for messages, and
+        `say` is called with each line about a found mapping. Raises pydantic.ValidationError.
         """
         families = positions.families if positions else ()
         context = {"folder": folder, "families": families}
@@ -336,23 +336,23 @@ class StudyConfig(RunTable):
 
     @property
     def file(self) -> str:
-        """The name of the file that it was read from, without its folder; else the study's name."""
+        """The name of its file without the folder; the study's name if it has no file."""
         return Path(self._positions.file).name
 
     @property
     def results_folder(self) -> str:
-        """The name of the folder that results go to by default, FILE-results."""
+        """The name of the default folder of its results, FILE-results."""
         return f"{Path(self.file).stem}-results"
 
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:
-        """The curricula of all arms, by name; ConfigError names all that cannot be built."""
+        """The curricula of all arms by name; ConfigError lists everything that cannot be built."""
         return self._built(self.arms)
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
         """Return the arms that learn the target from scratch, ``scratch`` first.
 
-        ConfigError names each learner that does not fit the target, or is its own.
+        ConfigError names each learner that does not fit the target, or is the target's own.
         """
         if self.scratches is not None:
             return self._built(self.scratches)
@@ -375,8 +375,8 @@ class StudyConfig(RunTable):
     def check_networks(self) -> None:
         """Check the learners that are networks with Stable-Baselines3.
 
-        SettingError when it is needed and not installed; ConfigError names each algorithm, setting
-        and kind of shaping that it does not support.
+        SettingError when it is needed but not installed; ConfigError names each algorithm, setting
+        and shaping that it does not support.
         """
         problems = Problems(self._positions)
         for arm, curriculum in self.curricula.items():
@@ -393,7 +393,7 @@ class StudyConfig(RunTable):
         problems.raise_any()
 
     def varied(self, **fields: Any) -> Self:
-        """Return the study with these fields of plain data; ConfigError names one that is unfit."""
+        """Return the study with these fields of plain data; ConfigError names an invalid field."""
         data = {**self.to_data(), **fields}
         try:
             made = self.from_data(data, self._folder, self._positions, say=self._say)
@@ -442,7 +442,7 @@ class _Builder:
         return self.problems.at("arms", self.name, *path)
 
     def _mappings(self, edge: Any, tasks: dict[str, Any], settings: Any) -> tuple[Any, ...]:
-        """Return the mappings of a transfer, made once for all arms in which they are the same."""
+        """Return the mappings of a transfer; arms with equal transfers share them."""
         target, source = tasks[edge.target], tasks[edge.source]
         # As the curriculum itself.
         alone = sum(other.target == edge.target for other in self.arm.transfers) == 1
@@ -463,7 +463,7 @@ class _Builder:
         return self.made[key]  # type: ignore[no-any-return]
 
     def _tasks(self) -> dict[str, Any]:
-        """Return the tasks that could be made, with the mazes that only crops are made of."""
+        """Return the tasks that could be made, mazes that are only cropped included."""
         tasks: dict[str, Any] = {}
         for name in sorted(self.arm.tasks, key=lambda name: len(self.graph.drawings(name))):
             key, of, task = self._key(name), self.graph.parts[name], self.arm.tasks[name]
@@ -476,19 +476,19 @@ class _Builder:
         return tasks
 
     def _member(self, name: str) -> FamilyMember | None:
-        """Return the address of a task in its family, one for all arms; None if it has none."""
+        """Return the address of a task in its family, shared by all arms; None if it has none."""
         task, key = self.arm.tasks[name], f"member {self._key(name)}"
         if isinstance(task, FamilyTask) and key not in self.made:
             self.made[key] = task.member(self.folder)
         return self.made.get(key)
 
     def _key(self, name: str) -> str:
-        """Return all that a task depends on: its own keys, and the mazes that it is a part of."""
+        """Return the data on which a task depends: its keys, and the mazes it is a part of."""
         drawings = [self.arm.tasks[drawing] for drawing in self.graph.drawings(name)]
         return repr([drawing.model_dump_json(exclude=set(SETTINGS)) for drawing in drawings])
 
     def _settings(self) -> dict[str, dict[str, Any]]:
-        """Return each setting of each task that is learnt, checked as :class:`Curriculum` will."""
+        """Return the settings of all learnt tasks, as :class:`Curriculum` takes and checks them."""
         settings: dict[str, dict[str, Any]] = {which: {} for which in SETTINGS}
         are_sources, with_sources = ({edge[i] for edge in self.graph.edges} for i in (0, 1))
         for name in self.graph.learnt:
@@ -520,7 +520,7 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
     ----------
     path : path
     set : sequence of str
-        Changes, such as ``"tasks.chase.budget=1000"``: dotted keys, values as in TOML or else text.
+        Changes such as ``"tasks.chase.budget=1000"``: a dotted key and a value, TOML or else text.
 
     Raises
     ------
@@ -560,7 +560,7 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
 
 
 def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:
-    """Return the configuration of a study as read; ConfigError with all that is wrong in it."""
+    """Return the configuration of a study as it was read; ConfigError lists all its mistakes."""
     study = located(study)
     families = table(study.get("families"))
     problems = Problems(replace(positions, families=tuple(families)))
@@ -598,12 +598,12 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
     with problems.at(mapped=True):
         config = StudyConfig.from_data(fields, folder, problems.positions)
     problems.raise_any()
-    assert config is not None, "what is not wrong is configured"
+    assert config is not None, "a configuration without mistakes is complete"
     return config
 
 
 def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
-    """Yield what is wrong with arms, and further learners from scratch, as they are written."""
+    """Yield the mistakes in arms and further learners from scratch, as they are written."""
     tasks, transfers = table(study.get("tasks")), study.get("transfers")
     transfers = transfers if isinstance(transfers, list) else []
     learners = table(study.get("scratch_learners"))
@@ -645,7 +645,7 @@ DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")  # what a crop 
 
 
 def _wrong_names(plan: dict[str, Any]) -> Messages:
-    """Yield what is wrong with the names in a curriculum, of which parts may be malformed."""
+    """Yield the mistakes in the names of a curriculum, parts of which may be malformed."""
     graph, whole = NameGraph.of(plan), True
     tasks, transfers = table(plan.get("tasks")), plan.get("transfers")
 
@@ -693,7 +693,7 @@ Result = TypeVar("Result")
 
 
 def study_of(study: Study) -> StudyConfig:
-    """Return a study as it is, or the one that a file describes; ConfigError says what is wrong."""
+    """Return a study as it is, or the study that a file describes; ConfigError lists mistakes."""
     if isinstance(study, StudyConfig):
         return study
     if not isinstance(study, str | PathLike):
@@ -705,7 +705,7 @@ def _of_studies(
     function: Callable[Concatenate[Subject, Rest], Result],
     arguments: Callable[[StudyConfig], tuple[Subject, dict[str, Any]]],
 ) -> Callable[Concatenate[Subject | Study, Rest], Result]:
-    """Return a function that takes a study, and what `arguments` returns of it, for curricula."""
+    """Return the function such that it also takes a study, with the settings in `arguments`."""
     first = next(iter(signature(function).parameters))
 
     @wraps(function)
@@ -727,10 +727,10 @@ def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
-    arm, *others = study.arms
-    if others:
+    arm, *further_arms = study.arms
+    if further_arms:
         raise ConfigError(
-            "a forecast is of one arm: give forecast(study.curriculum(ARM)), where study is "
+            "a forecast is of one arm: call forecast(study.curriculum(ARM)), where study is "
             f"read_study(FILE) and ARM one of {listed(study.arms)}"
         )
     said = {"seeds": study.seeds[:FORECAST_SEEDS], "threshold": study.threshold}

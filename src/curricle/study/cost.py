@@ -46,7 +46,7 @@ class Cost:
 
 
 def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
-    """Return the cost of each task of each arm, those shared by arms once."""
+    """Return the cost of each task of each arm; a task that arms share is counted once."""
     paces: dict[int, float] = {}
     numbers = Counter[tuple[str, str]]()
     for unit in units_of(study, arms, {}):
@@ -113,7 +113,7 @@ def _exact_seconds(node: Node) -> float:
 
 
 def sweeping_seconds(task: Any, sweeps: float) -> float:
-    """Return the seconds that so many sweeps over a task's tables take, about."""
+    """Return about how many seconds `sweeps` sweeps over a task's tables take."""
     # Large tables are not built for that: it is then the time with one outcome for each pair.
     model = generative_model(task)
     pairs = model.states.size * model.actions.size
@@ -122,14 +122,14 @@ def sweeping_seconds(task: Any, sweeps: float) -> float:
 
 
 def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
-    """Return what every arm spends, and why that exceeds the target's own budget, in words."""
+    """Return a sentence on the steps of every arm, and why they exceed the target's budget."""
     spent = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
     return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
 
 def duration(seconds: float) -> str:
-    """Return a time in words."""
+    """Return a duration as text."""
     if seconds < 120:
         return f"{max(1, round(seconds))} s"
     return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"

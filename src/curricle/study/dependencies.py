@@ -1,4 +1,4 @@
-"""What a unit's result depends on, code of the user's own included, and the key made of it."""
+"""The data and code on which a unit's result depends, and the key made of them."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -18,23 +18,23 @@ from curricle.transfer.transfer import mappings_digest
 MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")  # no result depends on it
 
 
-def differences(mine: Any, yours: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
-    """Yield the keys, with both values, in which two descriptions differ and results may too."""
-    if isinstance(mine, list) and isinstance(yours, list) and len(mine) == len(yours):
-        mine, yours = dict(enumerate(mine)), dict(enumerate(yours))
-    if not (isinstance(mine, dict) and isinstance(yours, dict)):
-        if mine != yours:
-            yield name, (mine, yours)
+def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
+    """Yield the keys, with both values, by which two descriptions and so results may differ."""
+    if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        first, second = dict(enumerate(first)), dict(enumerate(second))
+    if not (isinstance(first, dict) and isinstance(second, dict)):
+        if first != second:
+            yield name, (first, second)
         return
-    for key in sorted({*mine, *yours}):
+    for key in sorted({*first, *second}):
         place = f"{name}.{key}" if name and name != "configuration" else key
         # The record follows from the configuration and the study's own functions.
         if not (name == "configuration" and key in MAY_CHANGE) and place != "record":
-            yield from differences(mine.get(key), yours.get(key), place)
+            yield from differences(first.get(key), second.get(key), place)
 
 
 def shown(value: Any) -> str:
-    """Return a value in a sentence, cut where it is long."""
+    """Return a value as text for a sentence, shortened if it is long."""
     text = json.dumps(value)
     return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
 
@@ -55,7 +55,7 @@ def key_of(dependencies: Dependencies) -> str:
 
 
 def settings_key_of(dependencies: Dependencies) -> str:
-    """Return :func:`key_of` all but code and Curricle's version, which takes its place."""
+    """Return a key of all dependencies except code and Curricle's version."""
     return key_of({name: value for name, value in dependencies.items() if name not in OF_CODE})
 
 
@@ -70,14 +70,14 @@ def dependencies_of(
     keys: dict[str, str] = {}
     graph, version = NameGraph.of(dict(arm)), metadata.version("curricle")
     for name in curriculum.order:
-        task, *others = (arm["tasks"][drawing] for drawing in graph.drawings(name))
+        task, *wholes = (arm["tasks"][drawing] for drawing in graph.drawings(name))
         into = [edge for edge in arm["transfers"] if edge["target"] == name]
         is_target = name == curriculum.target
         dependencies = {
             "curricle": version,
             "name": name,
             "task": task,
-            "parts_of": [{k: v for k, v in of.items() if k not in SETTINGS} for of in others],
+            "parts_of": [{k: v for k, v in of.items() if k not in SETTINGS} for of in wholes],
             "transfers": into,
             "sources": {edge["source"]: keys[edge["source"]] for edge in into},
             "total": total if is_target else None,
@@ -99,7 +99,7 @@ def dependencies_of(
 
 
 def key_in(stored: Stored) -> Callable[[Dependencies], str]:
-    """Return a :func:`key_of` for which stored units of other code, of most seeds, are as good."""
+    """Return a :func:`key_of` that prefers stored units, even of other code, with most seeds."""
     settings = {key: settings_key_of(_of(units)) for key, units in stored.items()}
 
     def choose(dependencies: Dependencies) -> str:
@@ -111,7 +111,7 @@ def key_in(stored: Stored) -> Callable[[Dependencies], str]:
 
 
 def replaced_keys(wanted: Mapping[str, Dependencies], stored: Stored) -> dict[str, str]:
-    """Return which stored units, of the same task and least unlike, each wanted key replaces."""
+    """Return for each wanted key the stored key that it replaces: of its task, fewest changes."""
     pairs = [
         (len(list(changes_of(units, dependencies))), key, old)
         for key, dependencies in wanted.items()
@@ -131,7 +131,7 @@ def _of(units: Mapping[int, Any]) -> Dependencies:
 
 
 def changes_of(units: Mapping[int, Any], here: Dependencies) -> Iterator[str]:
-    """Yield how what stored units depended on differs from something, a clause each."""
+    """Yield a clause for each change between the dependencies of stored units and `here`."""
     there = _of(units)
     if there["curricle"] != here["curricle"]:
         yield f"Curricle was {there['curricle']} and is {here['curricle']}"

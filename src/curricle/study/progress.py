@@ -1,4 +1,4 @@
-"""How far a run is, how fast its units are stored, and how long the others will take."""
+"""How far a run is, how fast units are stored, and how long the remaining units will take."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
@@ -24,17 +24,17 @@ class Progress:
     Attributes
     ----------
     units : tuple of Unit
-        All that the run trains; the same tuple each time.
+        All units that the run trains; the same tuple each time.
     stored : Unit or None
         The unit that has just been stored; None at the beginning.
     workers : int
-        How many there are now.
+        Number of workers now.
     repeated : int
-        Units that a cluster has begun again so far, as a worker died.
+        Units that a cluster has begun again so far, because a worker died.
     link : str or None
-        To the cluster's own page, if it has one.
+        Link to the cluster's own page, if it has a page.
     tuning : str
-        Which trials the units are of, in words; empty for those of the study itself.
+        The trials to which the units belong, as text; empty for units of the study itself.
 
     Examples
     --------
@@ -55,7 +55,7 @@ class Progress:
 
 
 class Pace:
-    """The rate at which units were stored in the last minute, and what follows from it."""
+    """The rate at which units were stored in the last minute, and the remaining time."""
 
     def __init__(self, clock: Callable[[], float] = monotonic):
         self.clock = clock
@@ -65,21 +65,21 @@ class Pace:
         self._marks = deque[tuple[float, int]]()  # (time, units stored)
 
     def note(self, progress: Progress) -> None:
-        """Note the beginning, or that a unit is stored."""
+        """Record the beginning of a run, or a stored unit."""
         self._units, self._last = len(progress.units), progress
         if progress.stored is None:  # further units, after those of a tuning
             self._marks.clear()
         self._mark(0 if progress.stored is None else self.stored + 1)
 
     def line_of(self, stored: int, units: int) -> str:
-        """Note how many units a folder has, which another process stores, and return the line."""
+        """Record the units that another process has stored in a folder, and return the line."""
         if self._units is None or stored != self.stored:
             self._mark(stored)
         self._units = units
         return self.line()
 
     def line_in(self, stored: int, units: int) -> str:
-        """Return the line of a run whose folder has so many units, some of which others train."""
+        """Return the line of a run whose folder also gets units from other processes."""
         tuning = self._last is not None and bool(self._last.tuning)
         if not units or (self._units == units and not tuning):
             return self.line()
@@ -89,7 +89,7 @@ class Pace:
         return f"{whole}; {'its tuning' if tuning else 'this run'}: {self.line()}"
 
     def _mark(self, stored: int) -> None:
-        """Note that so many are stored now."""
+        """Record the number of units stored now."""
         self.stored, now = stored, self.clock()
         if not self._marks or now - self._marks[-1][0] >= BETWEEN:
             self._marks.append((now, self.stored))
@@ -97,7 +97,7 @@ class Pace:
             self._marks.popleft()
 
     def rate(self) -> float:
-        """Return units a second; 0 until one is stored."""
+        """Return the units stored a second; 0 until a unit is stored."""
         if not self._marks:
             return 0.0
         begun, before = self._marks[0]
@@ -105,7 +105,7 @@ class Pace:
         return (self.stored - before) / passed if passed > 0 else 0.0
 
     def line(self) -> str:
-        """Return how far the run is, how fast it goes and when it ends, in words."""
+        """Return a line on how far the run is, how fast it goes and when it ends."""
         if self._units is None:
             return ""
         parts = [f"{self.stored:,} of {counted(self._units, 'unit')}"]
@@ -119,7 +119,7 @@ class Pace:
         return ", ".join(filter(None, [*parts, self.repeated(), link]))
 
     def repeated(self) -> str:
-        """Return how many units were begun again, in words; nothing if none were."""
+        """Return a text on the units that were begun again; empty if there are none."""
         number = 0 if self._last is None else self._last.repeated
         return f"{counted(number, 'unit')} begun again" if number else ""
 
@@ -130,7 +130,7 @@ def shown_units(
     pace: Pace | None = None,
     line: Callable[[], str] | None = None,
 ) -> Iterator[Callable[[Progress], None]]:
-    """Yield what takes each :class:`Progress` of a run and shows it as ``progress`` asks for."""
+    """Yield a function that shows each :class:`Progress` of a run as ``progress`` asks for."""
     # Below the bars stands a `line`, by default how fast the whole run goes, its `pace`.
     pace = pace or Pace()
     grow: dict[str, Callable[[], None]] = {}
@@ -155,7 +155,7 @@ def shown_units(
 
 
 def _in_words(rate: float) -> str:
-    """Return units a second, or a minute or an hour if that is a number of at least 1."""
+    """Return a rate as text, in units a second, a minute or an hour: the first of at least 1."""
     period, seconds = "an hour", 3600
     for longer, length in (("a minute", 60), ("a second", 1)):
         if rate * length >= 1:

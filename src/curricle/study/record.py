@@ -1,4 +1,4 @@
-"""What a study's folder records of it: plain data, written when it runs, read without its code."""
+"""Records in a study's folder: plain data, written when it runs and read without its code."""
 
 import json
 from collections.abc import Collection
@@ -129,7 +129,7 @@ class TaskRecord(Plain):
 
 
 class NodeRecord(Plain):
-    """A task of an arm and how it is trained."""
+    """A task of an arm and the settings of its training."""
 
     task: Count  # its place among the study's tasks; equal for tasks that are the same
     key: str  # of its units; empty for what is not stored
@@ -178,7 +178,7 @@ class ArmRecord(Plain):
 
 
 class CurriculaRecord(Plain):
-    """Tasks and arms, of a study or of curricula that were trained without one."""
+    """Tasks and arms, of a study or of curricula that were trained without a study."""
 
     tasks: tuple[TaskRecord, ...]
     arms: dict[str, ArmRecord]
@@ -320,7 +320,7 @@ class EpisodePair(Plain):
 
 
 class Analysis(Plain):
-    """What only the tasks themselves can say of results: written at the end of a run."""
+    """Results that need the tasks themselves, written at the end of a run."""
 
     of: str  # a digest of the results that it is of
     sections: tuple[SectionRecord, ...] = ()
@@ -328,7 +328,7 @@ class Analysis(Plain):
 
 
 class UnitRecord(Plain):
-    """A unit of work, and what it depended on."""
+    """A unit of work and its dependencies."""
 
     key: str
     dependencies: dict[str, Any]
@@ -357,7 +357,7 @@ class RunRecord(Plain):
 
 
 def read_record(model: type[Model], value: Any) -> Model:
-    """Return a record from what a JSON file says; ValueError names the first wrong place."""
+    """Return a record from the content of a JSON file; ValueError names the first mistake."""
     try:
         return model.model_validate_json(json.dumps(value))
     except ValidationError as error:

@@ -64,7 +64,7 @@ FAILURES = "failures.json"  # the units that failed in the last run; not there i
 
 
 def failure_records(failures: Failures) -> list[FailureRecord]:
-    """Return what tells which arms failed; it is no arm's fault that an executor failed."""
+    """Return the records of failed units; none if the executor failed, which is no arm's fault."""
     records = list[FailureRecord]()
     for unit, error in failures.errors if not failures.executor_failed else ():
         text = f"{unit.label}: {without_folders(in_words(error))}"
@@ -73,10 +73,10 @@ def failure_records(failures: Failures) -> list[FailureRecord]:
 
 
 def failure_error(failures: Failures) -> StudyError:
-    """Return one error for all; its cause is the first that is not the library's own."""
-    (unit, first), *others = failures.errors
+    """Return one error for all failures; its cause is the first error from outside the library."""
+    (unit, first), *later = failures.errors
     text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
-    for other, error in others:
+    for other, error in later:
         if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
             text += f"; {other.label} failed too: {in_words(error)}"
     errors = [error for _, error in failures.errors]
@@ -88,13 +88,13 @@ def failure_error(failures: Failures) -> StudyError:
 
 
 def without_folders(text: str) -> str:
-    """Return an error's text with the names of files only: folders are those of one machine."""
+    """Return an error's text without folders, which belong to one machine."""
     quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
 def write_failures(store: StudyStore, records: Sequence[FailureRecord]) -> None:
-    """Write the failures of a run in the place of those of an earlier one."""
+    """Write the failures of a run over those of the run before."""
     if records:
         store.write_records(FAILURES, records)
     else:
@@ -107,7 +107,7 @@ ROWS = 2**17  # of a group of rows in a Parquet file
 
 
 def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
-    """Yield units by seed, in lists such that all seeds of one come before those of the next."""
+    """Yield lists of units in order, such that all seeds of a list precede those of the next."""
     group, last = list[StoredUnit](), -1
     for unit in sorted(units, key=lambda unit: min(unit.seeds)):
         if group and min(unit.seeds) > last:
@@ -120,7 +120,7 @@ def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
 
 
 def parquet_of(parts: Iterable[pa.Table]) -> bytes:
-    """Return tables, at least one, as one Parquet file, which does not depend on how it was cut."""
+    """Return tables joined in a Parquet file whose bytes do not depend on how they were cut."""
     sink, writer, rest, rows = pa.BufferOutputStream(), None, list[pa.Table](), 0
     for part in parts:
         writer = writer or pq.ParquetWriter(sink, part.schema)
@@ -150,8 +150,8 @@ class StudyResults:
     """The results in a study's folder, also while the study is still running.
 
     Only plain data are read: no module that the study names is imported, no task is made, and no
-    pickle is loaded. So a folder can be read on any machine, and one from anywhere is safe to read.
-    StoreError where it holds no study, or a file in it is damaged.
+    pickle is loaded. So any machine can read a folder, and it is safe to read a stranger's folder.
+    StoreError when it holds no study, or a file in it is damaged.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class StudyResults:
     record : StudyRecord
         The study.
     lacks_arms : bool
-        Whether it is compared without arms that are still to be trained.
+        Whether the comparison leaves out arms that are still to be trained.
     """
 
     def __init__(self, path: str | Place | StudyStore):
@@ -175,7 +175,7 @@ class StudyResults:
         return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
 
     def _repr_html_(self) -> str:
-        """Return the comparison of the arms, or why there is none yet, and what failed."""
+        """Return the comparison of the arms, or why there is none yet, and the failures."""
         failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
         title = f"Study {self.record.name!r}: {self._so_far()}"
         try:
@@ -216,7 +216,7 @@ class StudyResults:
         return tuple(sorted(set(self.record.seeds).intersection(*stored)))
 
     def task(self, arm: str, task: str) -> TaskRecord:
-        """Return what is recorded of a task; StoreError if there is no such arm, or task in it."""
+        """Return the record of a task of an arm; StoreError if there is none."""
         one_of("an arm", arm, self.record.arms, StoreError)
         one_of(f"a task of arm {arm!r}", task, self.record.arms[arm].nodes, StoreError)
         return self.record.task(arm, task)
@@ -226,9 +226,9 @@ class StudyResults:
     ) -> LearningResult:
         """Return the learning result of one task of an arm, without ``task`` and ``learner``.
 
-        With `values` those that were learnt are read too, which may be large; of a network they are
-        a dict of arrays for each seed, of which :meth:`trained` makes networks. Of other `seeds`
-        come those in the same files. StoreError where there is no result yet.
+        With `values` the learnt values are read too, which may be large; those of a network are a
+        dict of arrays for each seed, from which :meth:`trained` makes networks. Of `seeds` the
+        result holds all that share their files. StoreError when there is no result yet.
         """
         if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
@@ -248,7 +248,7 @@ class StudyResults:
 
     @property
     def most_bytes(self) -> int:
-        """The size of the snapshots of the largest task that is shown, at most."""
+        """An upper bound of the bytes of snapshots of the largest task with a picture."""
         # A record may state any size, so the most that a run writes counts too.
         pairs = [task.states * task.actions for task in self.record.tasks if task.view is not None]
         stated = HEADERS + FLOAT32 * (self.record.snapshots + 2) * max(pairs, default=0)
@@ -257,10 +257,10 @@ class StudyResults:
     def trained(
         self, arm: str, curriculum: Curriculum, seeds: Sequence[int] | None = None
     ) -> dict[str, SourceValues]:
-        """Return what an arm's sources learnt, as :meth:`Curriculum.train` takes it.
+        """Return the values that an arm's sources learnt, as :meth:`Curriculum.train` takes them.
 
-        The folder holds no curriculum: it is ``read_study(file).curriculum(arm)``. By default the
-        seeds are those that every arm has finished. StoreError where a source lacks any.
+        The folder holds no curriculum: pass ``read_study(file).curriculum(arm)``. By default the
+        seeds are those that every arm has finished. StoreError when a source lacks a seed.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
         return self._values(arm, curriculum, seeds, curriculum.ancestors(curriculum.target))
@@ -275,8 +275,8 @@ class StudyResults:
     ) -> tuple[Any, ...]:
         """Return the policy of each seed of a task of an arm, by default of its target.
 
-        A :class:`TabularPolicy`, or a :class:`TrainedPolicy` where a network learnt it. Arguments
-        and errors are as of :meth:`trained`; SettingError where the values were not saved.
+        Policies are :class:`TabularPolicy`, or :class:`TrainedPolicy` for a network. Arguments and
+        errors are as in :meth:`trained`; SettingError when the values were not saved.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
         name = curriculum.target if task is None else task
@@ -291,7 +291,7 @@ class StudyResults:
     def _values(
         self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
     ) -> dict[str, SourceValues]:
-        """Return what seeds learnt in some tasks of an arm; StoreError where one is missing."""
+        """Return the values of seeds in some tasks of an arm; StoreError if any is missing."""
         last, stored = names[-1] if names else curriculum.target, {}
         read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
@@ -300,7 +300,7 @@ class StudyResults:
         return source_values(curriculum, seeds, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
-        """Return the unit of each seed; StoreError where one is missing."""
+        """Return the unit of each seed; StoreError if any is missing."""
         units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
         for seed in seeds:
             if seed not in units:
@@ -327,12 +327,12 @@ class StudyResults:
 
     @property
     def has_baseline(self) -> bool:
-        """Whether the target was to be learnt from scratch too, for as many steps."""
+        """Whether the study also learns the target from scratch, for as many steps."""
         return self.record.total is not None and SCRATCH in self.record.arms
 
     @property
     def comparison(self) -> Comparison:
-        """The arms compared with learning from scratch, as :func:`compare_studies` does."""
+        """The comparison of the arms with learning from scratch, as of :func:`compare_studies`."""
         return compare_studies([self])
 
     @property
@@ -346,7 +346,7 @@ class StudyResults:
         return self.store.records(RUNS, RunRecord)
 
     def level(self, arm: str) -> Level | None:
-        """Return what a control that knows nothing adds to every value; None of other arms."""
+        """Return the constants of a control without knowledge (:class:`Level`); None for others."""
         if not self.record.arms[arm].control_of:
             return None
         levels, seeds = list[Level](), list[int]()
@@ -362,7 +362,7 @@ class StudyResults:
         return replace(levels[0], values=values[np.argsort(seeds)])
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
-        """Return the steps each seed of an arm spent before a task or its target, (K,)."""
+        """Return the steps that each seed of an arm spent before a task, by default its target."""
         name = self.record.target if task is None else task
         runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
         seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
@@ -404,7 +404,7 @@ class StudyResults:
         return dict(sorted(values.items()))
 
     def ended_by(self, arm: str, task: str) -> dict[int, str]:
-        """Return what ended the training of each seed in a task, in a few fixed words."""
+        """Return the reason why training in a task ended for each seed, from a few fixed texts."""
         criteria = self.decisions(arm, task, "criterion")
         return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
 
@@ -412,25 +412,25 @@ class StudyResults:
 # -- The arms of one or several studies, compared --------------------------------------------------
 
 SAME_TOTAL = "give their targets budgets with which the totals are equal"
-"""What to do about studies that cannot be compared at the smallest total."""
+"""The way out for studies that cannot be compared at the smallest total."""
 
 
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
-    """Compare the arms of all studies with learning from scratch in the first.
+    """Return the comparison of all studies' arms with learning from scratch in the first study.
 
-    Seeds are those that every arm has finished; arms that failed are left out. While seeds of the
-    plan are missing there is no verdict and no p-value. Different totals are compared at the
-    smallest, if what was learnt by then does not depend on what came after.
+    It has the seeds that every arm has finished, without arms that failed. While seeds of the plan
+    are missing there is no verdict and no p-value. Studies with different totals are compared at
+    the smallest total, if learning up to it does not depend on the rest.
 
     Arms of several studies are named ``study: arm``, by folder where names of studies are equal.
 
     Raises
     ------
     StoreError
-        When a study has no scratch baseline, or there is no seed that all have finished.
+        When a study has no scratch baseline, or there is no seed that all arms have finished.
     CurriculumError
-        When the targets differ as tasks or in how they are learnt, or an arm had a larger total on
-        which what it learnt depends, or took more than the smallest total in its sources.
+        When the targets differ as tasks or in how they are learnt, when learning in an arm depended
+        on a larger total, or when its sources took more than the smallest total.
     """
     total = _shared_total(studies)
     first, paths = studies[0].record, [study.store.path for study in studies]
@@ -473,7 +473,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
 
 
 def _shared_total(studies: Sequence[StudyResults]) -> int:
-    """Return the total of steps at which studies can be compared, or raise what hinders that."""
+    """Return the total of steps at which studies can be compared; StoreError or CurriculumError."""
     for study in studies:
         if not study.has_baseline:
             raise StoreError(
@@ -518,13 +518,13 @@ def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
             f"studies must share their target: those of {pair} differ in {'; '.join(different)}"
         )
     for which in ("evaluation", "learner", "eval_freq"):
-        mine, yours = (
+        value, other_value = (
             record.arms[SCRATCH].nodes[record.target].settings.get(which)
             for record in (first, other)
         )
-        if mine != yours:
+        if value != other_value:
             raise CurriculumError(
-                f"studies must share their target's {which}: {pair} have {mine} and {yours}"
+                f"studies must share their target's {which}: {pair} have {value} and {other_value}"
             )
 
 

@@ -81,7 +81,7 @@ Done = dict[str, dict[int, StoredUnit]]  # key -> seed -> unit
 
 
 def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
-    """Return a study's arms; the keys are those of stale units in a folder if these are kept."""
+    """Return a study's arms; with `keep_stale` their keys are those of stale units in a folder."""
     choose: Callable[[Dependencies], str] = key_of
     if keep_stale and holds_study(place_at(path)):
         store = StudyStore(path)
@@ -97,7 +97,7 @@ def tuned_before(
     *,
     keep_stale: bool,
 ) -> tuple[StudyConfig, Arms]:
-    """Return a study and its arms as a folder says that it was tuned, if it does."""
+    """Return a study and its arms, with the tuned settings in a folder if it has any."""
     # A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
     # version aside where stale units are kept.
     place = place_at(path)
@@ -118,7 +118,7 @@ def tuned_before(
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
-    """Return the units that are whole, and a sentence about each task with others."""
+    """Return the usable units, and a sentence about each task with damaged or stale units."""
     # Damaged units are deleted if asked for; stale ones stay, and are found again if what they
     # depend on is as it was.
     damaged = store.damaged_units()
@@ -169,37 +169,37 @@ def run_study(
     path : path or str, optional
         The folder, made if need be, or a URL. By default the file's name with "-results", here.
     resume : bool
-        Whether to go on with what the folder holds. A unit is trained if it is missing, damaged or
-        stale: it depended on other settings, sources, own code, or another version of Curricle.
+        Whether to continue with the folder's units. A unit is trained if it is missing, damaged or
+        stale: stale units depended on other settings, sources, own code or version of Curricle.
     workers : int, optional
-        Threads; by default one a processor, or one alone where a task runs in Python or is learnt
-        by a network (use :class:`WorkerProcesses` for those). Results do not depend on it.
+        Threads: by default one a processor, but a single thread if a task runs in Python or is
+        learnt by a network (use :class:`WorkerProcesses` then). Results do not depend on it.
     executor : concurrent.futures.Executor, optional
-        Trains the units instead, also on other machines; it is not shut down.
+        Trains the units instead, maybe on other machines; it is not shut down.
     on : str, optional
-        A cluster that does: "dask", "ray", or one at an address, as in "dask://host:8786".
+        A cluster that trains the units: "dask", "ray", or an address such as "dask://host:8786".
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
     keep_stale : bool
         Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
-        They get each unit's curves too: "tensorboard", or one's own.
+        Trackers that also get each unit's curves: "tensorboard", or a :class:`Tracker` of yours.
     report : callable, optional
-        Called with a sentence for each failed tracker and stale or damaged task; else on stderr.
+        Called with a sentence for each failed tracker and stale or damaged task; default: stderr.
     progress : bool or callable, optional
-        By default bars; a function gets a :class:`Progress` at the beginning and for each unit.
+        Bars by default; a function is called with a :class:`Progress` at the start and each unit.
 
     Raises
     ------
     ConfigError
-        With all that is wrong in the study's file, also by Stable-Baselines3.
+        With all mistakes in the study's file, those that Stable-Baselines3 finds included.
     StoreError
         When the folder holds something else, is in use, is damaged or cannot be written to;
-        LostStoreError where that happens later, and `resume` goes on.
+        LostStoreError if that happens later; then continue with `resume`.
     SettingError
-        When the arms cannot be compared, a setting makes no sense, or a package is missing.
+        When the arms cannot be compared, a setting is invalid, or a package is missing.
     StudyError
-        When units failed, after those of all other arms are stored.
+        When units failed, after the units of all other arms are stored.
 
     Examples
     --------
@@ -217,12 +217,12 @@ def run_study(
     if workers is not None:
         whole_number("workers", workers, 1, SettingError)
     if report is not None and not callable(report):
-        raise SettingError(f"report must be a function of a sentence: got {report!r}")
+        raise SettingError(f"report must be a function that takes a sentence: got {report!r}")
     if not isinstance(resume, bool):
         raise SettingError(f"resume must be True or False: got {resume!r}")
     whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
     if not (whole and 1 <= shard[0] <= shard[1]):
-        raise SettingError(f"a shard is (i, n), whole numbers, i from 1 to n: got {shard!r}")
+        raise SettingError(f"a shard must be (i, n), whole numbers, i from 1 to n: got {shard!r}")
     arms = arms_in(study, path, keep_stale=keep_stale)
     study.check_networks()
     trackers = trackers_of(trackers)
@@ -275,7 +275,7 @@ def run_study(
 
 @dataclass(frozen=True)
 class Training:
-    """Where units are stored, what trains them, and who is told."""
+    """The store of units, the workers that train them, and the function that shows progress."""
 
     store: StudyStore
     workers: Workers
@@ -291,7 +291,7 @@ class Training:
         shard: tuple[int, int] = (1, 1),
         tuning: str = "",
     ) -> Iterator[Taken]:
-        """Yield each unit of a study that is not done with its result, when it is stored."""
+        """Train the units of a study that are not done; yield each with its result when stored."""
         store, workers, per_file = self.store, self.workers, files_of(record)
         units, packing = tuple(units_of(study, arms, done, shard)), Packing(store, done, per_file)
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
@@ -328,7 +328,7 @@ class Training:
 def _tuned(
     study: StudyConfig, training: Training, *, resume: bool, keep_stale: bool
 ) -> StudyConfig:
-    """Return a study with the settings that are found for each arm, and note how."""
+    """Tune each arm of a study, and return the study with the best settings."""
     path, number = training.store.path / TRIALS, number_of_trials(study)
     with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
         store.remove(store.damaged_units())
@@ -353,7 +353,7 @@ def _tuned(
 
 
 def _settings(study: StudyConfig, arms: Arms) -> dict[str, Any]:
-    """Return what a study's results depend on."""
+    """Return the settings on which a study's results depend."""
     version = metadata.version("curricle")
     return {"curricle": version, "configuration": study.to_data(), "code": arms.code}
 
@@ -367,9 +367,9 @@ def _workers(
     report: Callable[[str], Any],
     ending: ExitStack,
 ) -> Workers:
-    """Return what trains the units of a run; what was started for it ends with it."""
+    """Return the workers of a run; workers that were started for it end with it."""
     if on is not None and executor is not None:
-        raise SettingError(f"units are trained in one place: got on={on!r} and an executor")
+        raise SettingError(f"on and an executor exclude each other: got on={on!r} and an executor")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise SettingError(f"executor must be a concurrent.futures.Executor: got {executor!r}")
     all_arms = with_trials(study, arms)
@@ -387,7 +387,7 @@ def _workers(
 
 
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:
-    """Note a run in its folder, and return the units there that it uses."""
+    """Record the run in its folder, and return the folder's units that it uses."""
     done, remarks = usable_units(store, arms, remove_damaged=True)
     runs = store.records(RUNS, RunRecord)
     versions = {name: metadata.version(name) for name in LIBRARIES}
@@ -396,10 +396,10 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
             versions[name] = metadata.version(name)
     for library, version in versions.items():
         there = {earlier.versions[library] for earlier in runs if library in earlier.versions}
-        others = sorted(there - {version})
-        if others and library != "curricle":
+        earlier_versions = sorted(there - {version})
+        if earlier_versions and library != "curricle":
             remarks.append(
-                f"{library} was {' and '.join(others)} in earlier runs and is {version}: "
+                f"{library} was {' and '.join(earlier_versions)} in earlier runs and is {version}: "
                 "their units are used, and may differ from today's in the last bits"
             )
     for sentence in remarks:
@@ -419,7 +419,7 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
 
 
 def _commit(folder: Path) -> str | None:
-    """Return the Git commit a folder is at, marked if files differ; None if it is in none."""
+    """Return the Git commit of a folder, marked if files differ; None without a repository."""
     asked = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     quiet: Any = {"capture_output": True, "text": True, "check": False}
     try:
@@ -435,9 +435,9 @@ def _commit(folder: Path) -> str | None:
 def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     """Merge the parts of a study, run in several folders, into one folder; return its results.
 
-    The folder is made if need be; the units of one of the same study stay. The parts do not change.
-    A unit that several have is taken once, since equal units have equal results. StoreError where
-    folders hold different studies, or one is damaged or in use.
+    The folder is made if need be; units of the same study in it stay. The parts do not change. A
+    unit in several parts is taken once, since equal units have equal results. StoreError when the
+    folders hold different studies, or a folder is damaged or in use.
     """
     if isinstance(parts, str | Place):
         raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")

@@ -1,4 +1,4 @@
-"""The results store: a folder with a description of what its results depend on, and whole files."""
+"""The results store: a folder of complete files and the settings on which its results depend."""
 
 import errno
 import io
@@ -75,7 +75,7 @@ def check_ours(path: Place, resume: bool) -> None:
 
 @contextmanager
 def locked(path: Place) -> Iterator[None]:
-    """Lock a folder, made if need be, against other processes; StoreError when one holds it."""
+    """Lock a folder, made if need be, against other processes; StoreError if it is locked."""
     # The lock ends with the process, also when it is killed. There is none at a URL: two runs that
     # write there store the same units, so that the last of each stays.
     if not isinstance(path, Path):
@@ -97,14 +97,14 @@ def locked(path: Place) -> Iterator[None]:
 
 
 def _lock_of(path: Path) -> FileLock:
-    """Return a folder's lock; OSError where a link is in its place: to open it may empty a file."""
+    """Return a folder's lock; OSError if it is a link, because opening that may empty a file."""
     if (path / LOCK).is_symlink():
         raise OSError(errno.ELOOP, f"its {LOCK} must be no link: delete it", str(path))
     return FileLock(path / LOCK)
 
 
 def in_use(path: Place) -> bool | None:
-    """Return whether a run holds a folder's lock; None where that cannot be told, as at a URL."""
+    """Return whether a run holds a folder's lock; None if that is unknown, as at a URL."""
     if not isinstance(path, Path):
         return None
     if not (path / LOCK).exists():
@@ -128,14 +128,14 @@ def read_errors(path: Place) -> Iterator[None]:
 
 
 def holds_study(path: Place) -> bool:
-    """Return whether a folder, which may not be there, holds a study; StoreError if unreadable."""
+    """Return whether a folder exists and holds a study; StoreError if it cannot be read."""
     with read_errors(path):
         return (path / STUDY).exists()
 
 
 @contextmanager
 def write_errors(path: Place) -> Iterator[None]:
-    """Turn a failure to write into a StoreError that says what is safe."""
+    """Turn a failure to write into a StoreError that says which results are safe."""
     try:
         yield
     except OSError as error:
@@ -147,7 +147,7 @@ def write_errors(path: Place) -> Iterator[None]:
 
 @contextmanager
 def lost_errors() -> Iterator[None]:
-    """Turn a failure to read or write, once that has gone well, into a LostStoreError."""
+    """Turn a failure to read or write that worked before into a LostStoreError."""
     try:
         yield
     except StoreError as error:
@@ -177,14 +177,14 @@ LARGEST_TABLE = 2**28  # bytes of a table at most
 
 
 class UnitResult(NamedTuple):
-    """What training a unit returns."""
+    """The result of training a unit."""
 
     arrays: Arrays  # those of the `LearningResult` (`arrays_of`), and `OF_UNITS`
     decisions: pa.Table  # why each seed went on or stopped, a row a checkpoint
 
 
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of some seeds; snapshots stay if their seed, the first, is one of them."""
+    """Return the arrays of some seeds; snapshots, of the first seed, stay if it is among them."""
     rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
     kept = dict[str, npt.NDArray[Any]]()
     for name, array in arrays.items():
@@ -200,7 +200,7 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
 
 
 def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
-    """Return the results of several units of a task as that of one, seeds ascending."""
+    """Return the results of several units of a task as one result, seeds ascending."""
     # How the units were grouped does not change a byte.
     if len(parts) == 1:
         return parts[0]
@@ -226,7 +226,7 @@ def group_of(name: str) -> str:
 
 
 def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
-    """Return a Parquet table of `most` rows at most; ValueError if its columns are others."""
+    """Return a Parquet table of at most `most` rows; ValueError if it has other columns."""
     # A text that rows share is stored once, so a small file may have large columns: they are
     # measured before they are made.
     texts = [name for name, kind in schema.items() if kind == "string"]
@@ -281,8 +281,8 @@ def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
     """Return the content of a unit's file; equal results have equal bytes."""
     ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
     decisions = as_parquet(result.decisions.combine_chunks())
-    others = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
-    return archive_content(ordered, others, _snapshots_of(ordered))
+    further_files = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
+    return archive_content(ordered, further_files, _snapshots_of(ordered))
 
 
 def _snapshots_of(names: Iterable[str]) -> list[str]:
@@ -290,7 +290,7 @@ def _snapshots_of(names: Iterable[str]) -> list[str]:
 
 
 def about_in(archive: ArrayArchive) -> UnitRecord:
-    """Return what the unit of a file is; ValueError if the file does not say."""
+    """Return the record of the unit in a file; ValueError if there is none."""
     return read_record(UnitRecord, parsed_json(archive.content(ABOUT, LARGEST_ABOUT)))
 
 
@@ -303,13 +303,13 @@ def groups_in(
 
 
 def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
-    """Return the decisions in a unit's file, one a seed and checkpoint; ValueError if wrong."""
+    """Return the decisions in a unit's file, by seed and checkpoint; ValueError if malformed."""
     most = seeds * (1 + checkpoints_of(archive.read("steps")))
     return read_parquet(archive.content(DECISIONS, LARGEST_TABLE), DECISION_SCHEMA, most)
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
-    """Return a unit's place among the units, from the words for its seeds."""
+    """Return the path of a unit's file below the folder of units."""
     name, prefix = f"seeds-{seeds}", re.sub(r"[^\w-]+", "_", task)[:KEPT]
     if len(name) >= LONGEST_NAME:
         name = f"{name[:KEPT]}_{digest_of(name.encode())}"
@@ -331,7 +331,7 @@ Record = TypeVar("Record", bound=Plain)
 
 @dataclass(frozen=True)
 class StoredUnit:
-    """A unit in the store: its file, its key and its seeds, all of which its place says."""
+    """A unit in the store: its file, and the key and seeds in the file's path."""
 
     path: Place
     key: str
@@ -339,7 +339,7 @@ class StoredUnit:
 
     @classmethod
     def at(cls, path: Place) -> "StoredUnit":
-        """Return the unit of a file; StoreError where its name is cut and it cannot be read."""
+        """Return the unit of a file; StoreError if its name is shortened and it cannot be read."""
         seeds = tuple(seeds_in_ranges(path.stem.removeprefix("seeds-").replace("+", ",")))
         unit = cls(path, path.parent.name.rpartition("-")[2], seeds)
         if not seeds:
@@ -349,7 +349,7 @@ class StoredUnit:
 
     @contextmanager
     def opened(self, *, whole: bool = False) -> Iterator[ArrayArchive]:
-        """Yield its file, open to read some of it or the `whole`; StoreError where it is wrong."""
+        """Yield its file, open to read a part or the `whole`; StoreError if it is damaged."""
         try:
             with read_errors(self.path), opened_archive(self.path, whole=whole) as archive:
                 if whole:
@@ -362,7 +362,7 @@ class StoredUnit:
 
     @cached_property
     def about(self) -> UnitRecord:
-        """What its file says of it; StoreError where that is damaged or of another unit."""
+        """The record in its file; StoreError if that is damaged or of another unit."""
         with self.opened() as archive:
             about = about_in(archive)
             self._check_place(about)
@@ -374,13 +374,13 @@ class StoredUnit:
             raise Damaged
 
     def arrays(self, *groups: str, most: int | None = None) -> NamedArrays:
-        """Return the arrays of some groups, such as ``run``, that it has, without pickles."""
+        """Return the unit's arrays of some groups, such as ``run``, without pickles."""
         with self.opened() as archive:
             arrays = groups_in(archive, groups, most)
         return arrays
 
     def result(self, seeds: Collection[int], most: int | None = None) -> UnitResult:
-        """Return the result of some of its seeds; StoreError if any of it is damaged."""
+        """Return the result of some of its seeds; StoreError if the file is damaged."""
         with self.opened(whole=True) as archive:
             arrays = groups_in(archive, GROUPS, most)
             decisions = decisions_in(archive, len(self.seeds))
@@ -389,7 +389,7 @@ class StoredUnit:
 
 
 def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
-    """Write what some seeds of a unit learnt in one move, and return where it is."""
+    """Write the result of a unit's seeds in one move, and return the stored unit."""
     seeds = tuple(result.arrays["seeds"].tolist())
     about = UnitRecord(
         key=unit.key, dependencies=dict(unit.dependencies), task=unit.task, seeds=seeds
@@ -400,7 +400,7 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> 
 
 
 def _write(folder: Place, path: Any, content: bytes) -> None:
-    """Write a file in a folder in one move; if that fails (StoreError), what was there stays."""
+    """Write a file in a folder in one move; StoreError if that fails, and the old file stays."""
     with write_errors(folder):
         if isinstance(folder, Path):
             (folder / STUDY).stat()  # or a folder that was moved would be made again
@@ -409,7 +409,7 @@ def _write(folder: Place, path: Any, content: bytes) -> None:
 
 
 def damage(file: Place) -> StoreError:
-    """Return the error that a file is damaged."""
+    """Return the error about a damaged file."""
     if file.name == STUDY:
         return StoreError(
             f"{file} is damaged, or not one that curricle wrote: where {UNITS} are beside it, "
@@ -479,9 +479,9 @@ class StudyStore:
     ) -> Iterator["StudyStore"]:
         """Open a folder for results, made if need be, and lock it against other processes.
 
-        The `description` is what the results depend on; with `resume` the folder may hold units
-        already. StoreError where it is in use, holds other files, or, with `check` or where units
-        do not say themselves what they depend on, results of another description.
+        Results depend on the `description`. With `resume` the folder may already hold units.
+        StoreError when it is in use or holds other files; and, with `check` or if units do not
+        record their dependencies, when its results have another description.
         """
         path = place_at(path)
         with write_errors(path):
@@ -534,12 +534,12 @@ class StudyStore:
             )
 
     def has(self, name: str) -> bool:
-        """Return whether a file is there (and so complete)."""
+        """Return whether a file exists, and so is complete."""
         with read_errors(self.path / name):
             return (self.path / name).exists()
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file in one move; if that fails (StoreError), what was there stays."""
+        """Write a file in one move; StoreError if that fails, and the old file stays."""
         _write(self.path, self.path / name, content)
 
     def remove(self, files: Iterable[Place]) -> None:
@@ -561,7 +561,7 @@ class StudyStore:
         self.write(name, sealed(plain(record)))
 
     def record(self, name: str, model: type[Record]) -> Record:
-        """Return what :meth:`write_record` wrote; StoreError if it is damaged."""
+        """Return the record that :meth:`write_record` wrote; StoreError if it is damaged."""
         content = self._unsealed(name)
         return self.checked(name, lambda: read_record(model, content))
 
@@ -579,13 +579,13 @@ class StudyStore:
         self.write_json(name, [plain(record) for record in records])
 
     def records(self, name: str, model: type[Record]) -> list[Record]:
-        """Return what :meth:`write_records` wrote; none if that was never called."""
+        """Return the records that :meth:`write_records` wrote; none if it was never called."""
         content = self.read_json(name) if self.has(name) else []
         rows = content if isinstance(content, list) else [content]
         return self.checked(name, lambda: [read_record(model, row) for row in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
-        """Return what a function reads of a file; its ValueError becomes a StoreError with both."""
+        """Return what `read` returns of a file; its ValueError becomes a StoreError with path."""
         try:
             return read()
         except ValueError as error:
@@ -602,7 +602,7 @@ class StudyStore:
         return [StoredUnit.at(path) for path in sorted(files)]
 
     def finished(self, without: Collection[Place] = ()) -> dict[str, dict[int, StoredUnit]]:
-        """Return the unit that holds each seed, key -> seed -> unit, `without` some files."""
+        """Return the unit that holds each seed, as key -> seed -> unit, `without` some files."""
         finished: dict[str, dict[int, StoredUnit]] = {}
         for stored in self.units():
             if stored.path not in without:
@@ -610,7 +610,7 @@ class StudyStore:
         return finished
 
     def damaged_units(self) -> list[Place]:
-        """Return the files of units that are damaged; all are read, and curves are kept."""
+        """Return the files of damaged units; it reads all files, and caches their curves."""
         return [stored.path for stored in self.units() if not self.is_whole(stored)]
 
     def is_whole(self, stored: StoredUnit) -> bool:
@@ -630,7 +630,7 @@ class StudyStore:
         return True
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
-        """Store the result of a unit in one move, and return where it is."""
+        """Store the result of a unit in one move, and return the stored unit."""
         stored = written_unit(self.path, unit, result)
         self._kept.pop(stored.path, None)
         remove_folder(self.checkpoints(unit))
@@ -643,7 +643,7 @@ class StudyStore:
         return root / CHECKPOINTS / place
 
     def remove_checkpoints(self) -> None:
-        """Remove those of all units."""
+        """Remove the checkpoints of all units."""
         remove_folder(self.path / CHECKPOINTS)
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
@@ -665,7 +665,7 @@ class StudyStore:
 
 
 class StoredSource(NamedTuple):
-    """What the seeds of a unit learnt in a source, where it is stored."""
+    """The stored results of a source that a unit reads."""
 
     units: Mapping[int, StoredUnit]  # by seed
     read: bool  # whether its values are needed
@@ -678,7 +678,7 @@ def stored_values(
     *,
     read: bool,
 ) -> StoredValues:
-    """Return what seeds learnt in a task, its values only if they are to be `read`."""
+    """Return the results of seeds in a task; with values only if they are to be `read`."""
     groups = (RUN, VALUES) if read else (RUN,)
     files = dict.fromkeys(done[seed] for seed in seeds)
     arrays = {file.path: arrays_of(file, *groups) for file in files}
@@ -715,7 +715,7 @@ def seeds_per_file(node: Node) -> int:
 
 
 def bytes_a_seed(node: Node) -> int:
-    """Return the bytes of what a seed learns in tables, and of its curves, at most."""
+    """Return the most bytes of a seed's tables and curves."""
     model = generative_model(node.task)
     tables = TABLES * model.states.size * model.actions.size
     checkpoints = node.most_steps // node.eval_freq + 1
@@ -748,11 +748,11 @@ class Packing:
         return (self.store.arrays if large else self._remembered)(stored, *groups)
 
     def is_large(self, key: str, seeds: Sequence[int]) -> bool:
-        """Return whether so many seeds have a file for themselves."""
+        """Return whether a unit with so many seeds has a file for itself."""
         return self.per_file[key] <= len(seeds)
 
     def add(self, unit: Unit, result: UnitResult | StoredUnit) -> None:
-        """Take a unit that was trained; StoreError if its worker wrote it to another place."""
+        """Add a trained unit; StoreError if its worker wrote it to another place."""
         if isinstance(result, UnitResult):
             self._waiting.setdefault(_block(unit, self.per_file), []).append((unit, result))
         else:
@@ -766,12 +766,12 @@ class Packing:
 
     @property
     def seconds(self) -> float:
-        """How long the units that were taken may still wait; 0 for those of large tables."""
+        """The seconds that added units may still wait; 0 for units with large tables."""
         left = 0.0 if self._large else self._written + BETWEEN - monotonic()
         return max(0.0, left)
 
     def write(self) -> list[Taken]:
-        """Write what was taken, and return it."""
+        """Write the added units, and return them."""
         if not self:
             return []
         waiting, self._waiting, self._large = self._waiting, {}, False

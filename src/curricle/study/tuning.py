@@ -1,4 +1,4 @@
-"""Tuning: trials of settings for every arm, the best of each, their record, and what it shows."""
+"""Tuning: trials of settings for every arm, the best settings, their record and its effects."""
 
 import json
 import math
@@ -45,7 +45,7 @@ class SpaceRecord(Plain):
 
     @property
     def levels(self) -> tuple[str, ...]:
-        """The listed values in words, or the thirds of the range."""
+        """The listed values as text, or the thirds of the range."""
         if self.values:
             return tuple(dict.fromkeys(map(value_text, self.values)))
         space: Any = np.geomspace if self.log else np.linspace
@@ -94,8 +94,7 @@ class TuningRecord(Plain):
     """A tuning that is complete."""
 
     of: str
-    """A digest of all that it depends on, but Optuna's version; empty where stale trials were
-    kept."""
+    """A digest of its dependencies except Optuna's version; empty if stale trials were kept."""
     of_settings: str  # a digest of that but for code and Curricle's version
     optuna: str  # the version of Optuna that searched
     seeds: tuple[Count, ...] = Field(min_length=1)
@@ -104,7 +103,7 @@ class TuningRecord(Plain):
     arms: dict[str, TunedArm]
 
     def steps(self, arm: str) -> int:
-        """Return the steps that the trials of an arm are charged with, all seeds together."""
+        """Return the steps of an arm's trials, all seeds together."""
         return len(self.arms[arm].trials) * len(self.seeds) * self.total
 
     @model_validator(mode="after")
@@ -125,12 +124,12 @@ class BegunTrials(Plain):
 
 
 def read_tuning(store: StudyStore) -> TuningRecord | None:
-    """Return the tuning of a study's folder; None if there is none, or it has not ended."""
+    """Return the tuning of a study's folder; None if there is none or it has not ended."""
     return store.record(TUNING, TuningRecord) if store.has(TUNING) else None
 
 
 def tuning_words(store: StudyStore) -> str:
-    """Return how far the tuning of a study's folder is, in a sentence; empty if none goes on."""
+    """Return a sentence on how far a folder's tuning is; empty if no tuning is under way."""
     configuration = store.description.get("configuration")
     if not isinstance(configuration, dict) or "tune" not in configuration:
         return ""
@@ -167,7 +166,7 @@ def tuning_of(study: StudyConfig) -> Tuning:
 
 
 def check_tuning(study: StudyConfig) -> int:
-    """Return the steps of each trial and seed, sources at their largest budgets included."""
+    """Return the steps of a trial and seed, with sources at their largest budgets."""
     _optuna()
     tune = tuning_of(study)
     extreme_trials(study).check_networks()
@@ -197,7 +196,7 @@ def check_tuning(study: StudyConfig) -> int:
 
 
 def extreme_trials(study: StudyConfig) -> StudyConfig:
-    """Return the study of trials with the ends, or listed values, of each setting."""
+    """Return the study of trials at the ends, or at the listed values, of each setting."""
     tune = tuning_of(study)
     ends = dict[str, tuple[str, Settings]]()
     for name in tune.space:
@@ -209,7 +208,7 @@ def extreme_trials(study: StudyConfig) -> StudyConfig:
 
 
 def with_trials(study: StudyConfig, arms: Arms) -> tuple[Arms, ...]:
-    """Return a study's arms and, where it is tuned first, those of trials of all that is tried."""
+    """Return a study's arms and, if it is tuned first, the arms of trials at extreme settings."""
     return (arms,) if study.tune is None else (arms, Arms.of(extreme_trials(study)))
 
 
@@ -243,21 +242,21 @@ def tuned_study(study: StudyConfig, record: TuningRecord) -> StudyConfig:
 
 
 def number_of_trials(study: StudyConfig) -> int:
-    """Return how many trials all arms have together: one where an arm has nothing to tune."""
+    """Return the trials of all arms together; an arm with nothing to tune has a single trial."""
     tune = tuning_of(study)
     arms = (*(study.scratches or {}), *study.arms)
     return sum(tune.trials if tune.keys(arm) else 1 for arm in arms)
 
 
 def digest_of(study: StudyConfig, choose: Choose = key_of) -> str:
-    """Return a digest of all that a study's tuning depends on, but Optuna's version."""
+    """Return a digest of everything but Optuna's version on which a study's tuning depends."""
     keys = Arms.of(study, choose).keys
     depends = (sorted(keys.items()), tuning_of(study).model_dump_json())
     return blake2b(repr(depends).encode(), digest_size=DIGEST_BYTES).hexdigest()
 
 
 def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRecord:
-    """Return the tuning of a study, which depends on it and on Optuna's version alone."""
+    """Tune a study and return the record, which depends on the study and Optuna's version."""
     total, tuning = check_tuning(study), tuning_of(study)
     searches = {name: Search(tuning, name) for name in (*(study.scratches or {}), *study.arms)}
     reference: Arm | None = None
@@ -315,7 +314,7 @@ def _of_trial(
 
 
 class Search:
-    """The search of one arm: Optuna's TPE, with one seed for all arms, which so begin alike."""
+    """The search of an arm by Optuna's TPE; all arms begin alike, from the same seed."""
 
     def __init__(self, tuning: Tuning, arm: str):
         optuna = _optuna()
@@ -339,7 +338,7 @@ class Search:
         self._study = optuna.create_study(direction="maximize", sampler=sampler)
 
     def ask(self, number: int) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield number and settings of the next trials; one trial where nothing varies."""
+        """Yield numbers and settings of the next trials; a single trial if nothing varies."""
         for _ in range(number if self.space else not self.trials):
             trial = self._study.ask(self.distributions)
             values = {
@@ -352,7 +351,7 @@ class Search:
             yield len(self.trials) + len(self._asked) - 1, values
 
     def tell(self, score: float) -> None:
-        """Take the score of the trial that was asked for first."""
+        """Record the score of the earliest trial without a score."""
         trial, values = self._asked.pop(0)
         known = math.isfinite(score)
         failed = _optuna().trial.TrialState.FAIL
@@ -361,7 +360,7 @@ class Search:
 
 
 def _optuna() -> Any:
-    """Return Optuna, without a line about each trial."""
+    """Return Optuna with its messages about trials off."""
     try:
         import optuna
     except ImportError:
@@ -378,7 +377,7 @@ BY_SWEEP, BY_TUNING = "sweep", "tuning"
 
 
 class Level(NamedTuple):
-    """The mean return of an arm with a value of a setting, whatever the others are."""
+    """The mean return of an arm with a value of a setting, over all other settings."""
 
     arm: str
     key: str  # of the setting, as in the study's file
@@ -391,7 +390,7 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Effects:
-    """What a sweep or a tuning shows."""
+    """The main effects of a sweep or a tuning."""
 
     kind: str  # BY_SWEEP or BY_TUNING
     settings: Mapping[str, SpaceRecord]  # what was varied
@@ -405,7 +404,7 @@ class Effects:
         tried: Sequence[tuple[str, Mapping[str, Any], Any]],
         sum_up: Callable[[Any], tuple[float, float, float]],
     ) -> Self:
-        """Return the main effects of what was tried: arms, values of settings, and returns."""
+        """Return the main effects of `tried`: arms, values of settings, and returns."""
         levels = list[Level]()
         for key, arm in product(settings, dict.fromkeys(arm for arm, _, _ in tried)):
             results: dict[str, list[Any]] = {text: [] for text in settings[key].levels}
@@ -420,7 +419,7 @@ class Effects:
 def effects_of(
     comparison: Comparison, record: CurriculaRecord, tuning: TuningRecord | None
 ) -> tuple[Effects, ...]:
-    """Return what the sweep and the tuning of a study show, if it has any."""
+    """Return the main effects of a study's sweep and tuning, if it has any."""
     swept = sweep_effects(comparison, record, tuning)
     tuned = None if tuning is None else tuning_effects(tuning)
     return tuple(effects for effects in (swept, tuned) if effects is not None)
@@ -449,7 +448,7 @@ def sweep_effects(
 
 
 def tuning_effects(tuning: TuningRecord) -> Effects:
-    """Return the mean of the trials of each level, lowest and highest; trials crowd at the best."""
+    """Return each level's mean, lowest and highest trial; most trials are near the best level."""
     tried = [
         (arm.arm, trial.values, trial.score)
         for arm in tuning.arms.values()

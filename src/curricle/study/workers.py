@@ -36,7 +36,7 @@ Workers end by themselves too, but not while they start: they import libraries f
 
 
 class _Worker(SpawnProcess):
-    """A process whose number the reaper gets as soon as it has been started."""
+    """A process whose number is sent to the reaper as soon as it has started."""
 
     def start(self) -> None:
         super().start()
@@ -48,14 +48,14 @@ class _Worker(SpawnProcess):
 
 
 class _Workers(SpawnContext):
-    """The way to start processes afresh, as those of a :class:`WorkerProcesses`."""
+    """The context that starts the processes of a :class:`WorkerProcesses` afresh."""
 
     Process = _Worker
 
 
 @cache
 def _reaper(process: int) -> subprocess.Popen[bytes]:
-    """Return the reaper of this process, of that number; the first call starts it."""
+    """Return the reaper of this process, whose number is `process`; the first call starts it."""
     reaper = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", REAPER],
         stdin=subprocess.PIPE,
@@ -69,7 +69,7 @@ def _reaper(process: int) -> subprocess.Popen[bytes]:
 
 
 def _end(reaper: subprocess.Popen[bytes]) -> None:
-    """End a reaper when this process ends by itself; its workers have ended before."""
+    """End a reaper when this process ends normally, after its workers."""
     assert reaper.stdin is not None
     reaper.stdin.close()
     with suppress(subprocess.TimeoutExpired):  # a process that was forked may have the pipe too
@@ -77,7 +77,7 @@ def _end(reaper: subprocess.Popen[bytes]) -> None:
 
 
 class WorkerProcesses(ProcessPoolExecutor):
-    """An executor of processes, by default one a processor, all of which end with this one.
+    """An executor of processes, by default one a processor, which end when this process ends.
 
     They are started afresh (``spawn``), so a script that uses them needs the guard
     ``if __name__ == "__main__":``. An interrupt (Ctrl-C) is left to this process.
@@ -127,7 +127,7 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Ignore interrupts, and end this process when the one that started it is gone."""
+    """Ignore interrupts, and end this process when the process that started it is gone."""
     # A thread waits for that; compiled loops release the GIL, so they do not keep it from running.
     # It is what ends workers where there is no reaper.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -41,7 +41,7 @@ TOO_LONG = f"whole numbers must have at most {LONGEST_NUMBER:,} bits"
 
 
 def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
-    """Return a file's text and what it says; ConfigError where it cannot be read as TOML."""
+    """Return a file's text and its tables; ConfigError if it cannot be read as TOML."""
     try:
         text = text_of(path)
     except ValueError as error:
@@ -58,7 +58,7 @@ def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Return what a TOML text says; ValueError says why it is none."""
+    """Return the tables of a TOML text; ValueError says why it is not valid."""
     if DEEP_KEY.search(text):
         raise ValueError(TOO_DEEP)
     if len(re.findall(r"""[\w"'-][ \t]*\.(?=[ \t]*[\w"'-])""", text)) > MOST_DOTS:
@@ -89,7 +89,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
     key, equals, value = text.partition("=") if isinstance(text, str) else ("", "", "")
     keys = dotted(key)
     if not equals or not keys:
-        raise ConfigError(f"a setting is given as key=value, with dots in the key: got {text!r}")
+        raise ConfigError(f"a setting must be key=value, with dots in the key: got {text!r}")
     try:
         return keys, nested(keys, parsed(f"value = {value}")["value"])
     except ValueError:
@@ -97,7 +97,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
 
 
 def nested(keys: Iterable[Any], value: Any) -> Any:
-    """Return tables inside each other, with a value below these keys."""
+    """Return nested tables with a value below these keys."""
     for part in reversed(tuple(keys)):
         value = {part: value}
     return value
@@ -129,11 +129,11 @@ ALTERNATIVES = {
     "epsilon": "inverse_temperature",
     "inverse_temperature": "epsilon",
 }
-"""Keys of which a table has only one; the last that is given counts."""
+"""Keys that exclude each other in a table; the last one that is set counts."""
 
 
 class Located(dict[str, Any]):
-    """A table that knows where the file has it and each of its entries, however it was merged."""
+    """A table with its place in the file and those of its entries, also after merging."""
 
     def __init__(self, entries: Mapping[str, Any], of: Any = None):
         super().__init__(entries)
@@ -142,7 +142,7 @@ class Located(dict[str, Any]):
 
 
 def located(value: Any, home: KeyPath = ()) -> Any:
-    """Return a value of a file whose tables know their places."""
+    """Return a value of a file with its tables as :class:`Located`."""
     if isinstance(value, list):
         return [located(entry, (*home, n)) for n, entry in enumerate(value)]
     if not isinstance(value, dict):
@@ -168,7 +168,7 @@ def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Located:
 
 
 def _over(old: Any, new: Any, key: str) -> Any:
-    """Return the value of a key that has an older one; a table of another kind replaces it."""
+    """Return the new value of a key over its old value; tables of the same kind are merged."""
     if not isinstance(new, dict):
         return new
     if key == "transfers" and isinstance(old, list):
@@ -191,7 +191,7 @@ def _over(old: Any, new: Any, key: str) -> Any:
 
 
 def complete_learners(study: Mapping[str, Any], curriculum: dict[str, Any]) -> Any:
-    """Return a study's further learners from scratch, each over that of a curriculum's target."""
+    """Return a study's further learners from scratch, each merged over the target's learner."""
     learners, targets = study["scratch_learners"], NameGraph.of(curriculum).targets
     if not isinstance(learners, dict) or len(targets) != 1:
         return learners
@@ -233,7 +233,7 @@ def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> Located:
 
 
 def _needed(plan: Located, base: NameGraph) -> Any:
-    """Return the tasks that an arm's own transfers need, and the study's target."""
+    """Return the tasks that an arm's transfers need, and the study's target."""
     graph, tasks = NameGraph.of(plan), plan.get("tasks")
     names = {name for edge in graph.edges for name in edge}
     names |= set(base.targets) if len(base.targets) == 1 else set()
@@ -272,7 +272,7 @@ class Positions:
     lines: Mapping[KeyPath, int] = field(default_factory=dict)  # the line of each key
     changed: tuple[KeyPath, ...] = ()  # what was set from outside
     arms: Mapping[str, Any] = field(default_factory=dict)
-    """Arm -> its complete curriculum, whose tables know their places."""
+    """Arm -> its complete curriculum, with :class:`Located` tables."""
     families: tuple[str, ...] = ()  # names of the study's own families
 
     def line(self, path: KeyPath) -> int:
@@ -283,7 +283,7 @@ class Positions:
         return next((self.lines[begin] for begin in begins if begin in self.lines), 0)
 
     def sentence(self, path: KeyPath, text: str) -> str:
-        """Return what is wrong as a sentence on one line: file, line, key path and text."""
+        """Return a mistake as a sentence on one line: file, line, key path and text."""
         line = self.line(path)
         # Set from outside: the key, the table it is in, or a key in the table that it names.
         changed = path and any(
@@ -293,7 +293,7 @@ class Positions:
         return f"{self.file}{where}: {path_text(path) or 'the study'} {' '.join(text.split())}"
 
     def in_file(self, path: KeyPath) -> KeyPath:
-        """Return where the file has what a configuration has at a path, such as in an arm."""
+        """Return the file's path for a path in the configuration, such as in an arm."""
         if path[:1] not in (("arms",), ("scratches",)) or len(path) < 2 or not self.arms:
             return path
         # A trial of a tuning, which no file has, stands where the first arm does.
@@ -324,7 +324,7 @@ def path_text(path: KeyPath) -> str:
 
 
 class Problems:
-    """What is wrong with a study, collected to be reported at once."""
+    """The mistakes in a study, collected to be reported together."""
 
     def __init__(self, positions: Positions):
         self.positions = positions
@@ -332,13 +332,13 @@ class Problems:
         self.cause: Exception | None = None
 
     def add(self, messages: Iterable[tuple[KeyPath, str]], *path: str) -> None:
-        """Add what is wrong, each with its key path, below a path of the configuration."""
+        """Add messages with their key paths, below a path of the configuration."""
         for key, text in messages:
             self.messages.append((self.positions.in_file((*path, *key)) if path else key, text))
 
     @contextmanager
     def at(self, *path: str | int, mapped: bool = False) -> Iterator[None]:
-        """Add what is refused here, about a path of the configuration or else of the file."""
+        """Add errors raised in this context, about a path of the configuration or of the file."""
         try:
             yield
         except ValidationError as error:
@@ -350,7 +350,7 @@ class Problems:
             self.add([(self.positions.in_file(path), f"is refused: {error}")])
 
     def raise_any(self) -> None:
-        """Raise ConfigError if anything is wrong: a sentence each, in the order of the file."""
+        """Raise ConfigError if there are mistakes: a sentence for each, in the file's order."""
         if self.messages:
             ordered = sorted(self.messages, key=lambda message: self.positions.line(message[0]))
             sentences = dict.fromkeys(self.positions.sentence(*message) for message in ordered)
@@ -384,7 +384,7 @@ def line_numbers(text: str) -> dict[KeyPath, int]:
 
 
 class _Scanner:
-    """Reads the tokens of a text once, looking at the next before it is taken."""
+    """Reads the tokens of a text once, and can look at the next token before taking it."""
 
     def __init__(self, text: str):
         line, self.tokens = 1, list[tuple[str, str, int]]()  # text, sign or "", line

@@ -35,10 +35,10 @@ LOGGER = logging.getLogger(__name__)  # names each module before it is imported
 
 
 def load(reference: str, folder: Path) -> Callable[..., Any]:
-    """Return the function that ``module:function`` names; ConfigError says why there is none."""
+    """Return the function that ``module:function`` names; ConfigError if there is none."""
     module_name, colon, name = reference.partition(":")
     if not colon or not all(part.isidentifier() for part in (*module_name.split("."), name)):
-        raise ConfigError(f"a function is named as module:function: got {reference!r}")
+        raise ConfigError(f"a function must be named as module:function: got {reference!r}")
     with users_code(reference):
         module = _module(module_name, folder)
     if module is None:
@@ -49,12 +49,12 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
     function = getattr(module, name, None)
     if not callable(function):
         public = {key: of for key, of in vars(module).items() if key[0] != "_" and callable(of)}
-        mine = [
+        local = [
             key for key, of in public.items() if getattr(of, "__module__", "") == module.__name__
         ]
-        others = suggestion(name, public) or (f": it has {listed(mine)}" if mine else "")
+        hint = suggestion(name, public) or (f": it has {listed(local)}" if local else "")
         raise ConfigError(
-            f"{reference} names no function: {module_name} has no {name} to call{others}"
+            f"{reference} names no function: {module_name} has no {name} to call{hint}"
         )
     return function  # type: ignore[no-any-return]
 
@@ -159,7 +159,7 @@ INSTALLED = {
 
 
 def code_of(data: Any, folder: Path) -> dict[str, str]:
-    """Return digests of the own modules that plain data name, by file, equal on any machine."""
+    """Return digests of the user's modules that plain data name, by file, equal on any machine."""
     return {
         name: blake2b(file.read_bytes().replace(b"\r\n", b"\n"), digest_size=16).hexdigest()
         for name, file in own_files(data, folder).items()
@@ -167,7 +167,7 @@ def code_of(data: Any, folder: Path) -> dict[str, str]:
 
 
 def own_files(data: Any, folder: Path) -> dict[str, Path]:
-    """Return the files of the own modules that plain data name, as in :func:`code_of`."""
+    """Return the files of the user's modules that plain data name, as in :func:`code_of`."""
     files = dict[str, Path]()
     modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
     for names in (tuple(module.split(".")) for module in sorted(modules)):
@@ -194,7 +194,7 @@ def _texts(data: Any) -> Iterator[str]:
 
 
 def _other_folder(names: tuple[str, ...]) -> Path | None:
-    """Return the folder on Python's path that holds a module; None if it is not the user's own."""
+    """Return the folder on Python's path that holds a module; None if it is not the user's."""
     try:
         spec = importlib.util.find_spec(names[0])
     except ValueError:  # __main__
@@ -217,7 +217,7 @@ def _files(root: Path, names: tuple[str, ...]) -> Iterator[Path]:
 
 
 def _imports(file: Path, package: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Yield what a file of a package imports, as names; some name functions in modules."""
+    """Yield the names that a file of a package imports, of modules or of functions in them."""
     try:
         tree = ast.parse(file.read_bytes() if file.suffix == ".py" else b"")
     except (SyntaxError, ValueError):  # importing it is an error, which is reported there

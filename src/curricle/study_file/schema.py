@@ -1,12 +1,12 @@
-"""The tables of a study file: what all of them are made of, and those of settings and transfers.
+"""The tables of a study file: their common parts, and the tables of settings and transfers.
 
 The library's frozen dataclasses and functions are the schema. :func:`table_of` derives a table from
 a class: the keys are its parameters, with their types and defaults, and with their descriptions
 from the numpydoc "Parameters" section. The class itself checks the values when the object is built.
 
-A table is no ``TypeAdapter(cls)``, which would hold the object instead of what the file says:
-objects change what they are given (a map becomes rows, a number a schedule), and records and keys,
-which hold what the file says, would become others with each such change. Nor has an object a key
+A table is not a ``TypeAdapter(cls)``, which would hold the object instead of the file's values.
+Objects convert their arguments (a map becomes rows, a number a schedule), and records and keys,
+which hold the file's values, would change with each such conversion. Objects also have no key
 ``type``, and 1e3 is a whole number in a study file.
 """
 
@@ -107,7 +107,7 @@ PHRASES = {
 
 
 class Table(BaseModel):
-    """A table of a study file; its errors end sentences that begin with the key path."""
+    """A table of a study file; its messages continue a sentence that begins with the key path."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -149,20 +149,20 @@ def wrong_at(*messages: tuple[KeyPath, str]) -> ValidationError:
 
 
 def shown(value: Any) -> str:
-    """Return a value as messages repeat it."""
+    """Return a value as text for messages."""
     text = repr(value)
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
 
 def not_one_of(value: Any, known: Collection[str]) -> str:
-    """Return that a value must be a known word."""
+    """Return the message that a value must be a known word."""
     return f"must be one of {', '.join(known)}: got {shown(value)}{suggestion(value, known)}"
 
 
 def unknown(word: Any, known: Collection[str]) -> str:
-    """Return that a word is unknown, with the closest known word or else all of them."""
-    others = f": known are {', '.join(known)}" if known else ""
-    return f"is unknown{suggestion(word, known) or others}"
+    """Return the message that a word is unknown, with the closest known word or else all words."""
+    all_known = f": known are {', '.join(known)}" if known else ""
+    return f"is unknown{suggestion(word, known) or all_known}"
 
 
 # -- Single values: numbers, names, words, seeds, and choices among tables -------------------------
@@ -204,7 +204,7 @@ def word(
     lists: Any = None,
     other: Callable[[Any], Any] | None = None,
 ) -> WrapValidator:
-    """Return the validator of a text among some words; `other` takes what is no text."""
+    """Return the validator of a text among some words; `other` takes values that are not text."""
     # Not left to the union of both types, which would complain about a list that it is no word.
     adapter = None if lists is None else TypeAdapter[Any](lists)
 
@@ -243,7 +243,7 @@ Reference = Annotated[str, word("name a function as module:function", function=T
 
 
 def seeds_of(value: Any) -> tuple[int, ...]:
-    """Return what a file says of seeds, such as 30, [0, 1, 7] or "0-9,20-29"."""
+    """Return the seeds that a file's value names, such as 30, [0, 1, 7] or "0-9,20-29"."""
     numbers: Any = seeds_in_ranges(value) if isinstance(value, str) else value
     if type(numbers) is int:
         numbers = range(min(numbers, MOST_SEEDS + 1))
@@ -258,7 +258,7 @@ def seeds_of(value: Any) -> tuple[int, ...]:
 
 
 def seeds_in_ranges(text: str) -> list[int]:
-    """Return the seeds in ranges such as "0-9,20-29"; none if malformed or far too many."""
+    """Return the seeds in ranges such as "0-9,20-29"; none if they are malformed or too many."""
     numbers = list[int]()
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,19})\s*(?:-\s*(\d{1,19})\s*)?", part, re.ASCII)
@@ -271,12 +271,12 @@ def seeds_in_ranges(text: str) -> list[int]:
 
 @dataclass(frozen=True)
 class Choice:
-    """Annotation of a value that is one of several tables: only the one meant is reported about."""
+    """Annotation of a value that is one of several tables; messages are about the meant table."""
 
     tables: tuple[type[Table], ...]
     default: str | None = None  # the ``type`` of a table that says none
     choose: Callable[[dict[str, Any]], Any] = lambda value: None
-    """Returns the table that a dict is meant to be; None where its key ``type`` says it."""
+    """Returns the table that a dict is meant to be; None if its key ``type`` names the table."""
     simple: Any = None  # the type of what is no table, if the value may be such a thing
 
     def __get_pydantic_core_schema__(
@@ -322,11 +322,11 @@ class ObjectTable(Table):
     """The parameters of `makes` that the table has."""
 
     def build(self, folder: Path = Path()) -> Any:
-        """Return the object; the library's own error if the values make no sense."""
+        """Return the object; the library raises its own error if values are invalid."""
         return type(self).makes(**self.arguments_in(folder))
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments for what makes the object: inner tables built, functions loaded."""
+        """Return the arguments of `makes`, with inner tables built and functions loaded."""
         return {name: built(getattr(self, name), folder) for name in self.parameters}
 
 
@@ -348,7 +348,7 @@ def table_of(
 ) -> Any:
     """Return the table of a dataclass or function; `tag` is the value of its key ``type``.
 
-    `annotations` are the types of parameters in a file, or each with its default there.
+    `annotations` are the types of parameters in a file, or types with defaults for the file.
     """
     hints, texts = get_type_hints(makes), descriptions(makes)
     signature = inspect.signature(makes).parameters
@@ -372,7 +372,7 @@ def table_of(
 
 
 def annotated(hint: Any) -> Any:
-    """Return the type that validates what TOML may say for a parameter of this type."""
+    """Return the type that validates TOML's values for a parameter of this type."""
     if hint in _PLAIN:
         return _PLAIN[hint]
     members = get_args(hint)
@@ -407,7 +407,7 @@ def summary(makes: Any) -> str:
 
 
 def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
-    """Return what the numpydoc says of each parameter; the summary where it says nothing."""
+    """Return each parameter's description in the numpydoc, by default the summary."""
     docs = [inspect.getdoc(kind) or "" for kind in getattr(makes, "__mro__", (makes,))]
     texts = dict.fromkeys(inspect.signature(makes).parameters, summary(makes))
     for doc in reversed(docs):
@@ -434,7 +434,7 @@ Rate = Annotated[Any, Choice(_SCHEDULES, simple=Number)]
 
 
 def named(*tables: Any, function: bool = False) -> Any:
-    """Return the type of a table's name in its place, or of ``module:function``."""
+    """Return the type of a table that may also be its name or ``module:function``."""
     known = tags(tables)
 
     def simple(value: Any, _: Any) -> Any:
@@ -496,7 +496,7 @@ class _DeepLearnerTable(ObjectTable):
 
 
 def _loaded(value: Any, folder: Path) -> Any:
-    """Return a setting with its texts ``module:name`` replaced by what they name."""
+    """Return a setting with its texts ``module:name`` replaced by the named objects."""
     if isinstance(value, dict):
         return {name: _loaded(inner, folder) for name, inner in value.items()}
     if isinstance(value, list):
@@ -561,7 +561,7 @@ class Settings(Table):
 
     aggregate: Annotated[str, word(_AGGREGATE, AGGREGATES, function=True)] = Field(
         "mean",
-        description=f"How several potentials into a task become one: {', '.join(AGGREGATES)}, or "
+        description=f"How the potentials of several transfers are combined: {', '.join(AGGREGATES)}, or "
         "a function (N, S, A) -> (S, A) as module:function.",
     )
     unknown_value: Number | None = None
@@ -639,10 +639,10 @@ class _TransferTable(ObjectTable):
         ways = [name for name in MAPPINGS if getattr(self, name) is not None]
         if len(ways) != 1:
             raise wrong(f"must have one of {', '.join(MAPPINGS)}: got {', '.join(ways) or 'none'}")
-        others = self.actions is not None or self.status is not None
-        if others and self.observations is None and self.mapping != "identity":
+        of_observations = self.actions is not None or self.status is not None
+        if of_observations and self.observations is None and self.mapping != "identity":
             raise wrong("has actions or status, which go with observations or mapping = 'identity'")
-        whole = self.mapping == "identity" and not others
+        whole = self.mapping == "identity" and not of_observations
         if self.unmapped_value is not None and (self.factory is not None or whole):
             raise wrong(
                 "has an unmapped_value that is not used: a factory sets its own, and identity "
@@ -725,7 +725,7 @@ class NameGraph(NamedTuple):
 
     @property
     def learnt(self) -> list[str]:
-        """The tasks that are learnt: all but those that are there only to be cropped."""
+        """The tasks that are learnt: all except tasks that are only cropped."""
         linked = {name for edge in self.edges for name in edge}
         cropped = set(self.parts.values())
         return [name for name in self.parts if name in linked or name not in cropped]

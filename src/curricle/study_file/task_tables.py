@@ -73,7 +73,7 @@ def _distance(value: Any) -> tuple[int, int]:
 
 
 class StartTable(Table):
-    """Where episodes start instead."""
+    """The states in which episodes start."""
 
     distance: Annotated[
         tuple[int, int] | None, BeforeValidator(_distance, json_schema_input_type=int | list[int])
@@ -83,7 +83,7 @@ class StartTable(Table):
     """With distance: the goal by components, each a value, a label or a list; by default the ends
     that are entered with the largest reward."""
     visits: Literal["random", "optimal"] | None = None
-    """Where the random or the optimal policy goes, as often as there."""
+    """Start in the states that the random or the optimal policy visits, as often as it does."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -99,7 +99,7 @@ _StartWord = Annotated[str, word(_START, ("uniform", "reachable"))]
 
 
 def started(task: Any, start: Any) -> Any:
-    """Return a task that starts where a file says; itself where the file says nothing."""
+    """Return a task with a file's start; the task itself if the file has none."""
     if start is None:
         return task
     if isinstance(start, str):
@@ -125,7 +125,7 @@ class TaskTable(ObjectTable, Settings):
     { visits = "random" }."""
 
     def mismatches(self, name: str) -> Iterator[tuple[KeyPath, str]]:
-        """Yield the settings that do not suit the task `name`, each with what is wrong."""
+        """Yield the settings that do not suit the task `name`, with a message for each."""
         network, shaping = isinstance(self.learner, DeepLearnerTable), self.shaping
         if network and not self.deep:
             yield (
@@ -150,14 +150,14 @@ class TaskTable(ObjectTable, Settings):
             yield ("start_states",), text
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments for what makes the task."""
+        """Return the arguments of the function that makes the task."""
         arguments = super().arguments_in(folder)
         if arguments.get("time_limit") == NONE:
             arguments["time_limit"] = None
         return arguments
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the task; `whole` is what a crop is a part of, or a member of a family."""
+        """Return the task; `whole` is the task that a crop is a part of, or a family's member."""
         return super().build(folder)
 
 
@@ -171,12 +171,12 @@ TimeLimit = Annotated[
 
 
 class Maker(Table):
-    """An environment of Gymnasium's, or one's own."""
+    """An environment of Gymnasium's registry, or one of yours."""
 
     id: Name | None = None
-    """Of Gymnasium's registry: CartPole-v1."""
+    """An id in Gymnasium's registry: CartPole-v1."""
     factory: Reference | None = None
-    """Instead: a class or function of one's own that makes it, module:Class."""
+    """Instead of an id: a class or function of yours that makes it, module:Class."""
     arguments: dict[str, JsonValue] = Field({})
     """Passed by name to gymnasium.make, or to the class or function."""
 
@@ -187,7 +187,7 @@ class Maker(Table):
         return self
 
     def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
-        """Return what a function of the library makes of the environment, with these options."""
+        """Return the task that a function of the library makes of the environment."""
         reference, wrapped = str(self.id or self.factory), options.pop("wrapped", None)
         of = built(self.id or self.factory, folder)
         maker = EnvironmentMaker(of, dict(self.arguments), built(wrapped, folder))
@@ -212,7 +212,7 @@ class EnvironmentTable(Maker, TaskTable):
     """An environment as a task: a function of the library makes it."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the environment as a task; what the file leaves out is as the function has it."""
+        """Return the environment as a task; omitted keys have the function's defaults."""
         arguments = self.arguments_in(folder).items()
         stated = {
             name: value for name, value in arguments if getattr(self, name, value) is not None
@@ -239,18 +239,18 @@ class _EncodedTable(EnvironmentTable):
     """An encoder of its observations: its name, a table, or module:function."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, with what wraps the environment."""
+        """Return the arguments, with the encoder."""
         return {**super().arguments_in(folder), "wrapped": self.encode}
 
 
 class _TabulatedTable(_EncodedTable):
     reset_seeds: tuple[Whole, ...] = (0,)
-    """Of the resets that starts are taken from."""
+    """Seeds of the resets, which are equally likely starts."""
     cache: Name | None = None
-    """A file beside the study, which keeps the tables."""
+    """A file beside the study that stores the tables."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, seeds and cache as the function calls them."""
+        """Return the arguments, with seeds and cache under the function's names."""
         cache = None if self.cache is None else folder / self.cache
         return {**super().arguments_in(folder), "seeds": self.reset_seeds, "cache": cache}
 
@@ -291,7 +291,7 @@ class _DistilledTable(TaskTable):
     members: Members = Field(min_length=1)
     """Ids, or tables with id or factory, and arguments."""
     tested_on: Members = ()
-    """Relatives that are only tested on, of growing size."""
+    """Relatives for tests only, of growing size."""
     discount: Number = 0.99
     """In [0, 1]."""
     encode: AnyEncoder | None = None
@@ -299,7 +299,7 @@ class _DistilledTable(TaskTable):
     time_limit: Whole | None = None
     """Steps after which an episode is cut; the environments' own."""
     shuffled: Flag = False
-    """Whether each observation has the answer of another: a placebo."""
+    """Whether answers are shuffled over observations: a placebo."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the miniatures; they are solved when they are first needed."""
@@ -326,7 +326,7 @@ DistilledTask = table_of(
 
 
 class FamilyTable(Table):
-    """A family of tasks with defaults of one's own; its other keys are parameters."""
+    """A family of tasks with defaults of yours; its other keys are parameters."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, JsonValue]
@@ -342,7 +342,7 @@ class FamilyTable(Table):
 
 
 def _family(name: str, families: tuple[str, ...] = ()) -> TaskFamily | None:
-    """Return a built-in family; None for the user's own, whose module is not imported here."""
+    """Return a built-in family; None for a family of the user's, which is not imported here."""
     if ":" in name or name in BUILT_IN:
         return BUILT_IN.get(name)
     known = (*families, *BUILT_IN)
@@ -351,7 +351,7 @@ def _family(name: str, families: tuple[str, ...] = ()) -> TaskFamily | None:
 
 
 def _checked(family: TaskFamily | None, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as a family's members hold them, or raise what is wrong at each key."""
+    """Return parameters as a family's members hold them, or raise an error with each mistake."""
     if family is None:
         return dict(values)
     checked, messages = dict[str, Any](), list[tuple[KeyPath, str]]()
@@ -391,7 +391,7 @@ class FamilyTask(TaskTable):
         return self
 
     def member(self, folder: Path) -> FamilyMember:
-        """Return the address of the task in its family, which may be the user's own."""
+        """Return the address of the task in its family, which may be a family of the user's."""
         family: Any = BUILT_IN.get(self.family) or load(self.family, folder)
         if not isinstance(family, TaskFamily):
             raise ConfigError(
@@ -435,7 +435,7 @@ def text_of(path: Path) -> str:
 
 
 def _in_order(value: Any) -> Any:
-    """Return a list that stands for a set sorted, without repetitions."""
+    """Return a list that stands for a set, sorted and without repetitions."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
 
 
@@ -464,7 +464,7 @@ class _MazeTask(TaskTable):
     @model_validator(mode="before")
     @classmethod
     def _read_file(cls, data: Any, info: ValidationInfo) -> Any:
-        """Put the map in its file's place, so that the study no longer depends on the file."""
+        """Replace the key `file` by its map, so that the study no longer depends on the file."""
         if not isinstance(data, dict) or data.get("file") is None:
             return data
         if "map" in data:
@@ -480,7 +480,7 @@ class _MazeTask(TaskTable):
 
 
 class CropTask(TaskTable):
-    """A part of a maze, or of another task drawn as one, of the study; all else is as there."""
+    """A part of a maze of the study, or of another task drawn as a maze; rules do not change."""
 
     type: Literal["crop"] = "crop"
     of: Name
@@ -513,7 +513,7 @@ class FactoryTask(TaskTable):
     """Passed to it by name."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return what the function returns, if it is a task."""
+        """Return the function's result; ConfigError unless it is a task."""
         make = built(self.factory, folder)
         with users_code(self.factory):
             made = make(**self.arguments)

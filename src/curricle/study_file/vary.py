@@ -1,8 +1,8 @@
-"""Settings of a study that vary: a sweep lists their values, a tuning says where to search them.
+"""Settings of a study that vary: a sweep lists their values, a tuning searches them.
 
-Both name a setting by its key in the file, such as ``learner.learning_rate``, and its values are
-put there before arms and settings are merged: each reaches what it would reach if the file said it.
-Where that is in each arm's complete curriculum a mark shows in a value's place.
+Both name a setting by its key in the file, such as ``learner.learning_rate``. Its values are put at
+this key before arms and settings are merged, so that a value acts as if the file had it. To find
+its places in an arm's complete curriculum, a mark is merged in place of a value.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -110,14 +110,14 @@ class TuneTable(Table):
     ] = tuple(range(FIRST_SEED, FIRST_SEED + 3))
     """Seeds of each trial: how many, a list, or ranges; none of the study's."""
     seed: Whole = Field(default=0, ge=0)
-    """Of the search: the same seed, one outcome."""
+    """Seed of the search; equal seeds give equal searches."""
     space: dict[str, Any]
     """What is searched, by its keys in the file: lists of values, or tables with low, high and
     perhaps log = true."""
 
 
 class Tuning(TuneTable):
-    """A tuning of which nothing is left to fill in."""
+    """A complete tuning."""
 
     space: dict[str, RangeTable | tuple[Any, ...]]
     places: dict[str, dict[str, tuple[KeyPath, ...]]]
@@ -154,7 +154,7 @@ class Varied(NamedTuple):
 
 
 def varied_in(tables: Any, home: KeyPath, key: tuple[str, ...] = ()) -> Iterator[Varied]:
-    """Yield the settings a table at `home` names, by tables in it or by dotted keys in quotes."""
+    """Yield the settings that a table at `home` names, by nested tables or quoted dotted keys."""
     for name, value in table(tables).items():
         inner = (*key, *((dotted(name) if "." in name and not key else ()) or (name,)))
         if isinstance(value, dict) and not RANGE & value.keys():
@@ -175,7 +175,7 @@ def tuned_in(study: Raw) -> list[Varied]:
 
 
 def short_names(settings: Sequence[Varied]) -> dict[str, str]:
-    """Return the name of each setting in names of arms: its last word, where that is unique."""
+    """Return the name of each setting in names of arms: its last word if that is unique."""
     shorter = {
         setting.name: (*setting.key[1:2], setting.key[-1])
         if setting.key[0] == "tasks"
@@ -189,7 +189,7 @@ def short_names(settings: Sequence[Varied]) -> dict[str, str]:
 
 
 def value_text(value: Any) -> str:
-    """Return a value as names of arms and tables have it."""
+    """Return a value as text for names of arms and tables."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
@@ -200,7 +200,7 @@ def value_text(value: Any) -> str:
 
 
 def places_of(study: Raw, patch: Any, setting: Varied) -> tuple[KeyPath, ...]:
-    """Return where a setting stands in the curriculum of an arm that does not set it itself."""
+    """Return a setting's paths in the curriculum of an arm that does not set it itself."""
     mark = object()
 
     def paths_to(node: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
@@ -214,7 +214,7 @@ def places_of(study: Raw, patch: Any, setting: Varied) -> tuple[KeyPath, ...]:
 
 
 def stating(study: Raw, setting: Varied, value: Any) -> Located:
-    """Return a study that says a value of a setting, which stands where the setting varies."""
+    """Return a study with a value of a setting, located where the setting varies."""
     # So do tables that have it in them, but for tasks and transfers as a whole.
     whole = 0 if setting.key[0] in SETTINGS else 2 if setting.key[2] in SETTINGS else 1
     patch = value
@@ -234,7 +234,7 @@ def with_values(curriculum: Raw, values: Mapping[KeyPath, Any]) -> dict[str, Any
 
 
 def target_alone(curriculum: Raw) -> dict[str, Any]:
-    """Return a complete curriculum without its sources and what applies to targets alone."""
+    """Return a complete curriculum without its sources and the settings for targets alone."""
     tasks, graph = curriculum["tasks"], NameGraph.of(dict(curriculum))
     (target,) = graph.targets
     kept = {name: tasks[name] for name in reversed(graph.drawings(target))}
@@ -318,8 +318,8 @@ def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Varia
     if study.get("scratch") is False:
         return {}
     patch = table(study.get("arms")).get(next(iter(complete)))
-    first, *others = _variants(study, SCRATCH, patch, alone=True).items()
-    variants = {SCRATCH: first[1], **dict(others)}
+    first, *later = _variants(study, SCRATCH, patch, alone=True).items()
+    variants = {SCRATCH: first[1], **dict(later)}
     for learner in table(study.get("scratch_learners")):
         label = f"{SCRATCH}, {learner}"
         for name, variant in [*variants.items()]:
@@ -339,9 +339,9 @@ def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Varia
 def _places(
     study: Raw, patch: Any, setting: Varied, *, alone: bool, sets: Any = None
 ) -> tuple[KeyPath, ...]:
-    """Return where a setting stands in an arm, or `alone` in its target's own learner and storage.
+    """Return a setting's paths in an arm; with `alone` in its target's learner and storage.
 
-    `sets` is what a further learner from scratch says itself.
+    `sets` holds the settings that a further learner from scratch sets itself.
     """
     places = places_of(study, patch, setting)
     if not alone:
@@ -362,7 +362,7 @@ def _places(
 def _places_of_tuning(
     study: Raw, variants: Mapping[str, Variant], scratches: Mapping[str, Variant]
 ) -> dict[str, dict[str, tuple[KeyPath, ...]]]:
-    """Return where each tuned setting stands in the curriculum of each arm, from scratch too."""
+    """Return each tuned setting's paths in the curriculum of each arm, scratch included."""
     patches, learners = table(study.get("arms")), table(study.get("scratch_learners"))
     first = patches.get(next(iter(variants.values())).arm)
     places = dict[str, dict[str, tuple[KeyPath, ...]]]()
@@ -380,7 +380,7 @@ def _places_of_tuning(
 
 
 def wrong_sweep(study: Raw, complete: Mapping[str, Any]) -> Messages:
-    """Yield what is wrong with a study's sweep; `complete` are the curricula of arms without it."""
+    """Yield the mistakes in a study's sweep; `complete` has the arms' curricula without it."""
     settings = swept_in(study)
     if not settings and isinstance(study.get("sweep"), dict):
         yield SWEEP_HOME, "must name a setting to sweep: got none"
@@ -413,7 +413,7 @@ def wrong_sweep(study: Raw, complete: Mapping[str, Any]) -> Messages:
 
 
 def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
-    """Yield what is wrong with the space of a study's tuning."""
+    """Yield the mistakes in the space of a study's tuning."""
     settings = tuned_in(study)
     if not settings and isinstance(table(study.get("tune")).get("space"), dict):
         yield TUNE_HOME, "must name a setting to tune: got none"
@@ -445,16 +445,16 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
 
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
     """Return why a setting cannot vary; empty if it can."""
-    first, *others = setting.key
+    first, *parts = setting.key
     if first not in (known := ("tasks", "transfers", *SETTINGS)):
         return f"must name a setting of tasks or transfers: {first} {unknown(first, known)}"
     if first in ("tasks", "transfers"):
         there = study.get(first)
         names = list(map(str, range(len(there)))) if isinstance(there, list) else [*table(there)]
-        if others and others[0] not in names:
-            return f"must name a key of one of the {first}: {others[0]} {unknown(others[0], names)}"
-        if len(others) < 2:
-            which = others[0] if others else next(iter(names), "NAME")
+        if parts and parts[0] not in names:
+            return f"must name a key of one of the {first}: {parts[0]} {unknown(parts[0], names)}"
+        if len(parts) < 2:
+            which = parts[0] if parts else next(iter(names), "NAME")
             key = "budget" if first == "tasks" else "scale"
             return f"must name a key of one of the {first}, such as {first}.{which}.{key}"
     patches, nowhere = table(study.get("arms")), True

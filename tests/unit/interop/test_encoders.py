@@ -55,9 +55,9 @@ def camera(cart):
 def test_a_function_with_a_space_is_an_encoder():
     task = cr.observation_task("CartPole-v1", encode=FunctionEncoder(halved, HALF))
     assert task.observations == HALF
-    mine, plain = task.environment(), gym.make("CartPole-v1")
-    np.testing.assert_array_equal(mine.reset(seed=3)[0], plain.reset(seed=3)[0] / 2)
-    np.testing.assert_array_equal(mine.step(1)[0], plain.step(1)[0] / 2)
+    encoded, plain = task.environment(), gym.make("CartPole-v1")
+    np.testing.assert_array_equal(encoded.reset(seed=3)[0], plain.reset(seed=3)[0] / 2)
+    np.testing.assert_array_equal(encoded.step(1)[0], plain.step(1)[0] / 2)
     assert task.longest == 500
 
 
@@ -127,8 +127,8 @@ def test_frames_are_stacked_oldest_first():
     ("function", "shape", "axis"), [(picture, (3, 5, 6), 0), (camera, (5, 6, 3), -1)]
 )
 def test_pictures_are_stacked_by_their_channels(function, shape, axis):
-    each = FunctionEncoder(function, Box(-9, 9, shape, np.float32))
-    env, plain = StackedFrames(2, each)(gym.make("CartPole-v1")), gym.make("CartPole-v1")
+    encoder = FunctionEncoder(function, Box(-9, 9, shape, np.float32))
+    env, plain = StackedFrames(2, encoder)(gym.make("CartPole-v1")), gym.make("CartPole-v1")
     frames = [function(plain.reset(seed=0)[0]), function(plain.step(1)[0])]
     env.reset(seed=0)
     seen = env.step(1)[0]

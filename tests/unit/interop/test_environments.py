@@ -90,13 +90,13 @@ def test_ends_are_told_apart_and_the_tasks_own_limit_is_the_only_one():
 
 
 @pytest.mark.parametrize(
-    "given", [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}]
+    "start", [118, np.int64(118), {"prey": 1, "predator_1": "(1,1)", "predator_2": np.int32(1)}]
 )
-def test_a_start_can_be_named(given):
+def test_a_start_can_be_named(start):
     hunt = Pursuit(3, 2, capture="all")
-    if isinstance(given, dict):
+    if isinstance(start, dict):
         assert hunt.states.encode(prey=1, predator_1=4, predator_2=1) == 118
-    state, info = to_gymnasium(hunt).reset(options={"state": given})
+    state, info = to_gymnasium(hunt).reset(options={"state": start})
     assert state == info["state"] == 118
 
 

@@ -240,9 +240,9 @@ def test_observations_are_numbered(kind):
     seen = cr.planning.rollout(task, np.zeros(task.states.size, int)).states.tolist()
     assert list(task.states.names) == names
     assert seen == expected
-    others = [f"part {i}" for i in range(len(names))]
-    named = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, names=others, **world)
-    assert list(named.states.names) == others
+    renamed = [f"part {i}" for i in range(len(names))]
+    named = cr.from_gymnasium(Echo, discount=0.9, time_limit=9, names=renamed, **world)
+    assert list(named.states.names) == renamed
     assert named.states.shape == task.states.shape
 
 
@@ -281,7 +281,9 @@ def test_names_may_be_given():
     assert live.actions == lake.actions
     jack = cr.from_gymnasium("Blackjack-v1", discount=0.9)
     assert jack.states.label(5) == "player=0 dealer=2 ace=usable"
-    with pytest.raises(cr.errors.TaskError, match="actions must name the environment's 4: got 5"):
+    with pytest.raises(
+        cr.errors.TaskError, match="actions must name all 4 of the environment's: got 5"
+    ):
         cr.from_gymnasium("FrozenLake-v1", discount=0.9, actions=cr.Space([cr.Component("a", 5)]))
 
 
@@ -419,8 +421,8 @@ def echo(space, observation, **settings):
 
 
 def test_numbers_and_actions_are_named():
-    one = echo(spaces.Discrete(12, start=1), 8, names=["place"])
-    assert one.states.label(7) == "place=8"
+    echoed = echo(spaces.Discrete(12, start=1), 8, names=["place"])
+    assert echoed.states.label(7) == "place=8"
     split = echo(spaces.Discrete(12, start=1), 8, names=["row", "column"], sizes=[3, 4])
     assert split.states.label(cr.planning.rollout(split, np.zeros(12, int)).states[0]) == (
         "row=1 column=3"
@@ -441,7 +443,11 @@ def test_numbers_and_actions_are_named():
 
 GRID = spaces.MultiDiscrete([2, 3])
 REFUSED_NAMES = {
-    "sizes alone": (TWO, {"sizes": [2]}, r"sizes need names of what has them: got sizes \[2\]"),
+    "sizes alone": (
+        TWO,
+        {"sizes": [2]},
+        r"sizes need the names of their components: got sizes \[2\]",
+    ),
     "sizes of several": (
         GRID,
         {"names": ["a", "b"], "sizes": [2, 3]},
@@ -450,12 +456,12 @@ REFUSED_NAMES = {
     "other sizes": (
         TWO,
         {"names": ["a", "b"], "sizes": [2, 3]},
-        "must make the environment's 2 states when multiplied: 2 x 3 is 6",
+        "must be the environment's 2 states: 2 x 3 is 6",
     ),
     "states too": (
         TWO,
         {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
-        r"names go without states, whose components have names: got both, names \['a'\]",
+        r"names must be left out with states, which name the components: got names \['a'\]",
     ),
 }
 
@@ -499,15 +505,15 @@ def test_the_words_of_states_and_of_their_blocks():
     assert words_of_state((3, "red")) == {"state_1": 3, "state_2": "red"}
     assert words_of_state(4) == {"state": 4}
     assert words_of_state({"at": (1, 2)}, "_") == {"_at_1": 1, "_at_2": 2}
-    words = [{"row": 1, "lit": 0}, {"row": 1, "lit": 2}]
-    assert words_of_blocks(words, np.array([0, 0])) == ([{"row": 1, "lit": "any"}], {"lit"})
+    components = [{"row": 1, "lit": 0}, {"row": 1, "lit": 2}]
+    assert words_of_blocks(components, np.array([0, 0])) == ([{"row": 1, "lit": "any"}], {"lit"})
     parts = {"sight/#0": 1, "sight/#1": 2, "goal": "key"}
     assert parts_of({"sight": (1, 2), "goal": "key"}) == parts
 
 
 def test_states_of_equal_words_are_told_apart_by_whether_they_end_the_episode():
-    words = [{"row": 1, "lamp": "on"}, {"row": 2, "lamp": "off"}, {"row": 2, "lamp": "off"}]
-    space = named_states(words, np.array([False, False, True]), [])
+    components = [{"row": 1, "lamp": "on"}, {"row": 2, "lamp": "off"}, {"row": 2, "lamp": "off"}]
+    space = named_states(components, np.array([False, False, True]), [])
     assert [*map(space.label, range(3))] == [
         "row=1 lamp=on ended=no",
         "row=2 lamp=off ended=no",

@@ -95,7 +95,7 @@ def test_what_is_carried_is_seen():
     env = MiniGridFullView(6, 6)(gym.make(DOOR))
     env.reset(seed=0)
     base = env.unwrapped
-    (key,) = [one for one in base.grid.grid if one is not None and one.type == "key"]
+    (key,) = [thing for thing in base.grid.grid if thing is not None and thing.type == "key"]
     base.grid.set(*key.cur_pos, None)
     base.carrying = key
     cells = env.observation(base.gen_obs())[:-4].reshape(6, 6, 20)
@@ -117,14 +117,14 @@ def test_tables_of_a_level_have_the_observations_of_the_networks_task(encode, sh
     task = cr.observation_task(CROSSING, encode=encode)
     table = cr.tabulate(task.make, discount=0.99, seeds=3)
     plain = cr.tabulate(CROSSING, discount=0.99, seeds=3)
-    found = table.observations.batch()
-    assert found.shape == (table.states.size, *shape)
+    stacked = table.observations.batch()
+    assert stacked.shape == (table.states.size, *shape)
     assert task.observations.shape == shape
-    assert all(one in task.observations for one in found)
+    assert all(observation in task.observations for observation in stacked)
     assert cr.solve(table).start_value == cr.solve(plain).start_value
     env = task.environment()
     seen, _ = env.reset(seed=1)
-    assert (found == seen).reshape(len(found), -1).all(axis=1).any()
+    assert (stacked == seen).reshape(len(stacked), -1).all(axis=1).any()
 
 
 def test_minigrids_own_limit_is_the_tasks():
@@ -139,7 +139,11 @@ def test_minigrids_own_limit_is_the_tasks():
     ("made", "error", "sentence"),
     [
         (lambda: MiniGridView(picture=1), SettingError, "picture of an encoder"),
-        (lambda: MiniGridView(picture=True, mission=True), SettingError, "goes with a vector"),
+        (
+            lambda: MiniGridView(picture=True, mission=True),
+            SettingError,
+            "a picture has no mission",
+        ),
         (lambda: MiniGridView()(gym.make("CartPole-v1")), TaskError, "is for MiniGrid's"),
         (
             lambda: [

@@ -147,22 +147,22 @@ def vector_oracle(mode, actions, terminal, limit):
     states = [env.reset(seed=10 + i)[0] for i, env in enumerate(envs)]
     over, totals = [False] * n, [0.0] * n
     for row in actions.tolist():
-        found = []
+        residuals = []
         for i, env in enumerate(envs):
             if mode is AutoresetMode.NEXT_STEP and over[i]:
                 states[i], over[i], totals[i] = env.reset()[0], False, 0.0
-                found.append((0.0, 0.0, 0.0, False, False, 0.0))
+                residuals.append((0.0, 0.0, 0.0, False, False, 0.0))
                 continue
             following, reward, terminated, truncated, _ = env.step(row[i])
             after = 0.0 if terminated else PHI[following]
             shaping = DISCOUNT * after - PHI[states[i]]
             over[i], states[i] = terminated or truncated, following
             totals[i] += reward
-            told = totals[i] if over[i] else 0.0
-            found.append((reward + shaping, shaping, after, True, over[i], told))
+            total = totals[i] if over[i] else 0.0
+            residuals.append((reward + shaping, shaping, after, True, over[i], total))
             if over[i] and mode is not AutoresetMode.NEXT_STEP:
                 states[i], totals[i] = env.reset()[0], 0.0
-        yield tuple(np.array(column) for column in zip(*found, strict=True))
+        yield tuple(np.array(column) for column in zip(*residuals, strict=True))
 
 
 ENDS = [(SOME, LIMIT), (SOME, 10**6), (NONE, LIMIT)]
@@ -206,9 +206,9 @@ def test_each_sub_environment_gets_what_the_oracle_writes_out(mode, terminal, li
 )
 def test_potentials_may_be_invalid_at_ends(mode, potential, settings):
     runs = []
-    for given in ({"potential": potential, "batched": True, **settings}, {"potential": table}):
+    for arguments in ({"potential": potential, "batched": True, **settings}, {"potential": table}):
         made = SyncVectorEnv([world] * 2, autoreset_mode=mode)
-        envs = VectorPotentialShaping(made, discount=DISCOUNT, **given)
+        envs = VectorPotentialShaping(made, discount=DISCOUNT, **arguments)
         runs.append([rewards for rewards, _ in vector_steps(envs, actions_of(60, 2))])
     np.testing.assert_array_equal(*runs)
 
@@ -322,8 +322,8 @@ def test_observations_may_be_written_over(seed):
         buffer[:] = as_picture(state)
         return buffer
 
-    one = world(NONE, observe=observe, space=PICTURE)
-    env = PotentialShaping(one, lambda picture: picture @ PHI, discount=DISCOUNT)
+    single = world(NONE, observe=observe, space=PICTURE)
+    env = PotentialShaping(single, lambda picture: picture @ PHI, discount=DISCOUNT)
     assert abs(run_episode(env, seed)["telescoping_residual"]) < 1e-12
     many = SyncVectorEnv([partial(world, NONE, observe=as_picture, space=PICTURE)] * 2, copy=False)
     envs = VectorPotentialShaping(many, lambda o: o @ PHI, discount=DISCOUNT, batched=True)

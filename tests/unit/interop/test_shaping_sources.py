@@ -312,7 +312,7 @@ def test_a_potential_over_observations_states_the_discount_and_the_space():
     assert paid(env) == paid(expected)
     with pytest.raises(SettingError, match=r"0.8 by the task of 'potential', 0.9 by the argument"):
         PotentialShaping(world(), phi, discount=0.9)
-    with pytest.raises(SettingError, match="read from those of its task: 'potential' is one of"):
+    with pytest.raises(SettingError, match="read those of its own task: 'potential' is made for"):
         PotentialShaping(world(observe=as_picture, space=PICTURE), phi)
     with pytest.raises(SettingError, match="a discount must be given"):
         PotentialShaping(world(), TableValues(np.zeros((N_STATES, 1))))

@@ -20,12 +20,12 @@ def tabulated(path, *, make=Corridor, discount=0.5, seeds=2, **settings):
     return cr.tabulate(make, discount=discount, seeds=seeds, cache=path, **settings)
 
 
-def assert_same(one, other):
+def assert_same(task, other):
     for name in ("probability", "next_state", "reward", "terminal", "start", "outcome_row"):
-        np.testing.assert_array_equal(getattr(one.mdp, name), getattr(other.mdp, name))
-    assert one.states == other.states
-    assert one.actions == other.actions
-    for name, part in one.observations.parts.items():
+        np.testing.assert_array_equal(getattr(task.mdp, name), getattr(other.mdp, name))
+    assert task.states == other.states
+    assert task.actions == other.actions
+    for name, part in task.observations.parts.items():
         np.testing.assert_array_equal(part, other.observations.parts[name])
         assert part.dtype == other.observations.parts[name].dtype
 
@@ -62,11 +62,11 @@ OTHERS = {
 
 def test_tables_of_something_else_are_refused(tmp_path):
     tabulated(tmp_path / "lamps")
-    for what, settings in OTHERS.items():
+    for aspect, settings in OTHERS.items():
         with pytest.raises(StoreError, match="a cache must hold tables of the same "):
             tabulated(tmp_path / "lamps", **settings)
-        assert not tabulated(tmp_path / what, **settings).record.cached
-        assert tabulated(tmp_path / what, **settings).record.cached
+        assert not tabulated(tmp_path / aspect, **settings).record.cached
+        assert tabulated(tmp_path / aspect, **settings).record.cached
 
 
 def test_a_file_says_what_it_was_made_of(tmp_path):

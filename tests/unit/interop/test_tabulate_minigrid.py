@@ -75,12 +75,12 @@ def test_states_are_named_after_what_is_in_the_level():
 
 
 def test_the_reward_of_minigrid_itself_is_paid_where_time_is_part_of_the_state():
-    own = cr.tabulate("MiniGrid-Empty-5x5-v0", discount=0.9, state=MiniGridState(own_reward=True))
+    timed = cr.tabulate("MiniGrid-Empty-5x5-v0", discount=0.9, state=MiniGridState(own_reward=True))
     # Two steps, a turn and two steps: the goal at the fifth of 100.
-    assert cr.solve(own).start_value == pytest.approx(0.9**4 * (1 - 0.9 * 5 / 100))
-    assert own.states.component("step").size == 101
-    last = own.states.decode()["step"] == 100
-    assert own.record.cut == (last & ~own.mdp.terminal).sum() > 0
+    assert cr.solve(timed).start_value == pytest.approx(0.9**4 * (1 - 0.9 * 5 / 100))
+    assert timed.states.component("step").size == 101
+    last = timed.states.decode()["step"] == 100
+    assert timed.record.cut == (last & ~timed.mdp.terminal).sum() > 0
 
 
 def test_resets_that_make_one_level_share_its_states():
@@ -94,12 +94,12 @@ def test_resets_that_make_one_level_share_its_states():
             starts.add((*map(int, base.agent_pos), base.agent_dir))
     assert (same.mdp.start > 0).sum() == len(starts) > 1
     several = cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, seeds=3)
-    one = cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, seeds=[1])
+    task = cr.tabulate("MiniGrid-DoorKey-5x5-v0", discount=0.9, seeds=[1])
     assert several.states.names[0] == "level"
     begins = np.flatnonzero(several.mdp.start)
     assert begins.size == 3
     values = cr.solve(several).values[begins]
-    assert cr.solve(one).start_value == pytest.approx(values[1])
+    assert cr.solve(task).start_value == pytest.approx(values[1])
 
 
 @pytest.mark.parametrize("wrapper", ["FullyObsWrapper", "ImgObsWrapper"])

@@ -109,5 +109,5 @@ def test_a_model_needs_a_task_that_knows_its_observations():
         state=(lambda env: (env.place, env.lit), lambda env, state: None),
     )
     assert task.observations is None
-    with pytest.raises(TaskError, match="must know what is observed"):
+    with pytest.raises(TaskError, match="only where tables have them"):
         cr.evaluate(task, model)

@@ -28,9 +28,9 @@ class Diary:
         self.calls = []
         self._raises_at, self._error = raises_at, error or OSError("no space\nleft")
 
-    def _note(self, what):
-        self.calls.append(what)
-        if what == self._raises_at:
+    def _note(self, call):
+        self.calls.append(call)
+        if call == self._raises_at:
             raise self._error
 
     def start(self, study, configuration, folder):
@@ -176,12 +176,12 @@ def expected(result, k):
         "time/episodes": result.episodes,
         "curricle/guard_share": result.guard_share,
     }
-    found = {}
+    values = {}
     for tag, curve in curves.items():
         for step, value in zip(result.steps, curve[k], strict=True):
             if step <= result.steps_used[k] and not np.isnan(value):
-                found.setdefault(tag, []).append((int(step), float(value)))
-    return found
+                values.setdefault(tag, []).append((int(step), float(value)))
+    return values
 
 
 def board(folder):

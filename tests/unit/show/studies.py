@@ -16,8 +16,8 @@ ODD = "a <b>&\"' $\\frac{a$ </script>"
 
 def shown(results):
     """The record of results by arm, what their tasks learnt, and the analysis of it."""
-    record = curricula_record({arm: one.curriculum for arm, one in results.items()}, {})
-    return record, {arm: one.nodes for arm, one in results.items()}, analysed(results, record)
+    record = curricula_record({arm: result.curriculum for arm, result in results.items()}, {})
+    return record, {arm: result.nodes for arm, result in results.items()}, analysed(results, record)
 
 
 def study_page(name, comparison, results, *, decisions=None, environment=None):

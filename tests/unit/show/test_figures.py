@@ -66,8 +66,8 @@ def test_a_profile_steps_down_where_a_run_ends():
 
 def test_gains_have_a_row_each_with_interval_and_p():
     placebo = arm(-5.0, 20, control=True, seeds=6, spread=3.0)
-    own = arm(10.0, 20, seeds=6, spread=2.0)
-    result = comparison(seeds=6, **{"mean": own, "mean, placebo": placebo})
+    helped = arm(10.0, 20, seeds=6, spread=2.0)
+    result = comparison(seeds=6, **{"mean": helped, "mean, placebo": placebo})
     axes = draw_comparison(result).axes[2]
     ticks = [label.get_text() for label in axes.get_yticklabels()]
     assert ticks == ["scratch", "mean", "placebo"]

@@ -22,44 +22,44 @@ def line(height, source=0, seeds=8, control=False):
 
 
 def compared(seeds=8, threshold=5.0, **arms):
-    own = {"scratch": line(0, seeds=seeds), **arms}
-    return Comparison("hunt", own, 80, 100, threshold, 1)
+    with_scratch = {"scratch": line(0, seeds=seeds), **arms}
+    return Comparison("hunt", with_scratch, 80, 100, threshold, 1)
 
 
 def test_the_headline_names_what_paid_and_by_how_much():
-    found = compared(good=line(10, 20), better=line(20, 20), bad=line(-5, 10))
-    gain = found.contrasts["better"].strong_gain
-    words = headline(found).replace("\xa0", " ")
-    assert words.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
-    assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in words
-    assert words.endswith("over 8 seeds.")
+    result = compared(good=line(10, 20), better=line(20, 20), bad=line(-5, 10))
+    gain = result.contrasts["better"].strong_gain
+    text = headline(result).replace("\xa0", " ")
+    assert text.startswith("2 of 3 pay for themselves, 1 of 3 costs more than it brings: better ")
+    assert f"+{gain.estimate:.1f} [{gain.low:.1f}, {gain.high:.1f}]" in text
+    assert text.endswith("over 8 seeds.")
 
 
 def test_a_headline_claims_nothing_that_was_not_shown():
     assert headline(compared(same=line(0))).startswith("No curriculum is shown to differ")
     both = headline(compared(one=line(-5), two=line(-6)))
     assert both.startswith("Both curricula cost more than they bring: two most")
-    found = compared(good=line(10), placebo=line(10, control=True))
-    assert headline(found).startswith("The curriculum pays for itself: +")
+    result = compared(good=line(10), placebo=line(10, control=True))
+    assert headline(result).startswith("The curriculum pays for itself: +")
 
 
 def test_a_curriculum_is_compared_with_its_own_controls():
-    found = compared(good=line(10), weak=line(4, control=True), strong=line(9, control=True))
-    curriculum, *controls = findings(found)
-    words = curriculum.sentences[3].replace("\xa0", " ")
-    assert words.startswith("Gains more than each of its 2 controls: yes, +1.01 [")
-    assert words.endswith("the strongest is strong.")
-    assert not any("(p" in one.sentences[0] for one in controls)
+    result = compared(good=line(10), weak=line(4, control=True), strong=line(9, control=True))
+    curriculum, *controls = findings(result)
+    text = curriculum.sentences[3].replace("\xa0", " ")
+    assert text.startswith("Gains more than each of its 2 controls: yes, +1.01 [")
+    assert text.endswith("the strongest is strong.")
+    assert not any("(p" in finding.sentences[0] for finding in controls)
 
 
 @pytest.mark.parametrize(("seeds", "arms", "few"), [(1, 1, True), (5, 1, True), (6, 1, False)])
 def test_too_few_seeds_are_said_to_be(seeds, arms, few):
-    found = compared(seeds, **{f"arm {i}": line(10, seeds=seeds) for i in range(arms)})
-    assert bool(too_few(found)) is few
+    result = compared(seeds, **{f"arm {i}": line(10, seeds=seeds) for i in range(arms)})
+    assert bool(too_few(result)) is few
     if few:
-        assert all(one.tone == "open" for one in findings(found))
+        assert all(finding.tone == "open" for finding in findings(result))
         needed = "6 or more" if arms == 1 else "7 or more"
-        assert headline(found) == f"Too few seeds for a verdict ({seeds}; {needed})."
+        assert headline(result) == f"Too few seeds for a verdict ({seeds}; {needed})."
 
 
 def test_the_table_holds_the_numbers_of_the_comparison(pursuit):
@@ -92,11 +92,11 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), min_size=1, max_size=5))
 def test_a_forest_keeps_order_and_stays_on_its_axis(gains):
     ordered = [sorted(gain) for gain in gains]
-    found = [
+    answers = [
         SimpleNamespace(arm=str(i), gain=SimpleNamespace(low=low, estimate=middle, high=high))
         for i, (low, middle, high) in enumerate(ordered)
     ]
-    zero, places = forest(found)
+    zero, places = forest(answers)
     flat = [zero, *(place for three in places.values() for place in three)]
     assert min(flat) >= -1e-9
     assert max(flat) <= 100 + 1e-9
@@ -110,18 +110,22 @@ def asked(height, level=30.0):
 
 
 def test_why_a_curriculum_pays_is_part_of_its_verdict_and_of_the_headline():
-    for height, words in ((4, "by what it knows"), (10.001, "by optimism alone")):
-        found = asked(height)
-        assert findings(found)[0].verdict == f"pays, {words}"
-        assert findings(found)[0].tone == "pays"
-        assert headline(found).endswith(f"over 8 seeds. It pays {words}.")
+    for height, reason in ((4, "by what it knows"), (10.001, "by optimism alone")):
+        result = asked(height)
+        assert findings(result)[0].verdict == f"pays, {reason}"
+        assert findings(result)[0].tone == "pays"
+        assert headline(result).endswith(f"over 8 seeds. It pays {reason}.")
 
 
 def test_the_cheaper_way_is_a_sentence_of_a_finding():
-    own, constant = findings(asked(10.001))
-    words = [one for one in own.sentences if one.startswith("Cheaper than good: initial_value=30 ")]
-    assert len(words) == 1
-    assert own.sentences[-1].endswith("% of its gain is by what it knows.")
+    curriculum, constant = findings(asked(10.001))
+    cheaper = [
+        sentence
+        for sentence in curriculum.sentences
+        if sentence.startswith("Cheaper than good: initial_value=30 ")
+    ]
+    assert len(cheaper) == 1
+    assert curriculum.sentences[-1].endswith("% of its gain is by what it knows.")
     assert not any(
-        "heaper" in one for one in (*constant.sentences, *findings(asked(4))[0].sentences)
+        "heaper" in sentence for sentence in (*constant.sentences, *findings(asked(4))[0].sentences)
     )

@@ -49,8 +49,8 @@ class Followed:
     @property
     def banner(self):
         """What stands at the top of the page, in words, and the seconds until it is read again."""
-        seconds, words = re.search(r'id="interim".*?seconds="(.*?)">(.*?)</p>', self.page).groups()
-        return re.sub("<.*?>", "", words), float(seconds)
+        seconds, text = re.search(r'id="interim".*?seconds="(.*?)">(.*?)</p>', self.page).groups()
+        return re.sub("<.*?>", "", text), float(seconds)
 
 
 @pytest.fixture
@@ -61,18 +61,18 @@ def live(finished, tmp_path):
 def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     report = live.report()
     report.refresh()
-    words, seconds = live.banner
-    assert re.match(r"Interim report, written at [\d:]+( [AP]M)?\. 0 of 16 units\.", words)
-    assert "begins when scratch and another arm have finished a seed" in words
+    text, seconds = live.banner
+    assert re.match(r"Interim report, written at [\d:]+( [AP]M)?\. 0 of 16 units\.", text)
+    assert "begins when scratch and another arm have finished a seed" in text
     assert seconds == 2
     live.store("scratch", "maze")
     report.refresh()
     assert "2 of 16 units. The report begins" in live.banner[0]
     live.store("chain", "corner", "easy", "maze")
     report.refresh()
-    words, seconds = live.banner
+    text, seconds = live.banner
     assert re.search(
-        "8 of 16 units.* is of scratch, chain; to come: state, calibrated. There", words
+        "8 of 16 units.* is of scratch, chain; to come: state, calibrated. There", text
     )
     assert seconds >= 2
     assert re.search(r">\s*chain\s*<.*reload|reload.*>\s*chain\s*<", live.page, re.DOTALL)
@@ -110,13 +110,13 @@ def test_a_reader_at_any_moment_has_a_whole_page(live):
     seen, until = set(), monotonic() + 120
     with live.report() as report:
         report.begin()
-        for words, arm, *tasks in (
+        for line, arm, *tasks in (
             ("2 of 16", "scratch", "maze"),
             ("8 of 16", "chain", "corner", "easy", "maze"),
             ("10 of 16", "state", "easy"),
         ):
             live.store(arm, *tasks)
-            while monotonic() < until and not any(words in page for page in seen):
+            while monotonic() < until and not any(line in page for page in seen):
                 sleep(0.001)
                 if live.path.exists():
                     seen.add(live.page)
@@ -157,14 +157,14 @@ def test_a_file_that_is_merged_while_it_is_read_is_no_error(live, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("error", "words"),
+    ("error", "text"),
     [
         (KeyboardInterrupt(), "The run was interrupted."),
         (OSError("no space"), "The run ended with an error. OSError: no space"),
         (StudyError("units failed"), "The run is over: 2 of 16 units are stored."),
     ],
 )
-def test_a_page_of_a_run_that_broke_off_says_so_and_is_read_no_more(live, error, words):
+def test_a_page_of_a_run_that_broke_off_says_so_and_is_read_no_more(live, error, text):
     written = Event()
     live.store("scratch", "maze")
 
@@ -177,7 +177,7 @@ def test_a_page_of_a_run_that_broke_off_says_so_and_is_read_no_more(live, error,
     with pytest.raises(type(error)):
         run()
     live.path = live.folder / "report.html"
-    assert words in live.banner[0]
+    assert text in live.banner[0]
     assert live.banner[1] == 0
 
 

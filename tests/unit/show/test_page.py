@@ -192,7 +192,7 @@ def test_arms_with_the_same_tasks_and_transfers_share_a_graph(pursuit, maze):
     assert owners == {"chase": [("min", "mean")], "hunt": [("min",), ("mean",), ("scratch",)]}
     (edge,) = graph["edges"]
     mapped = [f"predator is predator_{n}, prey by name" for n in (1, 2)]
-    assert [words.split(";")[0] for words in edge["words"]] == mapped
+    assert [text.split(";")[0] for text in edge["words"]] == mapped
     names = {"min": "minimum", "mean": "mean"}.items()
     assert graph["notes"] == [f"{a}: hunt uses the {name} of its transfers." for a, name in names]
     # Both corners are called "corner", and are not one task.
@@ -213,7 +213,7 @@ def test_a_scaled_transfer_makes_another_graph(pursuit):
     scaled = hunt_plan(cr.minimum, scale=2.0).train(2)
     drawn = graphs_of({**pursuit.results, "scaled": scaled})
     assert [graph["arms"] for graph in drawn] == [("min", "mean"), ("scaled",)]
-    assert all("scaled by 2" in words for words in drawn[1]["edges"][0]["words"])
+    assert all("scaled by 2" in text for text in drawn[1]["edges"][0]["words"])
 
 
 def test_cards_do_not_overlap_and_arrows_lead_down():
@@ -271,10 +271,10 @@ def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
     monkeypatch.setattr(analysis_module, "EFFORT", 10)
     monkeypatch.setattr(analysis_module, "LARGEST_CERTIFIED", 10)
-    words = Reader(page_of(pursuit)).words
+    text = Reader(page_of(pursuit)).words
     why = f"because hunt has {729 * 25:,} state-action pairs"
-    assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in words
-    assert "Certificates are left out" in words
+    assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in text
+    assert "Certificates are left out" in text
 
 
 def test_values_that_were_not_kept_leave_both_out():

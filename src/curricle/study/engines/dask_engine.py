@@ -1,4 +1,4 @@
-"""Dask: a cluster that is there, or processes on this machine."""
+"""Dask: a running cluster, or processes on this machine."""
 
 import asyncio
 import logging
@@ -38,7 +38,7 @@ class DaskEngine(Engine):
         return asyncio.run_coroutine_threadsafe(self._outcome(there), loop)
 
     async def _outcome(self, there: Any) -> Any:
-        """Return what a call returns, also where its first result was lost with its worker."""
+        """Return the result of a call, even if its first result was lost with its worker."""
         # Dask's own executor never ends the future of a call that then raises.
         try:
             return await self.client.gather(there, asynchronous=True)
@@ -53,21 +53,21 @@ class DaskEngine(Engine):
         """Return how many threads the workers have."""
         return sum(self.client.nthreads().values())
 
-    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every worker, or its exception, by address."""
+    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+        """Return the result of a call on every worker, or its exception, by address."""
         answers_by_address: Mapping[str, Any] = self.client.run(function, on_error="return")
         there = self.client.nthreads()
         return {place: answer for place, answer in answers_by_address.items() if place in there}
 
     def _note(self, event: tuple[float, Any]) -> None:
-        """Count the calls that a worker takes with it, which are begun again elsewhere."""
+        """Count the calls that are lost with a worker and begun again elsewhere."""
         news = event[1]
         if isinstance(news, dict) and news.get("action") == "remove-worker":
             gone = {*news.get("processing-tasks", ()), *news.get("lost-computed-tasks", ())}
             self.repeated += len(gone.intersection(self.client.futures))
 
     def close(self, whole: bool) -> None:
-        """Leave the scheduler, which forgets what was not begun; end a cluster started here."""
+        """Leave the scheduler, which drops calls not begun; end a cluster started here."""
         # Dask logs again unless the run was interrupted or its scheduler is lost: Dask's threads
         # log that for some time after this.
         host, _, port = self.client.scheduler.address.rpartition("://")[2].rpartition(":")
@@ -84,7 +84,7 @@ class DaskEngine(Engine):
 
 
 def connected(address: str | None, workers: int | None) -> DaskEngine:
-    """Return the scheduler at host:port, or one started here with processes of one thread each."""
+    """Return the scheduler at host:port, or a new scheduler with processes of one thread."""
     if address is not None:
         return DaskEngine(Client(f"tcp://{address}", timeout=REACHED_IN), None)
     here = {"dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}

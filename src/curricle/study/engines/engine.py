@@ -1,4 +1,4 @@
-"""Engines: clusters that train units, what is sent to them, and how they are opened."""
+"""Engines: clusters that train units, the data sent to them, and how they are opened."""
 
 import atexit
 import pickle
@@ -33,7 +33,7 @@ Result = TypeVar("Result")
 
 
 def called(function: Callable[[Any], Result], argument: Any) -> Result:
-    """Return what a function returns; what it raises can be read in another process."""
+    """Return a function's result; raise its error in a form that another process can read."""
     try:
         return function(argument)
     except Exception as error:
@@ -42,7 +42,7 @@ def called(function: Callable[[Any], Result], argument: Any) -> Result:
 
 
 def _sendable(error: Exception) -> Exception:
-    """Return an error, or one in the same words that can be sent, without the errors before it."""
+    """Return an error without its causes, or an error with the same text that can be sent."""
     text = "".join(traceback.format_exception(error))
     error.__cause__ = error.__context__ = error.__traceback__ = None
     try:  # whether a process without the study's own modules reads the error as it is
@@ -63,7 +63,7 @@ def _sendable(error: Exception) -> Exception:
 
 
 def train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
-    """Return what a unit's seeds learn, or the file that it is written to."""
+    """Train a unit and return its results, or the file that holds them."""
     return called(_train_sent, sent)
 
 
@@ -92,7 +92,7 @@ def versions_here() -> dict[str, str]:
 
 
 def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """Return how versions differ, in words; nothing if they are equal."""
+    """Return a sentence on how versions differ; empty if they are equal."""
     differing = [name for name in here if there.get(name) != here[name]]
     return ", ".join(f"{k} {there.get(k)} and the run has {here[k]}" for k in differing)
 
@@ -119,7 +119,7 @@ ANSWERS_IN = 10  # seconds in which a scheduler or a head must take a connection
 
 @dataclass(frozen=True)
 class ExecutorWorkers:
-    """The workers of an executor, as many as is said."""
+    """The workers of an executor."""
 
     executor: Executor
     workers: int
@@ -149,12 +149,12 @@ class ExecutorWorkers:
         return self.workers
 
     def lost(self) -> Exception:
-        """Return why a unit was cancelled that nobody here cancelled."""
+        """Return why a unit was cancelled that this process did not cancel."""
         return BrokenExecutor("the executor cancelled it")
 
 
 class Engine(ABC):
-    """A cluster that trains units: it calls functions, and repeats those whose machine died."""
+    """A cluster that trains units: it calls functions, and repeats calls whose machine died."""
 
     on = ""  # the word for it
     link: str | None = None  # of its own page, if there is one
@@ -171,15 +171,15 @@ class Engine(ABC):
 
     @abstractmethod
     def count(self) -> int:
-        """Return how many calls run side by side now; any error where nothing answers."""
+        """Return how many calls run in parallel now; raise any error if nothing answers."""
 
     @abstractmethod
-    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every machine or worker, or its exception, by name."""
+    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+        """Return the result of a call on every machine or worker, or its exception, by name."""
 
     @abstractmethod
     def close(self, whole: bool) -> None:
-        """Leave the engine; one that was started here ends. `whole`: nothing was interrupted."""
+        """Leave the engine, and end it if it was started here. `whole`: nothing was interrupted."""
 
     def carry(self, all_arms: Sequence[Arms], folder: Path) -> None:
         """Send the own modules of a study in a folder along with the units of all its arms."""
@@ -209,7 +209,7 @@ class Engine(ABC):
         return self._number
 
     def lost(self, why: str = "") -> Exception:
-        """Return why a unit was cancelled that nobody here cancelled."""
+        """Return why a unit was cancelled that this process did not cancel."""
         return EngineError(f"{self.on} was lost or cancelled it{why}: go on with --resume")
 
 
@@ -239,19 +239,19 @@ ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
 
 
 def parsed(on: str) -> tuple[str, str | None]:
-    """Return the engine of a word and the address in it, host:port; SettingError if it has none."""
+    """Return the name of an engine and its host:port; SettingError for any other text."""
     if "@" in str(on):
-        raise SettingError("on is an address without a user or a password: got one before @")
+        raise SettingError("on must be an address without user and password: got one before @")
     if (match := WORD.fullmatch(str(on))) is None:
         raise SettingError(
-            f"on is dask or ray, or one of them at an address, such as dask://host:8786: got {on!r}"
+            f"on must be dask or ray, or an address such as dask://host:8786: got {on!r}"
         )
     return match[1], match[2] and f"{match[2]}:{match[3]}"
 
 
 @contextmanager
 def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
-    """Give the engine that a word names, its workers compared with this machine; close it then."""
+    """Return a context with the engine that `on` names, after a check of its workers' versions."""
     name, address = parsed(on)
     if address is not None and workers is not None:
         raise SettingError(f"{on} has workers of its own: workers={workers} is for dask or ray")
@@ -268,14 +268,14 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
     except CurricleError:
         raise
     except Exception as error:  # each engine has its own
-        first, *others = str(error).strip().splitlines() or [""]
-        reason = " ".join([first, *others[-1:]])  # a trace's last line says what it is
+        first, *further_lines = str(error).strip().splitlines() or [""]
+        reason = " ".join([first, *further_lines[-1:]])  # a trace's last line says what it is
         raise SettingError(
             f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
         ) from None
     whole = True
     try:
-        check_versions(on, engine.each(versions_here))
+        check_versions(on, engine.on_all(versions_here))
         yield engine
     except BaseException as error:
         whole = isinstance(error, Exception)  # and no interrupt
@@ -285,7 +285,7 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
 
 
 def check_versions(on: str, there: Mapping[str, Any]) -> None:
-    """Raise SettingError, which names the worker, unless all have the versions that are here."""
+    """Raise SettingError, which names a worker, unless all have this machine's versions."""
     for worker, versions in sorted(there.items()):
         if isinstance(versions, BaseException):
             raise SettingError(

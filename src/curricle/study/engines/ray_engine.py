@@ -1,4 +1,4 @@
-"""Ray: a cluster at an address, the one that this machine is in, or one started here."""
+"""Ray: a cluster at an address, the cluster of this machine, or a cluster started here."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ ASKED_AGAIN, PAUSE = 3, 2.0  # how often a head that turns us away is asked, and
 
 
 class RayEngine(Engine):
-    """A Ray cluster that this process is connected to, maybe of several machines."""
+    """A Ray cluster of one or several machines, to which this process is connected."""
 
     # A connection to its `head`, (host, port), tells whether it is lost: Ray itself raises nothing
     # and ends this process after a minute, and its client tries for half a minute. A connection
@@ -86,8 +86,8 @@ class RayEngine(Engine):
             self._open.clear()
         return False
 
-    def each(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return what a call returns on every machine, or its exception, by name."""
+    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
+        """Return the result of a call on every machine, or its exception, by name."""
         asked, answers_by_name = {}, dict[str, Any]()
         for name, node in _alive().items():
             at = NodeAffinitySchedulingStrategy(node, soft=False)
@@ -102,13 +102,13 @@ class RayEngine(Engine):
         return {name: answer for name, answer in answers_by_name.items() if name in there}
 
     def close(self, whole: bool) -> None:
-        """Leave the cluster; one that was started here ends."""
+        """Leave the cluster, and end it if it was started here."""
         if self.ends:
             ray.shutdown()
 
 
 def _counted(function: Callable[[Any], Any], argument: Any) -> tuple[int, Any]:
-    """Return how often Ray has begun this call before, and its result."""
+    """Return how often Ray began this call before, and the call's result."""
     before = getattr(global_worker.core_worker, "get_current_task_attempt_number", int)
     return before(), function(argument)
 
@@ -120,13 +120,13 @@ def lost(why: str) -> EngineError:
 
 
 def _alive() -> dict[str, str]:
-    """Return the identifier of each machine that is there now, by name."""
+    """Return the identifier of each live machine by name."""
     nodes = [node for node in ray.nodes() if node["Alive"]]
     return {f"{n['NodeManagerHostname']} ({n['NodeID'][:8]})": n["NodeID"] for n in nodes}
 
 
 def _connected(where: Mapping[str, Any], again: int = ASKED_AGAIN) -> Any:
-    """Return what ``ray.init`` does, asked again where a head has just lost a machine or client."""
+    """Return the result of ``ray.init``, called again if a head has just lost a machine."""
     try:
         return ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
     except ConnectionAbortedError:
@@ -137,7 +137,7 @@ def _connected(where: Mapping[str, Any], again: int = ASKED_AGAIN) -> Any:
 
 
 def connected(address: str | None, workers: int | None) -> RayEngine:
-    """Return the cluster at host:port, or what ``ray.init()`` finds or starts."""
+    """Return the cluster at host:port, or the cluster that ``ray.init()`` finds or starts."""
     ends, link = address is not None or not ray.is_initialized(), None
     if ends:
         where = {"num_cpus": workers} if address is None else {"address": f"ray://{address}"}

@@ -1,4 +1,4 @@
-"""Studies to begin with: commented files that are there, and one for any registered environment."""
+"""Studies to begin with: commented files, and a file for any registered environment."""
 
 from contextlib import closing
 from difflib import get_close_matches
@@ -22,11 +22,11 @@ KINDS = {
     "gymnasium": "a slippery lake learnt from one that is not",
     "deep": "a network learns three walls from solved levels of one wall",
 }
-"""Files that are there, and what they are about."""
+"""The ready files and their subjects."""
 
 
 def new_study(kind: str) -> tuple[str, str]:
-    """Return the name and the text of a file; ConfigError if nothing is called so."""
+    """Return the name and the text of a file; ConfigError for an unknown name."""
     if kind in KINDS:
         return f"{kind}.toml", template(kind)
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
@@ -78,7 +78,7 @@ def _known(name: str) -> str:
 
 
 def _parts(name: str, env: Any) -> tuple[str, dict[str, Any]]:
-    """Return the form of an environment's study, and what the study says of it."""
+    """Return the form of an environment's study, and the texts that fill it."""
     observed, acting = env.observation_space, env.action_space
     limited = env.spec is not None and env.spec.max_episode_steps is not None
     limited = limited or hasattr(env.unwrapped, "max_steps")
