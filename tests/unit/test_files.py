@@ -50,7 +50,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     for name in ("pipe", "folder"):
-        with pytest.raises(OSError, match="what is there is no regular file"):
+        with pytest.raises(OSError, match="it exists and is no regular file"):
             write_whole(tmp_path / name, b"page")
     assert (tmp_path / "pipe").is_fifo()
     assert len(list(tmp_path.iterdir())) == 2

@@ -164,7 +164,7 @@ def test_members_that_share_their_bytes_are_refused(folder):
     tail = content[end : end + 8] + sizes + content[end + 16 :]
     content = content[:directory] + len(more) * entries + tail
     unit.write_bytes(sealed_archive(content, directory))
-    refuses(folder, "its members must differ, and have their own bytes")
+    refuses(folder, "its members must have different names and bytes")
 
 
 def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatch):

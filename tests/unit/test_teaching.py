@@ -180,7 +180,7 @@ REFUSALS = {
         "no limit": (lambda: teach({"c": chain(None)}, target="c"), "a time limit: 'c' has none"),
         "learner": (
             lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
-            "not by a start",
+            "not by optimism",
         ),
         "sum": (says([0.5, 0.6]), "sum to 1: after 0 episodes"),
         "shape": (says([1.0]), "2 numbers from 0 up"),

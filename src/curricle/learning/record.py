@@ -16,7 +16,7 @@ MAX_SNAPSHOT_BYTES = 128_000_000  # of a run: a large task has fewer than asked 
 
 @dataclass(frozen=True, eq=False)
 class Snapshots(Frozen):
-    """The values that a seed acted on at M checkpoints of its learning, from before it began.
+    """The values that a seed acted on at M checkpoints of its learning, the first at step 0.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Snapshots(Frozen):
 class Record(NamedTuple):
     """What a run records, one entry a checkpoint."""
 
-    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
+    training_return: FloatArray  # (T,) mean return of the episodes ended since the last checkpoint
     greedy_return: FloatArray  # (T,)
     guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
     episodes: IntArray  # (T,)
@@ -95,14 +95,14 @@ class Used(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WarmUp:
-    """Episodes that a seed acted in its task before it began to learn there.
+    """Episodes that a seed played in its task before it began to learn there.
 
     Attributes
     ----------
     lengths : (E,) int64
-        Steps.
+        Steps of each episode.
     returns : (E,) float64
-        Unshaped, undiscounted.
+        Unshaped, undiscounted return of each episode.
 
     Examples
     --------
