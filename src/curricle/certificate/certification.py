@@ -256,9 +256,9 @@ class SampledCertificate:
 
     def __str__(self) -> str:
         steps = f"{counted(self.steps, 'sampled step')} ({self.reason})"
-        first, *others = self.contradictions or (f"no contradiction in {steps}",)
-        others += [f"found in {steps}"] * bool(self.contradictions)
-        return _as_text([f"Not proven: {first}", *others, *self.findings])
+        first, *sentences = self.contradictions or (f"no contradiction in {steps}",)
+        sentences += [f"found in {steps}"] * bool(self.contradictions)
+        return _as_text([f"Not proven: {first}", *sentences, *self.findings])
 
 
 def _as_text(sentences: Sequence[str]) -> str:

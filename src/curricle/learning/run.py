@@ -129,7 +129,7 @@ def learn(
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
     storage = given_or_default("storage", storage, Storage)
     generative = generative_model(task)
-    asked, learner = learner, learner.for_task(task)
+    configured, learner = learner, learner.for_task(task)
     if generative.actions.size > MOST_ACTIONS:
         raise SettingError(
             f"a task to be learnt may have at most {MOST_ACTIONS:,} actions: got "
@@ -173,7 +173,7 @@ def learn(
     with shown(progress) as bars:
         values, outcomes = train_all(run, settings, stream, snapshots, threads, bars)
     numbers = tuple(seed.seed for seed in settings)
-    return learning_result(task, asked, numbers, values, outcomes, eval_freq)
+    return learning_result(task, configured, numbers, values, outcomes, eval_freq)
 
 
 def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) -> StoppingKernel:

@@ -71,21 +71,21 @@ class Domain(Frozen):
         """
         start = np.zeros(len(terminal))
         start[starting] = 1 / len(starting)
-        rest: Any = {"terminal": terminal, "start": start}
-        rest |= {"discount": self.discount, "time_limit": self.time_limit}
+        settings: Any = {"terminal": terminal, "start": start}
+        settings |= {"discount": self.discount, "time_limit": self.time_limit}
         spaces = self.states, self.actions
         if outcome_row is None:
             outcomes = np.broadcast_arrays(probability, next_state, reward)
-            return FiniteMDP.one_row_a_pair(*spaces, *outcomes, **rest)
-        return FiniteMDP(*spaces, outcome_row, probability, next_state, reward, **rest)
+            return FiniteMDP.one_row_a_pair(*spaces, *outcomes, **settings)
+        return FiniteMDP(*spaces, outcome_row, probability, next_state, reward, **settings)
 
 
 @cache
 def _checks(domain: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Return the checks of fields by annotations; kinds of several types check themselves."""
-    checks, known = list[tuple[str, Callable[[Any], Any]]](), rules_of(domain)
+    checks, rules = list[tuple[str, Callable[[Any], Any]]](), rules_of(domain)
     for name in domain.__dataclass_fields__:
-        kind, (low, high, *_), optional = known[name]
+        kind, (low, high, *_), optional = rules[name]
         if name in ("discount", "time_limit"):  # check_horizon has their limits
             continue
         if kind is float and (low, high) == (None, None):
@@ -109,9 +109,9 @@ def family_of(
     """Return the family of a domain, named after it; what is `declared` overrides annotations."""
     name = re.sub(r"(?<=.)(?=[A-Z])", "_", domain.__name__).lower()
     if factory is not None:
-        taken = {parameter.name for parameter in complete_parameters((), factory, name)}
-        others = complete_parameters(declared, domain, name)
-        declared = tuple(parameter for parameter in others if parameter.name not in taken)
+        of_factory = {parameter.name for parameter in complete_parameters((), factory, name)}
+        of_domain = complete_parameters(declared, domain, name)
+        declared = tuple(parameter for parameter in of_domain if parameter.name not in of_factory)
     return TaskFamily(name, factory or domain, declared, mapping, constraint)
 
 
@@ -246,10 +246,10 @@ class GridDomain(DomainWithStart):
             )
         return states
 
-    def _tables(self, *outcomes: Any, **rest: Any) -> FiniteMDP:
+    def _tables(self, *outcomes: Any, **settings: Any) -> FiniteMDP:
         """Return the tables; episodes end and start in the states of the cells that say so."""
         starting = self._start_states()
-        return super()._tables(*outcomes, terminal=self._ends, starting=starting, **rest)
+        return super()._tables(*outcomes, terminal=self._ends, starting=starting, **settings)
 
     def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
         """Return the states in which episodes start in cells, `MISSING` where there is none."""
@@ -319,10 +319,10 @@ def numbered_names(kind: str, count: int) -> tuple[str, ...]:
     return (kind,) if count == 1 else tuple(f"{kind}_{i + 1}" for i in range(count))
 
 
-def in_proportion(values: IntArray, marks: list[int], others: list[int]) -> IntArray:
-    """Return values so that each of some marks becomes the other, in proportion between them."""
+def in_proportion(values: IntArray, marks: list[int], images: list[int]) -> IntArray:
+    """Return values moved so that each mark becomes its image, in proportion between them."""
     rising, first = np.unique(marks, return_index=True)
-    read = np.interp(values, rising, np.array(others)[first])
+    read = np.interp(values, rising, np.array(images)[first])
     return np.asarray(np.rint(read), dtype=np.int64)
 
 

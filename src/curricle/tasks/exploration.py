@@ -148,14 +148,14 @@ class DeepSea(GridDomain):
 def _from_the_ground(target: FamilyMember, source: FamilyMember) -> Any:
     """Return how a sea reads another: counted from the ground and the right, right as right."""
     down = target["size"] - source["size"]
-    whole_sea, other = target.task, source.task
+    sea, part = target.task, source.task
 
     def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
         (action,) = actions.values()
         read = {name: value - down for name, value in states.items()}
-        is_right = action == whole_sea.right[whole_sea.states.encode(**states)]
-        right = other.right[np.maximum(other.states.encode(**read), 0)]
-        return read, {other.actions.names[0]: np.where(is_right, right, 1 - right)}
+        is_right = action == sea.right[sea.states.encode(**states)]
+        right = part.right[np.maximum(part.states.encode(**read), 0)]
+        return read, {part.actions.names[0]: np.where(is_right, right, 1 - right)}
 
     return function
 

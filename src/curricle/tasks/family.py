@@ -108,9 +108,9 @@ class Parameter:
         if value is None and self.optional:
             return None
         if self.values is not None:
-            whole = isinstance(value, float) and value.is_integer()
-            keys = [_key(form) for form in ((value, int(value)) if whole else (value,))]
-            matching = [known for key in keys for known in self.values if _key(known) == key]
+            is_whole = isinstance(value, float) and value.is_integer()
+            keys = [_key(form) for form in ((value, int(value)) if is_whole else (value,))]
+            matching = [valid for key in keys for valid in self.values if _key(valid) == key]
             if not matching:
                 raise TaskError(f"{name} must be one of {self.listed()}: got {value!r}")
             return matching[0]
@@ -162,12 +162,12 @@ class Parameter:
 
     def easier_than(self, value: Any) -> tuple[Any, ...]:
         """Return the values that are easier, in order; none where they cannot be listed."""
-        most = self.difficulty(value)
-        if most is None:
+        hardest = self.difficulty(value)
+        if hardest is None:
             return ()
         first, last = (self.high, self.low) if self.harder == "smaller" else (self.low, self.high)
-        known = self._between(first, last if value is None else value) or ()
-        return tuple(easier for easier in known if (self.difficulty(easier) or 0.0) < most)
+        values = self._between(first, last if value is None else value) or ()
+        return tuple(easier for easier in values if (self.difficulty(easier) or 0.0) < hardest)
 
     def listed(self) -> str:
         """Return the values in words, such as "2..9" or "True, False"."""
@@ -202,14 +202,14 @@ class Rule(NamedTuple):
 
 def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
     """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
-    known = dict[str, tuple[Any, Rule, bool]]()
+    rules = dict[str, tuple[Any, Rule, bool]]()
     for name, hint in get_type_hints(function, include_extras=True).items():
         kind, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         rule = next((extra for extra in extras if isinstance(extra, Rule)), Rule())
         members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-        others = [member for member in members if member is not NoneType]
-        known[name] = (others[0] if len(others) == 1 else kind), rule, len(others) < len(members)
-    return known
+        kinds = [member for member in members if member is not NoneType]
+        rules[name] = (kinds[0] if len(kinds) == 1 else kind), rule, len(kinds) < len(members)
+    return rules
 
 
 def complete_parameters(
@@ -385,8 +385,10 @@ class TaskFamily(Frozen):
                     f"{parameter.name} of {self.name} must be given: it has no default, and is "
                     f"{parameter.listed()}"
                 )
-        values = {known.name: known.default for known in self.parameters} | values
-        checked = [known.checked(values[known.name], self.name) for known in self.parameters]
+        values = {declared.name: declared.default for declared in self.parameters} | values
+        checked = [
+            declared.checked(values[declared.name], self.name) for declared in self.parameters
+        ]
         member = FamilyMember(self, tuple(checked))
         if refused := member.refusal():
             raise TaskError(f"{refused}: got {member}")
@@ -403,9 +405,9 @@ class TaskFamily(Frozen):
         columns = list[tuple[Any, ...]]()
         for parameter in self.parameters:
             if parameter.name in values:
-                wanted = values[parameter.name]
-                several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
-                listed = wanted if several else (wanted,)
+                chosen = values[parameter.name]
+                several = isinstance(chosen, Iterable) and not isinstance(chosen, str)
+                listed = chosen if several else (chosen,)
                 columns.append(tuple(parameter.checked(value, self.name) for value in listed))
             else:
                 required, default = parameter.required, parameter.default
@@ -430,26 +432,26 @@ class TaskFamily(Frozen):
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name; TaskError lists the names otherwise."""
-        known: dict[str, Parameter] = {known.name: known for known in self.parameters}
-        if name in known:
-            return known[name]
-        close = get_close_matches(str(name), known, n=1)
+        parameters: dict[str, Parameter] = {p.name: p for p in self.parameters}
+        if name in parameters:
+            return parameters[name]
+        close = get_close_matches(str(name), parameters, n=1)
         meant = f", did you mean {close[0]!r}?" if close else ""
         raise TaskError(
-            f"a parameter of {self.name} must be one of {', '.join(known) or 'none'}: got "
+            f"a parameter of {self.name} must be one of {', '.join(parameters) or 'none'}: got "
             f"{name!r}{meant}"
         )
 
     def __str__(self) -> str:
         lines = [f"{self.name}, a family of tasks"]
-        for known in self.parameters:
-            default = "must be given" if known.required else f"{known.default} by default"
-            order = "" if known.harder is None else f", {known.harder} is harder"
-            lines.append(f"  {known.name}: {known.listed()}; {default}{order}")
+        for parameter in self.parameters:
+            default = "must be given" if parameter.required else f"{parameter.default} by default"
+            order = "" if parameter.harder is None else f", {parameter.harder} is harder"
+            lines.append(f"  {parameter.name}: {parameter.listed()}; {default}{order}")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        return f"TaskFamily({self.name}: {', '.join(known.name for known in self.parameters)})"
+        return f"TaskFamily({self.name}: {', '.join(p.name for p in self.parameters)})"
 
     def __reduce__(self) -> Any:
         """Pickle a decorated function by its name, which now leads to the family."""
@@ -506,10 +508,10 @@ class FamilyMember(Frozen):
     @cached_property
     def task(self) -> Any:
         """The task; TaskError if the family's function returns none."""
-        made = self.family.factory(**self.parameters)
-        if not is_observation_task(made):
-            generative_model(made)
-        return made
+        task = self.family.factory(**self.parameters)
+        if not is_observation_task(task):
+            generative_model(task)
+        return task
 
     def __repr__(self) -> str:
         shown = [

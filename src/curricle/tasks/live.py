@@ -37,7 +37,7 @@ RUNNING, TRUNCATED, FAILED = range(3)  # what the last step led to, termination 
 class Live(NamedTuple):
     """Two environments of one task: the one that is learnt in, and one to evaluate policies in."""
 
-    asked: npt.NDArray[np.uint64]  # (2,) the addresses of the callables of :func:`answer`
+    address: npt.NDArray[np.uint64]  # (2,) of the callables of :func:`answer`
     status: npt.NDArray[np.int8]  # (2,) what the last step of each led to
     which: np.uint64  # which of the two is used
 
@@ -46,12 +46,12 @@ first_states.body(Live)(lambda model, bits: _ask(model, RESET)[0])
 transitions.body(Live)(lambda model, state, action, bits: _ask(model, np.int64(action)))
 truncations.body(Live)(lambda model: model.status[model.which] == TRUNCATED)
 failures.body(Live)(lambda model: max(model.status[0], model.status[1]) == FAILED)
-evaluation_models.body(Live)(lambda model: Live(model.asked, model.status, np.uint64(1)))
+evaluation_models.body(Live)(lambda model: Live(model.address, model.status, np.uint64(1)))
 
 
 @inlined
 def _ask(model, action):
-    state, reward, terminated, truncated = answer(model.asked[model.which], action)
+    state, reward, terminated, truncated = answer(model.address[model.which], action)
     if state < 0:
         model.status[model.which] = FAILED
         return np.uint64(0), 0.0, True
@@ -208,10 +208,10 @@ class _Opened:
         players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
         for player in players:
             next(player)
-        self.asked = [player.send for player in players]  # they must outlive their addresses
+        self.callables = [player.send for player in players]  # they must outlive their addresses
 
     def __enter__(self) -> Live:
-        addresses = np.array([id(send) for send in self.asked], dtype=np.uint64)
+        addresses = np.array([id(send) for send in self.callables], dtype=np.uint64)
         return Live(addresses, np.zeros(2, np.int8), np.uint64(0))
 
     def __exit__(self, *_: object) -> None:

@@ -227,9 +227,9 @@ class FiniteMDP(Frozen):
         begins = start_distribution(start, len(lists))
         if terminal is None:
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
-        rest: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
-        rest["terminal"] = np.asarray(terminal)
-        return cls.one_row_a_pair(states, actions, *tables, **rest)
+        settings: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
+        settings["terminal"] = np.asarray(terminal)
+        return cls.one_row_a_pair(states, actions, *tables, **settings)
 
     @classmethod
     def one_row_a_pair(
@@ -239,7 +239,7 @@ class FiniteMDP(Frozen):
         probability: Any,
         next_state: Any,
         reward: Any,
-        **rest: Any,
+        **settings: Any,
     ) -> Self:
         """Return the MDP in which every pair has an outcome row to itself; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
@@ -248,7 +248,7 @@ class FiniteMDP(Frozen):
             actions or Space([Component("action", n_actions)]),
             np.arange(n_states * n_actions).reshape(n_states, n_actions),
             *(array.reshape(-1, width) for array in (probability, next_state, reward)),
-            **rest,
+            **settings,
         )
 
     @property

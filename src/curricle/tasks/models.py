@@ -331,9 +331,9 @@ def _compiled(name: str, function: Callable[..., Any], kinds: Any, wanted: str) 
     try:
         template: Any = compiled.get_call_template(kinds, {})[0]
     except NumbaError as error:
-        said = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())
+        reason = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())
         raise TaskError(
-            f"{name} of a computed task must be Python that numba compiles: {said[:400]}"
+            f"{name} of a computed task must be Python that numba compiles: {reason[:400]}"
         ) from error
     kind = template.cases[0].return_type
     parts = (kind,) if name == "start" else tuple(getattr(kind, "types", ()))
@@ -423,13 +423,11 @@ def check_answers(task: ComputedMDP, model: Functions) -> None:
     if not failure["by"]:
         return
     last, returned = task.states.size - 1, float(failure["next_state"])
-    asked = "start of a computed task"
+    call = "start of a computed task"
     if failure["by"] == STEP:
         state = state_name(task.states, int(failure["state"]))
         action = action_name(task.actions, int(failure["action"]))
-        asked = f"step of a computed task for action {action} in {state}"
+        call = f"step of a computed task for action {action} in {state}"
     if returned.is_integer() and 0 <= returned <= last:
-        raise TaskError(f"{REWARD_RULE}: {asked} returned {failure['reward']:g}")
-    raise TaskError(
-        f"a state must be a whole number in 0..{last}: {asked} returned {returned:.20g}"
-    )
+        raise TaskError(f"{REWARD_RULE}: {call} returned {failure['reward']:g}")
+    raise TaskError(f"a state must be a whole number in 0..{last}: {call} returned {returned:.20g}")

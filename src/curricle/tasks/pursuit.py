@@ -194,16 +194,16 @@ class Pursuit(Domain):
                 f"a task's tables may hold at most {LARGEST_TABLE:,} state-action pairs: this "
                 f"pursuit has {n_states:,} states x {n_actions} actions"
             )
-        policy, others = self._prey_policy(), np.int32(self.cells**self.predators)
+        policy, positions = self._prey_policy(), np.int32(self.cells**self.predators)
         landing = self.landing.astype(np.int32)
-        # States are (prey, predators): `others` of them for each cell of the prey.
-        base = np.arange(self.cells, dtype=np.int32) * others
+        # States are (prey, predators): `positions` of them for each cell of the prey.
+        base = np.arange(self.cells, dtype=np.int32) * positions
         outcome_row = base[:, None, None] + joint_landing(landing, self.predators)
-        next_state = base[landing][:, None, :] + np.arange(others, dtype=np.int32)[:, None]
+        next_state = base[landing][:, None, :] + np.arange(positions, dtype=np.int32)[:, None]
         outcome_row = outcome_row.reshape(n_states, n_actions)
         next_state = next_state.reshape(n_states, self.moves)
         if len(policy) == self.cells:
-            probability = np.repeat(policy, others, axis=0)
+            probability = np.repeat(policy, positions, axis=0)
         else:  # the prey reacts to the predators: every pair has a row of its own
             probability = np.repeat(policy, n_actions, axis=0)
             next_state = next_state[outcome_row.ravel()]
@@ -342,10 +342,10 @@ def _pursuit_mappings(target: FamilyMember, source: FamilyMember) -> list[Any]:
         )
     # A group of predators stands for the source's: each predator and those after it, in a circle
     # (paper E7: f_1 and f_2 of two predators from one).
-    names, others = target.task.predator_names, source.task.predator_names
+    names, source_names = target.task.predator_names, source.task.predator_names
     groups = [
-        {name: names[(first + i) % len(names)] for i, name in enumerate(others)}
-        for first in range(len(names) if len(names) > len(others) else 1)
+        {name: names[(first + i) % len(names)] for i, name in enumerate(source_names)}
+        for first in range(len(names) if len(names) > len(source_names) else 1)
     ]
     if target["size"] == source["size"]:
         return [ComponentsByName(renaming=group) for group in groups]

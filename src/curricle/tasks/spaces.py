@@ -281,8 +281,8 @@ class Space(Frozen):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Space):
             return NotImplemented
-        mine, theirs = self.points, other.points
-        alike = mine is theirs if mine is None or theirs is None else np.array_equal(mine, theirs)
+        ours, theirs = self.points, other.points
+        alike = ours is theirs if ours is None or theirs is None else np.array_equal(ours, theirs)
         return alike and self.components == other.components
 
     def __hash__(self) -> int:

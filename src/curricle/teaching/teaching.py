@@ -302,7 +302,7 @@ class EpisodeRecord(NamedTuple):
 class TaughtModel(NamedTuple):
     """Several tasks, a record of the present episode, and the address of the draw of the next."""
 
-    asked: npt.NDArray[np.uint64]  # (1,) the address of the callable of :func:`answer`
+    address: npt.NDArray[np.uint64]  # (1,) of the callable of :func:`answer`
     failed: BoolArray  # (1,) whether the callable has failed
     tables: SharedTables
     q: FloatTable  # (n, S, A) the learner's n tables
@@ -311,7 +311,7 @@ class TaughtModel(NamedTuple):
 
 @first_states.body(TaughtModel)
 def _taught_start(model, bits):
-    state = answer(model.asked[0], np.int64(bits))[0]
+    state = answer(model.address[0], np.int64(bits))[0]
     model.episode.length[0] = 0  # after a failure too: a loop may take one more step
     if state < 0:
         model.failed[0] = True
@@ -430,8 +430,8 @@ class _TaughtRun(Run):
         record = EpisodeRecord(np.full(1, -1), n, steps, steps.copy(), last, ended)
         lesson = self._lesson(settings.seed, record, raised)
         next(lesson)
-        asked = lesson.send  # it must outlive its address
-        address = np.array([id(asked)], dtype=np.uint64)
+        send = lesson.send  # it must outlive its address
+        address = np.array([id(send)], dtype=np.uint64)
         try:
             yield TaughtModel(address, np.zeros(1, np.bool_), self.task_set.shared, q, record)
         finally:

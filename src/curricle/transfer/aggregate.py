@@ -124,14 +124,14 @@ def aggregate(
     bad = ~np.isfinite(result) & ~nowhere
     if bad.any():
         state, action = np.argwhere(bad)[0]
-        asked = f"{name} returned {result[state, action]} at state {state}, action {action}"
+        returned = f"{name} returned {result[state, action]} at state {state}, action {action}"
         if skipped := int(unknown[:, state, action].sum()):
             raise CurriculumError(
                 "an aggregate must skip NaN, which stands for a source that knows nothing of a "
-                f"pair: {asked}, of which {skipped} of {len(potentials)} sources know nothing; "
+                f"pair: {returned}, of which {skipped} of {len(potentials)} sources know nothing; "
                 "numpy.nanmean skips NaN, and mappings with an unmapped_value have none"
             )
-        raise CurriculumError(f"an aggregate must return finite values: {asked}")
+        raise CurriculumError(f"an aggregate must return finite values: {returned}")
     return np.where(nowhere, unknown_value, result) if nowhere.any() else result
 
 

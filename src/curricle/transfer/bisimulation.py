@@ -495,28 +495,28 @@ def back_up_states(target_pairs, source_pairs, pairs, states, rests_on):
 
 
 @compiled_once
-def hausdorff(some, others, pairs, least):
-    """Return the largest of all min_b and min_a over the pairs of two states, and where it is."""
+def hausdorff(rows, columns, pairs, nearest):
+    """Return the largest of all min_b and min_a over two states' `rows` and `columns` of pairs."""
     largest, row, column = -1.0, 0, 0
-    least[:] = np.inf
-    for y in some:
+    nearest[:] = np.inf
+    for y in rows:
         if y < 0:
             break
         smallest, at = np.inf, 0
-        for b in range(len(others)):
-            z = others[b]
+        for b in range(len(columns)):
+            z = columns[b]
             if z < 0:
                 break
             value = pairs[y, z]
             if value < smallest:
                 smallest, at = value, z
-            least[b] = min(least[b], value)
+            nearest[b] = min(nearest[b], value)
         if smallest > largest:
             largest, row, column = smallest, y, at
-    for b in range(len(others)):
-        if others[b] >= 0 and least[b] > largest:
-            largest, column = least[b], others[b]
-            for y in some:
+    for b in range(len(columns)):
+        if columns[b] >= 0 and nearest[b] > largest:
+            largest, column = nearest[b], columns[b]
+            for y in rows:
                 if y >= 0 and pairs[y, column] == largest:
                     row = y
                     break

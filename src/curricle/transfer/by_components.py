@@ -267,12 +267,12 @@ def _difference(kind: str, target: Space, source: Space) -> str:
     if len(target.components) != len(source.components):
         return f"the target's {kind} have {names}, the source's {other_names}"
     for ours, theirs in zip(target.components, source.components, strict=True):
-        mine, yours = (
+        target_range, source_range = (
             f"{part.name}[{part.size}{f' from {part.low}' if part.low else ''}]"
             for part in (ours, theirs)
         )
         if (ours.size, ours.low) != (theirs.size, theirs.low):
-            return f"the target's {kind} have {mine}, the source's {yours}"
+            return f"the target's {kind} have {target_range}, the source's {source_range}"
         labels, other_labels = ours.labels or (), theirs.labels or ()
         if labels != other_labels and set(labels) == set(other_labels):
             return (
@@ -281,8 +281,8 @@ def _difference(kind: str, target: Space, source: Space) -> str:
             )
     if target.is_box and source.is_box:
         return ""
-    points, others = (np.stack([*space.decode().values()]) for space in (target, source))
-    if np.array_equal(points, others):
+    points, source_points = (np.stack([*space.decode().values()]) for space in (target, source))
+    if np.array_equal(points, source_points):
         return ""
     return (
         f"{kind} of {names} are {target.size:,} in the target and {source.size:,} in the source, "
@@ -294,11 +294,11 @@ def check_same_observations(target: ObservationTask, source: Any) -> None:
     """Raise MappingError where a source is seen through observations of another shape."""
     if not isinstance(source, ObservationTask):
         return
-    mine, yours = target.observations, source.observations
-    if _form(mine) != _form(yours):
+    target_space, source_space = target.observations, source.observations
+    if _form(target_space) != _form(source_space):
         raise MappingError(
-            f"{IDENTITY}: the target's observations are {space_text(mine)}, the source's "
-            f"{space_text(yours)}; a function of observations maps others"
+            f"{IDENTITY}: the target's observations are {space_text(target_space)}, the source's "
+            f"{space_text(source_space)}; a function of observations maps others"
         )
 
 
@@ -480,7 +480,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
     """
     spaces = (target.states, source.states), (target.actions, source.actions)
-    n_assignments = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
+    n_assignments = prod(len(space.names) ** len(read.names) for space, read in spaces)
     if n_assignments > MAX_ASSIGNMENTS:
         raise MappingError(
             f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
@@ -492,8 +492,8 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
     s, a = np.divmod(drawn, mdp.actions.size)
     choices = [
-        product([c.name for c in mine.components if not c.arbitrary], repeat=len(other.names))
-        for mine, other in spaces
+        product([c.name for c in space.components if not c.arbitrary], repeat=len(read.names))
+        for space, read in spaces
     ]
     projections = []
     for state_names, action_names in product(*choices):

@@ -110,9 +110,9 @@ class FunctionValues:
 
     def __post_init__(self) -> None:
         if self.state_values is None and (self.action_values is None or self.actions is None):
-            got = "neither" if self.action_values is None else "action_values without actions"
+            args = "neither" if self.action_values is None else "action_values without actions"
             raise PotentialError(
-                f"values need state_values, or action_values and the number of actions: got {got}"
+                f"values need state_values, or action_values and the number of actions: got {args}"
             )
 
     @property
@@ -613,7 +613,7 @@ class ObservationMapping(TaskMapping):
         outside = float("nan")
         if is_observation_task(self.source) and mapped.any():
             space = self.source.observations
-            inside = [space.contains(seen) for seen in iterate(batch_space(space, n), counterparts)]
+            inside = [*map(space.contains, iterate(batch_space(space, n), counterparts))]
             outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
         return ObservationCoverage(
             observations=n,
@@ -626,7 +626,7 @@ class ObservationMapping(TaskMapping):
     def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
         """Return a source observation or state for each, and the status: None if all are mapped."""
         n = batch_size(observations)
-        seen = observations if self.observations is None else self.observations(observations)
+        images = observations if self.observations is None else self.observations(observations)
         status = None
         if self.status is not None:
             status = np.asarray(self.status(observations))
@@ -634,24 +634,24 @@ class ObservationMapping(TaskMapping):
                 status = np.where(status, 0, UNMAPPED)
             status = _integers("status", status)
         if not is_observation_task(self.source):
-            seen = _integers("states", seen)
+            images = _integers("states", images)
             n_states = self.source.states.size
-            if not (seen.view(np.uint64) < n_states).all():  # both bounds at once
-                bad = np.flatnonzero((seen < ENDED) | (seen >= n_states))
+            if not (images.view(np.uint64) < n_states).all():  # both bounds at once
+                bad = np.flatnonzero((images < ENDED) | (images >= n_states))
                 if bad.size:
                     raise MappingError(
                         f"a mapping's states must lie in 0..{n_states - 1}, or be UNMAPPED or "
-                        f"ENDED: observation {bad[0]} gives {seen[bad[0]]}"
+                        f"ENDED: observation {bad[0]} gives {images[bad[0]]}"
                     )
-                status = seen if status is None else np.where(seen < 0, seen, status)
-                seen = np.maximum(seen, 0)
-        if batch_size(seen) != n or (status is not None and status.shape != (n,)):
+                status = images if status is None else np.where(images < 0, images, status)
+                images = np.maximum(images, 0)
+        if batch_size(images) != n or (status is not None and status.shape != (n,)):
             shape = (n,) if status is None else status.shape
             raise MappingError(
-                f"a mapping must return as many as it was given, {n}: got {batch_size(seen)} "
-                f"counterparts and status of shape {shape}"
+                f"a mapping must return {n} counterparts, as many as observations: got "
+                f"{batch_size(images)}, and status of shape {shape}"
             )
-        return seen, status
+        return images, status
 
     def _actions(self, observations: Any, n: int) -> IntArray:
         """Return the source's action for each pair, (n, A)."""

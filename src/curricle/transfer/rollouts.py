@@ -314,11 +314,11 @@ def _episodes(
 
 
 def _of_episodes(
-    potential: ObservationPotential, seen: Sequence[ObservationEpisode]
+    potential: ObservationPotential, episodes: Sequence[ObservationEpisode]
 ) -> GreedyRollouts:
     """Return what is known of greedy episodes."""
     task, columns = potential.task, []
-    for episode in seen:
+    for episode in episodes:
         n, total, value = len(episode.rewards), 0.0, 0.0
         return_to_go, bootstrap_discount = np.empty(n), np.zeros(n)
         for t in range(n - 1, -1, -1):
@@ -330,17 +330,17 @@ def _of_episodes(
         columns.append((return_to_go, bootstrap_discount, np.full(n, value)))
     joined = map(np.concatenate, zip(*columns, strict=True))
     return_to_go, bootstrap_discount, bootstrapped_value = joined
-    rewards = np.concatenate([episode.rewards for episode in seen])
+    rewards = np.concatenate([episode.rewards for episode in episodes])
     return GreedyRollouts(
         states=np.zeros(0, np.int64),
         actions=np.zeros(0, np.int64),
-        predicted=np.concatenate([episode.predicted for episode in seen]),
+        predicted=np.concatenate([episode.predicted for episode in episodes]),
         return_to_go=return_to_go,
         bootstrap_discount=bootstrap_discount,
         bootstrapped_value=bootstrapped_value,
-        lengths=np.array([len(episode.rewards) for episode in seen]),
-        ended=np.array([episode.terminated for episode in seen]),
-        returns=np.array([episode.rewards.sum() for episode in seen]),
+        lengths=np.array([len(episode.rewards) for episode in episodes]),
+        ended=np.array([episode.terminated for episode in episodes]),
+        returns=np.array([episode.rewards.sum() for episode in episodes]),
         one_reward=bool((rewards == rewards[0]).all()),
     )
 

@@ -76,8 +76,8 @@ class FoundMappings:
     refused: dict[str, str]  # each search that found nothing -> why
     steps: int = 0  # in tasks without tables; a curriculum charges them to whoever reads a mapping
 
-    def __getitem__(self, which: Any) -> Any:
-        return self.candidates[which]
+    def __getitem__(self, place: Any) -> Any:
+        return self.candidates[place]
 
     def __iter__(self) -> Iterator[FoundMapping]:
         return iter(self.candidates)

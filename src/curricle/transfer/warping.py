@@ -213,19 +213,19 @@ def _assignments(
     """Yield every assignment of components, with the moves that agree best."""
     from scipy.optimize import linear_sum_assignment  # takes time, and few need it
 
-    mine = _shares(target_paths, tasks.target_mdp.actions)
-    theirs = _shares(source_paths, tasks.source_mdp.actions)
+    shares = _shares(target_paths, tasks.target_mdp.actions)
+    source_shares = _shares(source_paths, tasks.source_mdp.actions)
     for chosen in permutations(range(len(target_paths)), len(source_paths)):
         for turned in product((False, True), repeat=len(source_paths)):
-            ways = list(zip(chosen, turned, strict=True))
+            turns = list(zip(chosen, turned, strict=True))
             laid = tuple(
-                target_paths[i].reversed() if turn else target_paths[i] for i, turn in ways
+                target_paths[i].reversed() if turn else target_paths[i] for i, turn in turns
             )
-            for actions in permutations(range(len(mine)), len(theirs)):
+            for actions in permutations(range(len(shares)), len(source_shares)):
                 cost, moves = 0.0, []
-                for c, there in zip(actions, theirs, strict=True):
-                    here = np.stack([mine[c][i][::-1] if turn else mine[c][i] for i, turn in ways])
-                    table = abs(here[..., :, None] - there[..., None, :]).sum(axis=(0, 1))
+                for c, theirs in zip(actions, source_shares, strict=True):
+                    ours = np.stack([shares[c][i][:: -1 if turn else 1] for i, turn in turns])
+                    table = abs(ours[..., :, None] - theirs[..., None, :]).sum(axis=(0, 1))
                     matched = linear_sum_assignment(table)
                     moves.append(np.full(len(table), MISSING))
                     moves[-1][matched[0]] = matched[1]
@@ -238,9 +238,9 @@ def _shares(on_paths: list[Path], actions: Space) -> list[FloatArray]:
     shares = []
     for values, component in zip(numbered(actions), actions.components, strict=True):
         moves = [(path.up.sum(axis=0), path.down.sum(axis=0)) for path in on_paths]
-        made = np.array([[np.bincount(values, m, component.size) for m in both] for both in moves])
-        total = made.sum(axis=2, keepdims=True)
-        shares.append(np.divide(made, total, out=np.zeros_like(made), where=total > 0))
+        sums = np.array([[np.bincount(values, m, component.size) for m in pair] for pair in moves])
+        total = sums.sum(axis=2, keepdims=True)
+        shares.append(np.divide(sums, total, out=np.zeros_like(sums), where=total > 0))
     return shares
 
 
