@@ -92,9 +92,9 @@ class BlockDude(DomainWithStart):
         One of BURLAP's levels, or a map, one line a row, the highest first: ``<`` or ``>`` the
         agent and where it faces, ``E`` exit, ``B`` block, ``#`` brick, ``.`` free.
     step_reward, exit_reward : float
-        Of a step that does not / does enter the exit.
+        Rewards of a step that does not / does enter the exit.
     start : {"map", "uniform"}
-        As drawn, or in any state, perhaps a dead end, that can be reached and is not the exit.
+        As drawn, or any reachable state but the exit, dead ends included.
     origin : (int, int)
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit

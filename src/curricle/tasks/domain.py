@@ -1,4 +1,4 @@
-"""What the domains that come with the library share: a domain is one declaration.
+"""The base of the domains that come with the library: a domain is one declaration.
 
 The annotations of its fields (:class:`Rule`) say which values they take and which of these are
 harder; :class:`Domain` checks a task by them, and :func:`family_of` makes the parameters of its
@@ -106,7 +106,7 @@ def family_of(
     mapping: Any = None,
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> TaskFamily:
-    """Return the family of a domain, named after it; what is `declared` overrides annotations."""
+    """Return the family of a domain, named after it; `declared` parameters override annotations."""
     name = re.sub(r"(?<=.)(?=[A-Z])", "_", domain.__name__).lower()
     if factory is not None:
         of_factory = {parameter.name for parameter in complete_parameters((), factory, name)}
@@ -256,7 +256,7 @@ class GridDomain(DomainWithStart):
         return self._cell_space.encode(row=row, column=column)
 
     def _landing(self, moves: Mapping[str, Cell] = MOVES) -> IntArray:
-        """Return the cell that each move leads to from each, itself where it leads to none."""
+        """Return the cell that each move leads to from each cell: the same if there is none."""
         to = landing(self._cell_space, moves)
         return np.where(to == MISSING, np.arange(len(to))[:, None], to)
 
@@ -308,7 +308,7 @@ def cell_space(
 
 
 def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
-    """Return the cell that each move leads to from each, (n, moves) int64; MISSING if none is."""
+    """Return the cell that each move leads to from each cell, (n, moves) int64, or MISSING."""
     row, column = (values[:, None] for values in cells.decode().values())
     down, right = np.array(list(moves.values())).T
     return frozen(cells.encode(row=row + down, column=column + right))

@@ -27,24 +27,24 @@ Harder = Literal["larger", "smaller", "later"]
 class Parameter:
     """One declared parameter of a :class:`TaskFamily`.
 
-    The signature of the family's function says what is left out: the annotation the kind
-    (``Literal[...]`` gives `values`, ``| None`` makes it optional), and the default.
+    The signature of the family's function supplies the fields that are left out: the kind by its
+    annotation (``Literal[...]`` gives `values`, ``| None`` makes it optional), and the default.
 
     Parameters
     ----------
     name : str
-        Of the parameter in the function.
+        The name of the function's parameter.
     kind : {int, float, bool, str}, optional
     low, high : float, optional
         The smallest and the largest number, both included.
     values : sequence, optional
         The only values, instead of `kind`, `low` and `high`.
     default : optional
-        The value of members that do not give one; without it they must.
+        The value of members that give none; without a default they must give one.
     harder : {"larger", "smaller", "later"}, optional
         Which values make harder tasks; "later" is the order of `values`.
     optional : bool
-        Whether None is a value too, the hardest of ordered ones.
+        Whether None is a value too; it is the hardest of ordered values.
 
     Examples
     --------
@@ -136,8 +136,8 @@ class Parameter:
         known = self._between(self.low, self.high)
         if known is None:
             raise TaskError(
-                f"{self.name} of {family} has too many values to list, {self.listed()}: give those "
-                "that are wanted"
+                f"{self.name} of {family} has too many values to list, {self.listed()}: give the "
+                "values"
             )
         return (*known, None) if self.optional else tuple(known)
 
@@ -186,12 +186,12 @@ class Parameter:
 
 
 def _key(value: Any) -> tuple[type, Any]:
-    """Return what tells a value from others: True is not 1."""
+    """Return a key that differs for different values: True is not 1."""
     return type(value), value
 
 
 class Rule(NamedTuple):
-    """What an annotation says of a value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``."""
+    """An annotation's rule for a value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``."""
 
     low: float | None = None
     high: float | None = None
@@ -277,8 +277,8 @@ class ComponentsByName:
     Parameters
     ----------
     unequal : {"unmapped", "clip", "scale"}
-        Numbers that the source lacks have no counterpart, as in :func:`project`, or become its
-        nearest; or the target's range is spread over it: low' + floor((v - low) size' / size).
+        Numbers that the source lacks have no counterpart, as in :func:`project`, or become the
+        nearest number; or the target's range is scaled: low' + floor((v - low) size' / size).
     renaming : dict of str to str
         Source component -> target component, where the names differ.
 
@@ -317,17 +317,17 @@ class TaskFamily(Frozen):
     Parameters
     ----------
     name : str
-        What messages and printed members call it.
+        The family's name in messages and printed members.
     factory : callable
         Returns the task; called with every parameter by name.
     parameters : sequence of Parameter
-        What the signature of `factory` does not say.
+        The declarations that the signature of `factory` does not make.
     mapping : ComponentsByName or callable
         How members map onto each other (:func:`family_mappings`); a function of target and source,
         both :class:`FamilyMember`, returns a :class:`ComponentsByName`, a function for
         :func:`from_function` or a mapping, or several in a list.
     constraint : callable, optional
-        From a dict of parameters to what is wrong with them together, a sentence, or None.
+        Takes a dict of parameters and returns why they do not fit together, a sentence, or None.
 
     Raises
     ------
@@ -421,7 +421,7 @@ class TaskFamily(Frozen):
         """
         instance("the member that others are easier than", member, FamilyMember, TaskError)
         if member.family.factory is not self.factory:
-            raise TaskError(f"{self.name} has only members of its own: got {member}")
+            raise TaskError(f"{self.name}.easier needs a member of {self.name}: got {member}")
         pairs = zip(self.parameters, member.values, strict=True)
         columns = [(*parameter.easier_than(value), value) for parameter, value in pairs]
         yield from (easier for easier in self._allowed(columns) if easier.values != member.values)
@@ -466,8 +466,8 @@ class TaskFamily(Frozen):
 class FamilyMember(Frozen):
     """The address of one task of a family: the family and the value of each of its parameters.
 
-    The task is built when it is first asked for. Printed are the parameters that differ from the
-    function's defaults, and those that have none.
+    The task is built on first access. A member prints the parameters that have no default or differ
+    from it.
 
     Examples
     --------
@@ -500,8 +500,8 @@ class FamilyMember(Frozen):
         refused = None if constraint is None else constraint(self.parameters)
         if not (refused is None or isinstance(refused, str)):
             raise TaskError(
-                f"the constraint of {self.family.name} must return None or what is wrong as a "
-                f"sentence: got {refused!r} for {self}"
+                f"the constraint of {self.family.name} must return None or, as a sentence, "
+                f"the mistake: got {refused!r} for {self}"
             )
         return refused
 
@@ -533,7 +533,7 @@ def task_family(
     Parameters
     ----------
     *parameters : Parameter
-        What annotations and defaults of the function do not say.
+        The declarations that the function's annotations and defaults do not make.
     name, mapping, constraint
         As in :class:`TaskFamily`; by default it has the function's name.
 

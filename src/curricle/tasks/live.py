@@ -31,15 +31,15 @@ from curricle.tasks.models import (
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
 RESET = -1  # sent instead of an action to start an episode
-RUNNING, TRUNCATED, FAILED = range(3)  # what the last step led to, termination apart
+RUNNING, TRUNCATED, FAILED = range(3)  # the status after a step; it does not say termination
 
 
 class Live(NamedTuple):
     """Two environments of one task: the one that is learnt in, and one to evaluate policies in."""
 
     address: npt.NDArray[np.uint64]  # (2,) of the callables of :func:`answer`
-    status: npt.NDArray[np.int8]  # (2,) what the last step of each led to
-    which: np.uint64  # which of the two is used
+    status: npt.NDArray[np.int8]  # (2,) of each after its last step
+    which: np.uint64  # the index of the environment that is used
 
 
 first_states.body(Live)(lambda model, bits: _ask(model, RESET)[0])
@@ -66,7 +66,7 @@ PARTS = types.Tuple((types.int64, types.float64, types.boolean, types.boolean))
 def answer(context, builder, signature, args):
     """Return what the Python callable at an address returns for a number, an :data:`Answer`.
 
-    It must keep its exceptions and return that it failed: those that pass leak its memory.
+    The callable must keep its exceptions and return that it failed: a raised one leaks memory.
     """
     api, flag = context.get_python_api(builder), ir.IntType(32)
     slots = [cgutils.alloca_once(builder, kind) for kind in (api.longlong, api.double, flag, flag)]
@@ -125,7 +125,7 @@ class LiveMDP:
         and ``close()`` of a ``gymnasium.Env``. Learners bootstrap where it truncates.
     encode : callable, optional
         ``encode(observation)`` is the number of a state or the tuple of its components' values; by
-        default an observation itself is.
+        default the observation itself.
     act : callable
         ``act(a)`` is the environment's action for action a; by default the number.
     discount, time_limit
@@ -135,7 +135,7 @@ class LiveMDP:
     Raises
     ------
     TaskError
-        While learning, when an observation encodes to no state. Exceptions of an environment pass.
+        While learning, when an observation encodes to no state. An environment's exceptions pass.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def reset_state(task: LiveMDP) -> int:
 
 
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
-    """Return a context with a task's model, which at its end raises what an environment raised."""
+    """Return a context with a task's model; at its end it raises an environment's exception."""
     if is_live(task):
         return _Opened(task, start)
     return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
@@ -261,7 +261,7 @@ def _player(
 
 
 def _observed(begun: Any) -> Any:
-    """Return the observation of what a reset returned."""
+    """Return the observation in the pair that a reset returned."""
     try:
         observation, _ = begun
     except (TypeError, ValueError):

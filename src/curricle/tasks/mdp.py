@@ -1,4 +1,4 @@
-"""Finite MDPs as frozen tables, and what learning and planning need of a task.
+"""Finite MDPs as frozen tables, and the interfaces of tasks that learning and planning read.
 
 Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
 rows of up to O outcomes. A maze has Y = 2 S, a pursuit Y = S, an arbitrary MDP Y = S A.
@@ -443,7 +443,7 @@ class Task(Protocol):
 
 
 class GenerativeModel(Protocol):
-    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops."""
+    """A task as learning reads it: spaces, horizon, and a generative model for compiled loops."""
 
     @property
     def states(self) -> Space: ...  # noqa: D102

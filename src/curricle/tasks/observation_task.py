@@ -19,7 +19,7 @@ from curricle.tasks.models import check_horizon
 
 @dataclass(frozen=True)
 class EnvironmentMaker:
-    """Makes an environment; equal to another that makes the same one."""
+    """Makes an environment; two makers of the same environment are equal."""
 
     what: Any = field(hash=False)  # what ``gymnasium.make`` takes, or a function that makes one
     arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)  # copied for each
@@ -80,11 +80,11 @@ class ObservationTask:
     Parameters
     ----------
     make : callable
-        Returns a new Gymnasium environment; called for each that is needed.
+        Returns a new Gymnasium environment; called for each environment that is needed.
     discount : float
         gamma, in [0, 1].
     time_limit : int, optional
-        Steps after which an episode is cut off; by default those of the environment.
+        Steps after which an episode is cut off; by default the environment's limit.
 
     Examples
     --------
@@ -169,7 +169,7 @@ class ObservationTask:
 
 
 def made_by(make: Any) -> str:
-    """Return what makes an environment in words, the same in every process."""
+    """Return the name of a maker of environments, the same in every process."""
     if isinstance(make, partial):
         arguments = [*map(repr, make.args)]
         arguments += [f"{name}={value!r}" for name, value in make.keywords.items()]

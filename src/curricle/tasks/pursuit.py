@@ -43,8 +43,8 @@ Capture = Annotated[Named | int, Rule(values=(*get_args(Named), *range(1, MOST_P
 class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
-    A state is the cell of the prey and of each predator, who may share one, an action a move for
-    each predator. Episodes start uniformly in the states without a caught prey.
+    A state holds the cells of the prey and of each predator, which may share a cell. An action is a
+    move for each predator. Episodes start uniformly in the states without a caught prey.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class Pursuit(Domain):
     torus : bool
         Whether the grid wraps round; otherwise a move beyond its edge is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators on the prey's cell end the episode with the capture reward. As published
-        one ends it, but the reward needs all of them.
+        How many predators on the prey's cell end the episode with the capture reward. By
+        "as_published" the first predator ends it, but only all of them earn the reward.
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).
     step_reward, capture_reward : float
-        Of a step that does not / does catch the prey.
+        Rewards of a step that does not / does catch the prey.
     discount, time_limit
         As in :class:`FiniteMDP`.
 

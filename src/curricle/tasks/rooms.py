@@ -43,8 +43,8 @@ class FourRooms(GridDomain):
     reinforcement learning", section 3 and figure 2, has the defaults and other goals besides: 104
     cells on a 13x13 grid, walls included. A move into a wall leaves the agent where it is.
 
-    All sizes have the same plan: the wall between west and east in the middle, that between north
-    and south there in the west and one row further south in the east, a hallway in each.
+    All sizes have the same plan: the wall between west and east is in the middle; the wall between
+    north and south is there in the west and one row further south in the east; each has a hallway.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class FourRooms(GridDomain):
     goal : {"north", "east", "south", "west"} or (int, int)
         A hallway (that between the two rooms in the north, and so on), or a row and a column.
     step_reward, goal_reward : float
-        Of a step that does not / does enter the goal.
+        Rewards of a step that does not / does enter the goal.
     start : "corner", "uniform" or cells
         In the first free cell, in any cell but the goal, or in one of these ``(row, column)``.
     rows, columns : (int, int), optional

@@ -16,9 +16,9 @@ from curricle.errors import TaskError
 from curricle.text import counted
 
 Decoded = dict[str, IntArray]
-"""Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
+"""Component name -> integer values, one per point, as :meth:`Space.decode` returns them."""
 
-MISSING = -1  # what :meth:`Space.encode` gives for values that are no point of the space
+MISSING = -1  # the number in :meth:`Space.encode` of values that are no point of the space
 
 
 def whole(values: npt.ArrayLike, name: str) -> IntArray:
@@ -50,11 +50,11 @@ class Component:
     size : int
         Number of values, at least 1.
     low : int
-        Smallest value; all of them fit 64 bits.
+        Smallest value; all values must fit 64 bits.
     labels : tuple of str, optional
         How each value prints, `size` of them.
     arbitrary : bool
-        Whether values are numbered as a search found them; then no mapping by name reads it.
+        Whether a search numbered the values as it found them; no mapping by name reads these.
 
     Examples
     --------
@@ -179,7 +179,7 @@ class Space(Frozen):
 
     @property
     def strides(self) -> tuple[int, ...]:
-        """What an offset of 1 in each component adds to the number of a point of a whole box."""
+        """The increase of a point's number, in a whole box, by an offset of 1 in each component."""
         shape = self.shape
         return tuple(math.prod(shape[i + 1 :]) for i in range(len(shape)))
 

@@ -32,7 +32,7 @@ from curricle.transfer.scores import total_variation
 
 LARGEST_INDEX = 500_000_000  # target pairs for which an index array is made (4 GB)
 UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
-"""What becomes of values that the source lacks, in words."""
+"""The treatment of values that the source lacks, in words."""
 
 
 class ComponentMapping(StateActionMapping):
@@ -197,7 +197,7 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
     origin = target.component(name)
     if component.arbitrary or origin.arbitrary:
         raise MappingError(
-            f"a component that numbers states as they were found is not read by name: got {name!r} "
+            f"a component that numbers states as found cannot be read by name: got {name!r} "
             f"for {component.name!r}; give the environment numbers or words that tell states apart"
         )
     return origin
@@ -286,7 +286,7 @@ def _difference(kind: str, target: Space, source: Space) -> str:
         return ""
     return (
         f"{kind} of {names} are {target.size:,} in the target and {source.size:,} in the source, "
-        "not the same ones in the same order"
+        "not the same points in the same order"
     )
 
 
@@ -320,8 +320,8 @@ def family_mappings(
 ) -> tuple[Any, ...]:
     """Return how a member of a family maps onto another, as the family declares it.
 
-    Several mappings stand for several transfers: each predator of a pursuit can read the only one
-    of its source. Mappings that the family's function made itself keep their `unmapped_value`.
+    Several mappings stand for several transfers: each predator of a pursuit can read its source's
+    only predator. Mappings that the family's function made itself keep their `unmapped_value`.
 
     Raises
     ------
@@ -390,7 +390,7 @@ def same_position(
 ) -> StateActionMapping:
     """Return the mapping of each cell of a maze to the same cell of another (paper F2, F3).
 
-    Cells are compared in map coordinates, which a crop keeps.
+    Cells are compared in map coordinates, which a crop keeps. MappingError for other tasks.
 
     Examples
     --------
@@ -411,7 +411,8 @@ def relative_objects(
 
     A target state matches a source state if every object of the source lies, relative to the agent,
     where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
-    the source's map that fit, the smallest (upwards, then to the left) is taken.
+    the source's map that fit, the smallest (upwards, then to the left) is taken. MappingError for
+    other tasks.
 
     Examples
     --------

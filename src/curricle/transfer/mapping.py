@@ -27,7 +27,7 @@ from curricle.text import brief_repr, counted
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
 UNMAPPED = -1
-"""Entry of a mapping for a target pair without a source pair: of it the source knows nothing."""
+"""Entry of a mapping for a target pair without a source pair."""
 ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
 MOST_LISTED = 1_000_000_000
@@ -136,7 +136,7 @@ class FunctionValues:
 
 
 def no_actions(values: Any) -> PotentialError:
-    """Return the error that these are state values, without action values."""
+    """Return the error that a source has state values and no action values."""
     return PotentialError(
         "state values cannot tell actions apart, as QInitialisation and LookAheadAdvice need: "
         f"{type(values).__name__} has no action values; use StateShaping"
@@ -173,7 +173,7 @@ class TaskMapping(ABC):
     @property
     @abstractmethod
     def parts(self) -> tuple[Any, ...]:
-        """What tells the mapping from others of the same kind."""
+        """The parts by which the mapping differs from others of its kind."""
 
     @property
     def countable(self) -> bool:
@@ -196,10 +196,10 @@ class StateActionMapping(Frozen, TaskMapping):
         ``s' * A' + a'`` of the source pair, `UNMAPPED`, or `ENDED`. Rows of terminal target
         states do not count.
     unmapped_value : float, optional
-        What the source states of unmapped pairs. By default nothing: they are NaN, which
-        aggregates skip. 0 is optimistic where rewards are negative.
+        phi of unmapped pairs. By default NaN, which aggregates skip: the source knows nothing. 0 is
+        optimistic where rewards are negative.
     how : str
-        How a search found it.
+        How a search found the mapping.
     steps : int
         Steps that the search took in tasks without tables.
 
@@ -306,7 +306,7 @@ class StateActionMapping(Frozen, TaskMapping):
         return block(repr(self), self.countable and coverage_table({"": self.coverage()}))
 
     def coverage(self) -> "Coverage":
-        """Return how much of the target is reached, and of the source used."""
+        """Return how much of the target is mapped, and how much of the source is read."""
         index = self.index[~terminal_states(self.target)]
         available = np.repeat(~terminal_states(self.source), self.source.actions.size)
         readers = np.bincount(index[index >= 0], minlength=available.size)
@@ -402,7 +402,7 @@ def from_function(
 
 
 class _Components(dict[str, IntArray]):
-    """The values of components by name, which tells the names that there are."""
+    """The values of components by name; a missing name raises an error that lists the names."""
 
     def __init__(self, values: Decoded, points: str):
         super().__init__(values)
@@ -419,7 +419,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
     The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
-    unmapped, with the value of `first`.
+    unmapped, with the value of `first`. MappingError if the tasks do not fit.
 
     Examples
     --------
@@ -475,7 +475,7 @@ class ObservationMapping(TaskMapping):
     source : ObservationTask or Task
     observations : callable, optional
         The target's stacked observations -> the source's, as many; of a source with tables its
-        states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default the same.
+        states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default unchanged.
     actions : (A,) int array or callable, optional
         The source's action for each of the target's, `UNMAPPED` where none; or observations ->
         (n, A) of them. By default the same numbers.
@@ -602,7 +602,7 @@ class ObservationMapping(TaskMapping):
         return self._transferred("V", values.v(counterparts), status, scale, shift)
 
     def coverage(self, observations: Any) -> "ObservationCoverage":
-        """Return how much of a sample of n stacked observations is reached."""
+        """Return how much of a sample of n stacked observations is mapped."""
         counterparts, status = self._counterparts(observations)
         n = batch_size(observations)
         status = np.zeros(n, np.int64) if status is None else status

@@ -175,7 +175,7 @@ def acting_view(potential: PairPotential) -> LookedUp | Values:
 
 
 def _predict(view, discount, steps, ends, predicted, following):
-    """Fill in phi of each step and what followed it; arrays as in :class:`GreedyRollouts`."""
+    """Fill in phi and the later return of each step; arrays as in :class:`GreedyRollouts`."""
     return_to_go, bootstrap_discount, bootstrapped_value = following
     row, first = np.empty((1, view.values.shape[1])), 0
     for episode in range(ends.lengths.shape[0]):
@@ -253,7 +253,7 @@ def episode_returns(episodes: Sequence[ObservationEpisode], discount: float) -> 
 
 
 def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
-    """Return the mean of these."""
+    """Return the mean discounted return of episodes."""
     return float(episode_returns(episodes, discount).mean())
 
 
@@ -316,7 +316,7 @@ def _episodes(
 def _of_episodes(
     potential: ObservationPotential, episodes: Sequence[ObservationEpisode]
 ) -> GreedyRollouts:
-    """Return what is known of greedy episodes."""
+    """Return greedy episodes with their predictions and returns to go."""
     task, columns = potential.task, []
     for episode in episodes:
         n, total, value = len(episode.rewards), 0.0, 0.0
@@ -394,7 +394,7 @@ class ObservationTarget:
 def target_of(
     task: Any, evaluation: GreedyEvaluation | None = None, *, episodes: int | None = None
 ) -> Target | ObservationTarget:
-    """Return a task of either kind as a target."""
+    """Return the target of a task with tables or with observations."""
     if not is_observation_task(task):
         return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
     number = OBSERVATION_ROLLOUTS if episodes is None else episodes

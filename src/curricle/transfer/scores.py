@@ -60,7 +60,7 @@ class MappingScores:
 
     @property
     def worth(self) -> float:
-        """What is regained, times the share explained if that is a gain; NaN where unknown."""
+        """`regained`, times the share explained if that is a gain; NaN where unknown."""
         return self.regained * (max(0.0, 1 - self.unexplained) if self.regained > 0 else 1.0)
 
     def __str__(self) -> str:
@@ -215,9 +215,9 @@ def fitted_unmapped_value(
 
     It is the constant u at which the expectile of max_a (T phi)(s, a) - max_a phi(s, a), over the
     target's reachable states, is 0. T is the target's Bellman operator, phi the source's exact
-    values where the mapping has any and u elsewhere. It is not below what the worst reward for ever
-    is worth. It is None where all is mapped, where u would not be below 0, and where no way leads
-    from some state to what is mapped.
+    values where the mapping has any and u elsewhere. It is at least the value of the worst reward
+    for ever. It is None where all is mapped, where u would not be below 0, and where some state has
+    no way to a mapped state.
 
     `scale` and `shift` are the transfer's; `tasks` as in :func:`score_mapping`.
 
