@@ -448,7 +448,7 @@ MUTATIONS = [
     Mutation(
         "a second predator that nobody reads",
         "tasks/pursuit.py",
-        "range(len(names) if len(names) > len(others) else 1)",
+        "range(len(names) if len(names) > len(source_names) else 1)",
         "range(1)",
         ("tests/unit/test_family_mappings.py::test_two_predators_read_one_as_in_the_paper",),
     ),

@@ -232,7 +232,7 @@ LARGEST = 2**62  # the most states: larger numbers do not fit the arrays that li
 class ComputedMDP:
     """An MDP whose successors are computed by a function, for tasks too large for tables.
 
-    It can be learnt and be a source or target of transfer, but :func:`solve` needs tables. Compiling
+    It can be learnt and take part in transfer, but :func:`solve` needs tables. Compiling
     takes some seconds in each process, as a user's code is not cached on disk.
 
     Parameters
