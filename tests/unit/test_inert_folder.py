@@ -207,7 +207,7 @@ def test_arrays_of_other_shapes_or_without_sense_are_refused(folder):
         ("greedy_return", found["greedy_return"] / 0.0, "finite"),
         ("greedy_return", found["greedy_return"].astype(np.int8), "must be an array of float64"),
         ("source_steps", found["source_steps"].astype(np.int8), "must be an array of int64"),
-        ("seeds", found["seeds"][::-1], "seeds must be those of its unit"),
+        ("seeds", found["seeds"][::-1], "seeds must be the seeds of its unit"),
     ):
         unit.write_bytes(whole)
         put(unit, **{f"{name}__npy": npy(np.ascontiguousarray(array))})

@@ -163,7 +163,7 @@ def test_a_live_task_is_played_in_its_environment(kind):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda p: TabularPolicy(None, p.values).predict([0, 0]), "without its task reads numbers"),
+        (lambda p: TabularPolicy(None, p.values).predict([0, 0]), "takes only numbers"),
         (
             lambda p: TabularPolicy(random_mdp(1), np.zeros((6, 3))).episode(),
             "without a time limit needs max_steps",

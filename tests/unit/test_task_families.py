@@ -184,7 +184,7 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: task_family(one_word), "must be given Parameters, in parentheses, above a"),
         (
             lambda: TaskFamily("f", one_word, constraint=lambda values: False)(),
-            "constraint of f must return None or what is wrong as a sentence: got False for f",
+            "constraint of f must return None or, as a sentence, the mistake: got False for f",
         ),
         (lambda: task_family()(lambda x: x), "parameter 'x' of <lambda> must have a kind"),
     ],

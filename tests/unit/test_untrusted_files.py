@@ -154,7 +154,7 @@ def test_a_file_of_holes_is_not_read(tmp_path):
         archive.writestr("steps.npy", array.getvalue())
     with path.open("r+b") as file:
         os.truncate(file.fileno(), size)
-    refused = pytest.raises(ValueError, match="most of them are not on the disk")
+    refused = pytest.raises(ValueError, match="most are not on the disk")
     with refused, opened_archive(path, whole=True):
         pass
 
