@@ -390,7 +390,7 @@ def test_states_in_the_order_of_discovery_are_never_mapped_by_name():
         with pytest.raises(MappingError, match=said):
             cr.project(target, source, action="action")
     named = cr.tabulate(square(3, of_reals, private=False), discount=0.9, names=["cell"])
-    with pytest.raises(MappingError, match="not read by name"):
+    with pytest.raises(MappingError, match="cannot be read by name"):
         cr.project(large, named, cell="state")
 
 
