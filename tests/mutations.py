@@ -50,8 +50,8 @@ class Mutation(NamedTuple):
 
     def applied(self, text: str) -> str:
         """Return the file's text with the mistake in it."""
-        if (found := text.count(self.old)) != 1:
-            raise ValueError(f"{self.name}: {self.file} has {self.old!r} {found} times, not once")
+        if (count := text.count(self.old)) != 1:
+            raise ValueError(f"{self.name}: {self.file} has {self.old!r} {count} times, not once")
         return text.replace(self.old, self.new)
 
 

@@ -343,7 +343,7 @@ class Damaged(Exception):
 
 def archive_content(
     arrays: Mapping[str, npt.NDArray[Any]],
-    others: Mapping[str, bytes],
+    members: Mapping[str, bytes],
     compressed: Collection[str] = (),
 ) -> bytes:
     """Return an archive of arrays, then other members; equal arguments give equal bytes."""
@@ -358,7 +358,7 @@ def archive_content(
                 continue
             with archive.open(member, "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, np.asarray(array), allow_pickle=False)
-        for name, content in others.items():
+        for name, content in members.items():
             archive.writestr(zipfile.ZipInfo(name), content)
         archive.comment = bytes(SEAL)
     return sealed_archive(buffer.getvalue()[:-SEAL], archive.start_dir)
@@ -480,8 +480,8 @@ def write_saved(
 ) -> Path:
     """Write a whole ``.npz`` file, make its folders, and return its path; StoreError."""
     file = local_file(path, ENDING)
-    others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
-    write_in_folder(file, archive_content(arrays, others), f"a {kind}")
+    members = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
+    write_in_folder(file, archive_content(arrays, members), f"a {kind}")
     return file
 
 

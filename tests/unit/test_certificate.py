@@ -195,10 +195,11 @@ def test_a_theorem_decides_what_the_errors_of_values_cannot():
     corridor = cr.GridWorld("S" + "." * 60 + "T", rewards=cr.Rewards(step=0), discount=0.5)
     phi = 1e5 * np.random.default_rng(1).normal(size=(6, corridor.states.size))
     certificate = [
-        certify(corridor, cr.StateShaping(cr.StatePotential(corridor, one))) for one in phi
+        certify(corridor, cr.StateShaping(cr.StatePotential(corridor, each_phi)))
+        for each_phi in phi
     ]
     assert all(certificate)
-    assert all(one.loss == 0 for one in certificate)
+    assert all(each_phi.loss == 0 for each_phi in certificate)
 
 
 def test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree():

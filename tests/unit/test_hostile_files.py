@@ -70,11 +70,11 @@ def test_what_is_no_file_is_not_waited_for(kind, place):
 
 @pytest.mark.parametrize("name", [LONG, REVERSED, "a\nb", "a\0b", "\u200b", ""])
 def test_names_that_no_table_can_show_are_refused(name):
-    quoted = "".join(f"\\U{ord(one):08x}" for one in name)
+    quoted = "".join(f"\\U{ord(part):08x}" for part in name)
     task = f"[tasks.\"{quoted}\"]\ntype = 'maze'\nmap = 'S.T'\n"
-    assert any("has a name that must" in one for one in complaints_of(f"name = 'x'\n{task}"))
+    assert any("has a name that must" in part for part in complaints_of(f"name = 'x'\n{task}"))
     arm = f'\n[arms."{quoted}"]\nbudget = 5'
-    assert any("has a name that must" in one for one in complaints_of(MAZE + arm))
+    assert any("has a name that must" in part for part in complaints_of(MAZE + arm))
     (sentence,) = complaints_of(MAZE.replace('"maze"', f'"{quoted}"', 1))
     assert "name must" in sentence
     assert sentence.isprintable()

@@ -103,18 +103,18 @@ def test_reading_imports_and_runs_nothing_of_a_study(folder, tmp_path):
 
 
 def test_nothing_in_a_folder_names_the_machine_or_its_user(sent):
-    words = ["a_distinctive_home", "of_somebody", str(sent.parent), sys.prefix, sys.executable]
-    words += [rf"\b{one}\b" for one in (socket.gethostname(), getuser()) if len(one) > 1]
+    patterns = ["a_distinctive_home", "of_somebody", str(sent.parent), sys.prefix, sys.executable]
+    patterns += [rf"\b{name}\b" for name in (socket.gethostname(), getuser()) if len(name) > 1]
     files = [path for path in sent.rglob("*") if path.is_file()]
     assert len(files) > 7
     for path in files:
-        assert not [word for word in words if re.search(word.encode(), path.read_bytes())], path
+        assert not [word for word in patterns if re.search(word.encode(), path.read_bytes())], path
 
 
 def test_a_report_has_all_that_the_tasks_themselves_could_say(folder):
     page = write_report(folder).read_text()
-    for words in ("predicted start", "Is the shaping safe?", "One episode, before and after"):
-        assert words in page
+    for heading in ("predicted start", "Is the shaping safe?", "One episode, before and after"):
+        assert heading in page
     assert "is left out" not in page
     assert str(folder.parent) not in page
 
@@ -181,16 +181,16 @@ def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("shape", "words"),
+    ("shape", "message"),
     [
         ((10**6, 10**6), "does not fill its file"),
         ((10**30,), "does not fill its file"),
         ((-1,), r"\.npz"),
     ],
 )
-def test_an_array_larger_than_its_file_is_refused(folder, shape, words):
+def test_an_array_larger_than_its_file_is_refused(folder, shape, message):
     put(a_unit(folder), snapshot_values__npy=packed(header(shape), bytes(8)))
-    refuses(folder, words)
+    refuses(folder, message)
 
 
 @pytest.mark.filterwarnings("ignore:divide by zero")
@@ -198,20 +198,20 @@ def test_arrays_of_other_shapes_or_without_sense_are_refused(folder):
     unit = a_unit(folder)
     whole = unit.read_bytes()
     with np.load(unit) as arrays:
-        found = dict(arrays)
-    for name, array, words in (
-        ("greedy_return", found["steps"], "greedy_return must be an array of shape"),
-        ("steps_used", found["steps"][:1], "steps_used must be an array of shape"),
-        ("steps", found["steps"][::-1], "steps must ascend"),
+        changed = dict(arrays)
+    for name, array, message in (
+        ("greedy_return", changed["steps"], "greedy_return must be an array of shape"),
+        ("steps_used", changed["steps"][:1], "steps_used must be an array of shape"),
+        ("steps", changed["steps"][::-1], "steps must ascend"),
         ("source_steps", np.array([0, 10**15]), "must spend at most"),
-        ("greedy_return", found["greedy_return"] / 0.0, "finite"),
-        ("greedy_return", found["greedy_return"].astype(np.int8), "must be an array of float64"),
-        ("source_steps", found["source_steps"].astype(np.int8), "must be an array of int64"),
-        ("seeds", found["seeds"][::-1], "seeds must be the seeds of its unit"),
+        ("greedy_return", changed["greedy_return"] / 0.0, "finite"),
+        ("greedy_return", changed["greedy_return"].astype(np.int8), "must be an array of float64"),
+        ("source_steps", changed["source_steps"].astype(np.int8), "must be an array of int64"),
+        ("seeds", changed["seeds"][::-1], "seeds must be the seeds of its unit"),
     ):
         unit.write_bytes(whole)
         put(unit, **{f"{name}__npy": npy(np.ascontiguousarray(array))})
-        refuses(folder, words)
+        refuses(folder, message)
 
 
 def test_units_without_what_belongs_to_them_are_refused(folder):
@@ -228,7 +228,7 @@ UNFIT = [{"key": "0f"}, {"seeds": [5, 6]}, {"seeds": []}, {"task": 3}, {"task": 
 @pytest.mark.parametrize("about", UNFIT)
 def test_a_unit_that_says_to_be_another_is_not_used(folder, about):
     unit = a_unit(folder)
-    put(unit, lambda found: found.update(about))
+    put(unit, lambda record: record.update(about))
     assert StudyStore(folder).damaged_units() == [unit]
     with pytest.raises(StoreError, match=re.escape(str(unit))):
         merge(folder.parent / "whole", [folder])
@@ -250,7 +250,7 @@ def test_decisions_that_are_none_or_too_long_are_refused(folder):
     rows = {column: pa.nulls(10**5, kind) for column, kind in DECISION_SCHEMA.items()}
     put_table(rows)
     refuses(folder, "must have at most .* rows")
-    put_table({column: one[:1] for column, one in rows.items()})
+    put_table({column: cells[:1] for column, cells in rows.items()})
     refuses(folder, "must have a value in each row")
 
 

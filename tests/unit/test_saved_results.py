@@ -59,8 +59,8 @@ def test_what_is_loaded_goes_on_as_the_original(tmp_path, learnt):
     assert str(again) == str(learnt)
     assert again.learner == learnt.learner
     assert repr(again.watch(seed=3)) == repr(learnt.watch(seed=3))
-    one, other = (plan().train(seeds=[5, 2], trained={"maze": r}) for r in (learnt, again))
-    assert np.array_equal(one.sources["maze"].values, other.sources["maze"].values)
+    original, other = (plan().train(seeds=[5, 2], trained={"maze": r}) for r in (learnt, again))
+    assert np.array_equal(original.sources["maze"].values, other.sources["maze"].values)
 
 
 def test_without_its_task_a_result_has_curves_and_choices(tmp_path, learnt):
@@ -94,7 +94,7 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, learnt, monkeypatch):
 
 
 def test_what_is_no_path_is_refused(learnt, trained):
-    uses = [one.save for one in (learnt, trained, learnt.policy, learnt.watch(seed=0))]
+    uses = [saved.save for saved in (learnt, trained, learnt.policy, learnt.watch(seed=0))]
     uses += [LearningResult.load, lambda path: CurriculumResult.load(path, plan())]
     for use in uses:
         for path in (3, None, "", "/"):
@@ -105,7 +105,7 @@ def test_what_is_no_path_is_refused(learnt, trained):
 def test_a_url_is_refused_and_nothing_is_written(tmp_path, learnt, trained, monkeypatch):
     monkeypatch.chdir(tmp_path)
     saves = (learnt, trained, learnt.policy)
-    for save in (*(one.save for one in saves), LearningResult.load):
+    for save in (*(saved.save for saved in saves), LearningResult.load):
         with pytest.raises(StoreError, match=r"on this machine, not at a URL: got 's3://b/maze"):
             save("s3://b/maze")
     with pytest.raises(StoreError, match=r"not at a URL: got 'gs://b/maze\.gif'"):
@@ -143,7 +143,7 @@ def newer(path):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    ("wrong", "message"),
     [
         (lambda path: None, "cannot be read from .*No such file"),
         (lambda path: path.mkdir(), "cannot be read from"),
@@ -159,13 +159,13 @@ def newer(path):
         (lambda path: write_saved(path, "LearningResult", {}, {}), "is not as .*: it has no seeds"),
     ],
 )
-def test_a_damaged_or_foreign_file_is_one_sentence(tmp_path, monkeypatch, wrong, words):
+def test_a_damaged_or_foreign_file_is_one_sentence(tmp_path, monkeypatch, wrong, message):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "r.npz"
     wrong(path)
-    with pytest.raises(StoreError, match=words) as found:
+    with pytest.raises(StoreError, match=message) as caught:
         LearningResult.load(path, MAZE)
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(caught.value)
     assert not (tmp_path / "harmed").exists()
 
 
@@ -181,24 +181,24 @@ def test_another_task_is_refused(tmp_path, learnt):
 # -- curricula ---------------------------------------------------------------------------------
 
 
-def same(one, other):
+def same(result, other):
     """Assert that two results of curricula are equal in all that they say."""
-    assert [*one.nodes] == [*other.nodes]
-    for name in one.nodes:
-        assert np.array_equal(one[name].values, other[name].values)
-        assert one[name].learner == other[name].learner
-        assert np.array_equal(one.source_steps(name), other.source_steps(name))
-        assert str(one.decisions(name)) == str(other.decisions(name))
-    assert [*one.potentials] == [*other.potentials]
-    for name, each in one.potentials.items():
-        for mine, yours in zip(each, other.potentials[name], strict=True):
-            assert np.array_equal(mine.values, yours.values)
-    assert str(one.calibrations) == str(other.calibrations)
-    for name, each in one.calibrations.items():
-        for mine, yours in zip(each, other.calibrations[name], strict=True):
-            assert np.array_equal(mine.warm_up.lengths, yours.warm_up.lengths)
-            assert np.array_equal(mine.warm_up.returns, yours.warm_up.returns)
-    assert [*one.given] == [*other.given]
+    assert [*result.nodes] == [*other.nodes]
+    for name in result.nodes:
+        assert np.array_equal(result[name].values, other[name].values)
+        assert result[name].learner == other[name].learner
+        assert np.array_equal(result.source_steps(name), other.source_steps(name))
+        assert str(result.decisions(name)) == str(other.decisions(name))
+    assert [*result.potentials] == [*other.potentials]
+    for name, values in result.potentials.items():
+        for ours, theirs in zip(values, other.potentials[name], strict=True):
+            assert np.array_equal(ours.values, theirs.values)
+    assert str(result.calibrations) == str(other.calibrations)
+    for name, values in result.calibrations.items():
+        for ours, theirs in zip(values, other.calibrations[name], strict=True):
+            assert np.array_equal(ours.warm_up.lengths, theirs.warm_up.lengths)
+            assert np.array_equal(ours.warm_up.returns, theirs.warm_up.returns)
+    assert [*result.given] == [*other.given]
 
 
 @pytest.mark.parametrize(
@@ -219,12 +219,12 @@ def test_a_curriculum_is_loaded_as_it_was(tmp_path, settings):
 
 
 def test_sources_that_were_given_are_kept(tmp_path, trained):
-    given = cr.curriculum.SourceValues.of(trained["corner"])
-    result = plan().train(seeds=2, trained={"corner": given})
+    source_values = cr.curriculum.SourceValues.of(trained["corner"])
+    result = plan().train(seeds=2, trained={"corner": source_values})
     again = CurriculumResult.load(result.save(tmp_path / "one"), plan())
     same(result, again)
     assert [*again.nodes] == ["maze"]
-    assert np.array_equal(again.given["corner"].values, given.values)
+    assert np.array_equal(again.given["corner"].values, source_values.values)
 
 
 def test_another_curriculum_is_refused(tmp_path, trained):
@@ -242,12 +242,12 @@ def test_another_curriculum_is_refused(tmp_path, trained):
 
 @pytest.mark.parametrize("missing", ["nodes", "tasks", "trained"])
 def test_words_that_are_missing_are_one_sentence(tmp_path, trained, missing):
-    arrays, words = to_file(trained)
-    del words[missing]
-    file = write_saved(tmp_path / "one", "CurriculumResult", arrays, words)
-    with pytest.raises(StoreError, match="is not as save") as found:
+    arrays, record = to_file(trained)
+    del record[missing]
+    file = write_saved(tmp_path / "one", "CurriculumResult", arrays, record)
+    with pytest.raises(StoreError, match="is not as save") as caught:
         CurriculumResult.load(file, plan())
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(caught.value)
 
 
 # -- data frames -------------------------------------------------------------------------------

@@ -54,11 +54,11 @@ def test_without_them_nothing_changes(tmp_path):
 
 
 def test_they_survive_as_plain_data(tmp_path):
-    one = study(tmp_path)
-    again = StudyConfig.from_data(one.to_data(), one.folder)
-    assert again == one
-    assert Arms.of(again).keys == Arms.of(one).keys
-    record = study_record(one, Arms.of(one))
+    config = study(tmp_path)
+    again = StudyConfig.from_data(config.to_data(), config.folder)
+    assert again == config
+    assert Arms.of(again).keys == Arms.of(config).keys
+    record = study_record(config, Arms.of(config))
     assert [name for name, arm in record.arms.items() if arm.scratch] == [*NAMES]
     assert read_record(StudyRecord, plain(record)).arms == record.arms
     assert record.groups() == [("transfer",)]
@@ -133,11 +133,11 @@ def column(height, seed=0):
     return height + 0.1 * np.random.default_rng(seed).permutation(9)
 
 
-def by_hand(mine, *others):
+def by_hand(first, *rest):
     arms = {"scratch": flat(column(0.0))}
-    for n, height in enumerate(others):
+    for n, height in enumerate(rest):
         arms[f"scratch, {n}"] = flat(column(height, n + 1), scratch=True)
-    return Comparison("maze", arms | {"mine": flat(column(mine, 7))}, 10, 10, 0.5, 1)
+    return Comparison("maze", arms | {"mine": flat(column(first, 7))}, 10, 10, 0.5, 1)
 
 
 def test_each_is_an_arm_with_the_same_total(calls):
@@ -155,11 +155,11 @@ def test_each_is_an_arm_with_the_same_total(calls):
 
 
 def test_arms_that_were_there_before_are_the_same_bit_for_bit():
-    one = compare(corner(), seeds=2, controls=["placebo"])
+    before = compare(corner(), seeds=2, controls=["placebo"])
     other = compare(corner(), seeds=2, controls=["placebo"], scratch=[FAST])
-    for name in one.arms:
-        assert_same(one[name], other[name])
-    assert one.threshold == other.threshold
+    for name in before.arms:
+        assert_same(before[name], other[name])
+    assert before.threshold == other.threshold
 
 
 def test_the_shaping_of_a_target_does_not_change_what_others_learn_from_scratch(calls):

@@ -36,7 +36,7 @@ def recorded(measure):
 def test_totals_double_and_each_seed_is_asked_for_once(first, most, totals):
     measure, asked = recorded(noisy())
     result = add_seeds(measure, first=first, most=most, precision=1e-9)
-    assert np.cumsum([len(each) for each in asked]).tolist() == totals
+    assert np.cumsum([len(new) for new in asked]).tolist() == totals
     assert [seed for batch in asked for seed in batch] == list(range(most))
     assert np.array_equal(result.values, NOISE[:most])
     assert (result.stopped_by, result.looks) == ("most", len(totals))

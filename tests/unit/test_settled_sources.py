@@ -124,15 +124,15 @@ def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
 def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
     short = "tasks.corner.budget={ max_steps = 4, settled = 0.05 }"
     study = read(STUDY, set=["seeds=2", "tasks.maze.budget=500", "tasks.maze.eval_freq=5", short])
-    found = cr.run_study(study, tmp_path / "out", progress=False).comparison
+    comparison = cr.run_study(study, tmp_path / "out", progress=False).comparison
     again = cr.compare({"transfer": study.curriculum("transfer")}, seeds=2)
-    for one in (found, again):
+    for shown in (comparison, again):
         assert (
-            one.unlearnt("transfer")
+            shown.unlearnt("transfer")
             == "sources of transfer that did NOT learn: corner in 2 of 2 seeds"
         )
-        assert one.unlearnt("transfer") in str(one)
-        assert one.rows()[1]["unlearnt"] == one.unlearnt("transfer")
+        assert shown.unlearnt("transfer") in str(shown)
+        assert shown.rows()[1]["unlearnt"] == shown.unlearnt("transfer")
     learnt = cr.compare(plan(budget={"maze": 20_000}), seeds=2)
     assert learnt.unlearnt("transfer") == ""
 
@@ -169,8 +169,8 @@ def test_sources_without_a_budget_share_a_tenth_of_the_targets():
         steps = 20 * larger.time_limit if isinstance(budget, cr.Episodes) else 4_000
         both = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": budget})
         assert both.setting("budget", "corner") == rule(steps // 20)
-    one = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": 4_000, "maze": 900})
-    assert one.setting("budget", "corner") == rule(400)
+    short = cr.Curriculum({**TASKS, "larger": larger}, edges, budget={"larger": 4_000, "maze": 900})
+    assert short.setting("budget", "corner") == rule(400)
     # Of two targets the larger counts, and longer training of the target changes no source.
     two = cr.Curriculum(
         {**TASKS, "other": MAZE},
@@ -217,10 +217,10 @@ def test_a_source_that_is_not_evaluated_takes_its_cap():
 
 def test_arms_and_controls_spend_one_total():
     arms = cr.compare(plan(budget={"maze": 20_000}), seeds=3, controls=["random_start"]).arms
-    own = arms["transfer"].curve.source_steps
+    source_steps = arms["transfer"].curve.source_steps
     control = arms["transfer, random start"].curve.source_steps
-    assert (own < 20_000).all()
-    assert own.tolist() == control.tolist()
+    assert (source_steps < 20_000).all()
+    assert source_steps.tolist() == control.tolist()
 
 
 STATED = "[tasks.corner]\nbudget = { max_steps = 4_000, settled = 0.05 }"
@@ -234,8 +234,8 @@ def test_a_study_file_has_the_rule(read):
 
 
 def test_a_study_file_that_states_no_budget_has_the_defaults_of_a_curriculum(read):
-    arm, own = read(STUDY).curriculum("transfer"), plan()
+    arm, by_hand = read(STUDY).curriculum("transfer"), plan()
     assert [arm.setting("budget", name) for name in ("corner", "maze")] == [rule(10_000), 100_000]
-    assert arm.node("corner").eval_freq == own.node("corner").eval_freq
+    assert arm.node("corner").eval_freq == by_hand.node("corner").eval_freq
     with pytest.raises(ConfigError, match=r"maze\.eval_freq.*must not exceed the budget of 100000"):
         read(STUDY, set=["tasks.maze.eval_freq=100_001"]).curriculum("transfer")

@@ -37,9 +37,9 @@ def potential(task, function=cr.minimum, seed=0):
     return mapped_potential(task, edges, rng.normal(-8, 3, size=(2, 81, 5)), function)
 
 
-def same_curves(one, other):
+def same_curves(result, other):
     for name in CURVES:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(result, name), getattr(other, name), err_msg=name)
 
 
 def both(task, learner, budget=3000, *, dtype="float64", **settings):
@@ -115,8 +115,8 @@ def test_ten_thousand_million_states_are_learnt():
 
 
 def limited(rows, **settings):
-    one = Storage("sparse")
-    bytes_a_row = 10_000 / one.rows_within(10_000_000, HUNT.actions.size) * 1000
+    unlimited = Storage("sparse")
+    bytes_a_row = 10_000 / unlimited.rows_within(10_000_000, HUNT.actions.size) * 1000
     storage = Storage("sparse", memory_limit=int((rows + 0.5) * bytes_a_row))
     assert storage.rows_within(storage.limit, HUNT.actions.size) == rows
     learner = QLearning(epsilon=0.5)
@@ -142,8 +142,8 @@ def test_a_run_that_is_out_of_memory_ends_as_a_prefix(rows):
     n = len(short.steps)
     assert n == short.steps_used[0] // 20 + 1
     for name in ("training_return", "greedy_return", "episodes", "steps"):
-        one, other = getattr(short, name), getattr(whole, name)[..., :n]
-        np.testing.assert_array_equal(one, other, err_msg=name)
+        prefix, other = getattr(short, name), getattr(whole, name)[..., :n]
+        np.testing.assert_array_equal(prefix, other, err_msg=name)
     # The values, too, are those of a run of just as many steps.
     used = int(short.steps_used[0])
     if used:
@@ -334,7 +334,7 @@ def test_learning_that_diverges_ends_all_the_same(kind, exploration):
     wild = cr.FiniteMDP.from_outcomes([pay, pay], start=0, discount=0.9, time_limit=10)
     learner = QLearning(learning_rate=0.5, **exploration)
     storage = Storage(kind, dtype="float32")
-    found = cr.learn(wild, learner, 5000, storage=storage, evaluation=ROLLED)
-    values = found.values[0].values if kind == "sparse" else found.values
-    assert found.steps_used[0] == 5000
+    result = cr.learn(wild, learner, 5000, storage=storage, evaluation=ROLLED)
+    values = result.values[0].values if kind == "sparse" else result.values
+    assert result.steps_used[0] == 5000
     assert np.isnan(values).any()

@@ -242,8 +242,8 @@ def uniform_over(tasks):
 
 def rates(seen, window):
     """Return the share of successes among the last `window` episodes of each task."""
-    each = [[e.success for e in seen if e.task == i][-window:] for i in range(N_TASKS)]
-    return [np.mean(one) if one else 0.0 for one in each]
+    outcomes = [[e.success for e in seen if e.task == i][-window:] for i in range(N_TASKS)]
+    return [np.mean(one) if one else 0.0 for one in outcomes]
 
 
 @pytest.mark.parametrize(("seed", "n"), CASES)

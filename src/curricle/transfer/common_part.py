@@ -223,11 +223,11 @@ def _beginnings(target: Moves, source: Moves) -> list[tuple[int, int]]:
     common = sorted(set(counts) & set(other_counts), key=lambda r: counts[r] * other_counts[r])
     pairs: dict[tuple[int, int], None] = {}
     for reward in common:
-        states, others = (
+        states, source_states = (
             np.flatnonzero(((task.reward == reward) & moves).any(axis=1)).tolist()
             for task, moves in zip((target, source), going, strict=True)
         )
-        pairs |= dict.fromkeys(product(states, others))
+        pairs |= dict.fromkeys(product(states, source_states))
         if len(pairs) >= MOST_BEGINNINGS:
             break
     return list(pairs)[:MOST_BEGINNINGS]

@@ -39,7 +39,7 @@ def test_a_seed_depends_on_itself_alone():
 
 def test_evaluation_does_not_disturb_learning():
     task = watched([])
-    found = [
+    results = [
         cr.learn(task, budget=300, seeds=2, eval_freq=eval_freq, evaluation=evaluation)
         for eval_freq, evaluation in (
             (10, None),
@@ -47,10 +47,10 @@ def test_evaluation_does_not_disturb_learning():
             (300, cr.GreedyEvaluation(episodes=50)),
         )
     ]
-    for other in found[1:]:
-        np.testing.assert_array_equal(found[0].values, other.values)
-    assert np.isnan(found[1].greedy_return).all()
-    assert not np.isnan(found[0].greedy_return).any()
+    for other in results[1:]:
+        np.testing.assert_array_equal(results[0].values, other.values)
+    assert np.isnan(results[1].greedy_return).all()
+    assert not np.isnan(results[0].greedy_return).any()
 
 
 def test_a_live_task_is_evaluated_by_few_episodes_by_default():
@@ -88,9 +88,9 @@ def test_being_cut_off_is_no_end(learner):
     values, episodes = [], []
     for terminated in (True, False):
         task = cr.from_gymnasium(Stay, discount=0.5, terminated=terminated)
-        found = cr.learn(task, learner(learning_rate=1.0), 200, evaluation=OFF)
-        values.append(found.values[0, 0, 0])
-        episodes.append(found.episodes_used[0])
+        result = cr.learn(task, learner(learning_rate=1.0), 200, evaluation=OFF)
+        values.append(result.values[0, 0, 0])
+        episodes.append(result.episodes_used[0])
     assert values == pytest.approx([1.0, 2.0])
     assert episodes == [200, 200]
 
@@ -99,11 +99,11 @@ def test_a_guard_and_a_rollout_see_a_cut_too():
     task = cr.from_gymnasium(Stay, discount=0.5, terminated=False, time_limit=50)
     phi = cr.StateActionPotential(task, [[0.0]])
     rate = cr.QLearning(learning_rate=1.0)
-    found = cr.learn(
+    result = cr.learn(
         task, rate, 100, shaping=cr.QInitialisation(phi, guard=cr.Guard()), evaluation=OFF
     )
-    assert found.episodes_used[0] == 100
-    assert found.values[0, 0, 0] == pytest.approx(2.0)
+    assert result.episodes_used[0] == 100
+    assert result.values[0, 0, 0] == pytest.approx(2.0)
     episode = cr.planning.rollout(task, [0])
     assert (len(episode), episode.truncated, episode.terminated) == (1, True, False)
     met = greedy_rollouts(phi, episodes=3)
@@ -139,8 +139,8 @@ def test_tables_transfer_to_a_live_target():
     foreseen = cr.forecast(plan, seeds=1, episodes=5)
     assert not foreseen.solved
     assert foreseen["mean"].mean("start") == pytest.approx(0.95**5)
-    found = cr.compare(plan, seeds=2, controls=["scaled"])
-    assert found.arms["transfer"].curve.values[:, 0] == pytest.approx([0.95**5] * 2)
+    comparison = cr.compare(plan, seeds=2, controls=["scaled"])
+    assert comparison.arms["transfer"].curve.values[:, 0] == pytest.approx([0.95**5] * 2)
     checked = cr.certify(live, cr.QInitialisation(result.potentials["live"][0]))
     assert checked.theorem
 
@@ -266,7 +266,7 @@ def odd(method, answer):
 
 
 @pytest.mark.parametrize(
-    ("task", "words"),
+    ("task", "message"),
     [
         *((odd("step", answer), "a step of an environment must") for answer in ((0, 1.0), None)),
         *((odd("reset", wrong), "a reset of an environment must") for wrong in (0, (0, {}, {}))),
@@ -274,8 +274,8 @@ def odd(method, answer):
         (odd("step", (0, None, False, False, {})), "rewards must be finite, .* returned None"),
     ],
 )
-def test_answers_that_are_not_gymnasiums_are_refused(task, words):
-    with pytest.raises(cr.errors.TaskError, match=words):
+def test_answers_that_are_not_gymnasiums_are_refused(task, message):
+    with pytest.raises(cr.errors.TaskError, match=message):
         cr.learn(task, budget=10, evaluation=OFF)
 
 
