@@ -26,7 +26,7 @@ def or_dash(value: float, form: str = ".3g") -> str:
 
 
 def folded(text: str, width: int) -> str:
-    """Return a paragraph as lines; those after the first are indented by two."""
+    """Return a paragraph as lines; lines after the first are indented by two."""
     width = max(width, NARROWEST_NAME)
     return fill(text, width, subsequent_indent="  ", break_on_hyphens=False)
 

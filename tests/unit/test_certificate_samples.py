@@ -270,7 +270,7 @@ REFUSED = [
         r"28 tr.*got \(2,\)",
     ),
     (SettingError, lambda: cr.StateShaping(), {}, "have a potential"),
-    (SettingError, lambda: ENDED, {}, "must be a shaping, such as StateShaping"),
+    (SettingError, lambda: ENDED, {}, "takes a shaping, such as StateShaping"),
     (SettingError, lambda: WeightTransfer(ENDED), {}, "must be for tables"),
     (SettingError, lambda: ShapingReward(ENDED), {}, "ShapingReward takes a function"),
     (SettingError, lambda: cr.StateShaping(FOREIGN), {}, "made for the task it shapes"),

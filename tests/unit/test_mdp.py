@@ -128,7 +128,7 @@ GYMNASIUM = "; from_gymnasium makes a task of an environment or of its id"
         (cr.to_gymnasium(MAZE), ", whose task is its .task"),
         (
             cr.observation_task("CartPole-v1"),
-            "; what is seen through observations is learnt by a network, a deep.DeepLearner",
+            "; a task seen through observations is learnt by a network, a deep.DeepLearner",
         ),
         (3, ""),
         (int, ""),

@@ -176,7 +176,10 @@ def one_word(word: str = "a") -> GridWorld:
         (lambda: Parameter("a", int, harder="later"), "needs values in that order"),
         (lambda: Parameter("a", values=("x", "y"), harder="larger"), "must be 'later'"),
         (lambda: TaskFamily("f", one_word, ["word"]), "must be a Parameter: got 'word'"),
-        (lambda: TaskFamily("f", one_word, [Parameter("x")]), "different ones of its function"),
+        (
+            lambda: TaskFamily("f", one_word, [Parameter("x")]),
+            "different parameters of its function",
+        ),
         (
             lambda: TaskFamily("f", one_word, [Parameter("word", values=("b",))]),
             "word of f, its default, must be one of b: got 'a'",

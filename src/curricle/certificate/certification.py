@@ -627,7 +627,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
 def _without_comparison(
     shaped: ShapedTask, tolerance: float, steps: int, seed: int, reason: str
 ) -> Certificate | SampledCertificate:
-    """Return what a theorem proves, or what sampled steps show where none can decide."""
+    """Return the certificate of a theorem, or of sampled steps where no theorem decides."""
     shaping, findings = shaped.shaping, _findings(shaped)
     if shaping.one_way_in or shaping.any_reward:
         check = _check_reward if shaping.any_reward else _check_entries
@@ -655,7 +655,7 @@ def _without_comparison(
 # -- a reward of your own, or look-back advice: random rollouts can refute it, and prove nothing ---
 
 Checked = tuple[int, float, tuple[str, ...]]
-"""Steps taken, the largest distance of a sum of F from that of a potential, and sentences."""
+"""Steps taken, the largest difference of a sum of F from a potential's, and sentences."""
 LONGEST = 200  # steps of a rollout at most
 BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps, among which two paths may meet
 
@@ -683,7 +683,7 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 
 
 def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
-    """Check that F may be that of a potential: along rollouts, and around states on them."""
+    """Check that F may come from a potential: along rollouts, and around states on them."""
     live = is_live(shaped.task)
     half = steps if live else max(1, steps // 2)
     rollouts = _sampled(shaped, half, seed, least=1)

@@ -331,7 +331,7 @@ def check_shaping(
     """Return a shaping that fits its task, or raise PotentialError or SettingError."""
     if not isinstance(shaping, Shaping):
         raise SettingError(
-            "what is certified must be a shaping, such as StateShaping(potential), or a "
+            "certify takes a shaping, such as StateShaping(potential), or a "
             f"ShapingReward(function): got {type(shaping).__name__}"
         )
     by_function = isinstance(shaping, ShapingReward)

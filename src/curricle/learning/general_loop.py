@@ -87,7 +87,7 @@ class Learners(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What the loops need besides a model and learners."""
+    """The settings and records of a run that the loops need besides a model and learners."""
 
     discount: float
     limit: int  # steps of an episode
@@ -266,7 +266,7 @@ def learn_all(model, rule, learners, course):
 
 @inlined
 def decide(learners, rule, state, step, counter):
-    """Return what is done on ``learners.values`` in a state, as :func:`explore` does."""
+    """Return the decision on ``learners.values`` in a state, as :func:`explore` does."""
     values, best = learners.values, highest(learners.values, ONLY_ROW)
     action, bits, after, exploits = explore(rule.exploration, values, ONLY_ROW, best, step, counter)
     if exploits:
@@ -321,7 +321,7 @@ def state_potential(shaping, state, step):
 
 @inlined
 def shaping_reward(shaping, discount, pair, terminated, carried, there):
-    """Return what shaping adds to the reward of a step, and what it carries to the next step.
+    """Return the number that shaping adds to a step's reward, and its carry to the next step.
 
     `there` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
     """

@@ -268,7 +268,7 @@ def value_bounds(task: Task) -> tuple[float, float]:
     """Return a lower and an upper bound of the values of a task's states, from its rewards alone.
 
     An episode has at most H rewards, H = 1 / (1 - discount) or the time limit where the discount is
-    1; of those paid on entering a terminal state it has at most one.
+    1; at most one of them is paid on entering a terminal state.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a run records: curves, snapshots, and the warm-up that came before learning."""
+"""The records of a run: curves, snapshots, and the warm-up that came before learning."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Self
@@ -42,7 +42,7 @@ class Snapshots(Frozen):
 
 
 class Record(NamedTuple):
-    """What a run records, one entry a checkpoint."""
+    """The records of a run, one entry per checkpoint."""
 
     training_return: FloatArray  # (T,) mean return of the episodes ended since the last checkpoint
     greedy_return: FloatArray  # (T,)
@@ -85,7 +85,7 @@ def noted_end(record, state, terminated):
 
 
 class Used(NamedTuple):
-    """What a seed used of its budget before learning, for compiled loops."""
+    """The part of a seed's budget used before learning, for compiled loops."""
 
     steps: int
     episodes: int
@@ -121,7 +121,7 @@ class WarmUp:
         return int(self.lengths.sum())
 
     def write(self, record: Record, eval_freq: int) -> Used:
-        """Fill the checkpoints before its end; return what was used, for the loop to go on from."""
+        """Fill the checkpoints before its end; return the part used, for the loop to go on from."""
         ends = np.cumsum(self.lengths)
         checkpoint = -(-ends // eval_freq)
         n = int(checkpoint.max(initial=0))

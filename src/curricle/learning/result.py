@@ -84,7 +84,7 @@ class LearningResult(Frozen):
     out_of_memory : (K,) bool
         Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
-        Whether the values are in the task's own rewards. Those of :class:`LookBackAdvice`,
+        Whether the values are in the task's own rewards. Values of :class:`LookBackAdvice`,
         :class:`RewardBonus` and a changing :class:`StateShaping` are not: no transfer takes them.
     snapshots : Snapshots or None
         Values of the first seed during learning, if :func:`learn` was asked for `snapshots`.
@@ -270,7 +270,7 @@ TOTALS = tuple(name for name, field in FIELDS.items() if field.axes == "K")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one seed leaves: its record, its values if saved, its totals as in LearningResult."""
+    """The result of one seed: its record, its values if saved, its totals as in LearningResult."""
 
     record: Record
     values: FloatTable | SparseValues | None
@@ -416,7 +416,7 @@ def check_result_arrays(
     pairs: tuple[int, int],
     counts: Sequence[str] = ("steps_used",),
 ) -> None:
-    """Raise ValueError unless arrays are those of a result."""
+    """Raise ValueError unless a result can have these arrays."""
     n, of_seeds = checkpoints_of(arrays), (len(seeds),)
     shapes: dict[str, tuple[int, ...]] = {"T": (n,), "K": of_seeds, "KT": (*of_seeds, n)}
     expected = {name: (shapes[field.axes], field.dtype) for name, field in FIELDS.items()}
@@ -479,7 +479,7 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
-    """Return a row for each task's LearningResult, with what ended its learning."""
+    """Return a row for each task's LearningResult, with the criterion that ended its learning."""
     rows = []
     for name, result in results.items():
         learner = "" if result.learner is None else type(result.learner).__name__

@@ -198,7 +198,7 @@ def train_all(
     threads: int,
     bars: Bars,
 ) -> tuple[Any, list[Outcome]]:
-    """Return the values of all seeds, None unless they are saved, and what each seed left.
+    """Return the values of all seeds, None unless they are saved, and each seed's outcome.
 
     A bar with the name of their random streams shows how many seeds are done.
     """
@@ -375,7 +375,7 @@ class Run:
     def _loop(
         self, loop: Callable[..., Any], seed: _Seed, learns: Any, view: Any, q: FloatTable
     ) -> Any:
-        """Run a loop on a table or learners and return what it returns.
+        """Run a loop on a table or learners and return its result.
 
         It evaluates a view such as `view`; `q`, (m, S, A), are the tables that are acted on first.
         """

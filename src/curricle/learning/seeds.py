@@ -1,4 +1,4 @@
-"""The seeds of a training: their numbers, what each is trained with, threads over them."""
+"""The seeds of a training: their numbers, the settings of each, threads over them."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -32,7 +32,7 @@ def seed_tuple(seeds: Any) -> tuple[int, ...]:
 
 
 class SeedSettings(NamedTuple):
-    """What one seed is trained with."""
+    """The settings of one seed's training."""
 
     seed: int
     shaping: Shaping | None
@@ -50,7 +50,7 @@ def seed_settings(
     warm_up: Any,
     charged: Any,
 ) -> list[SeedSettings]:
-    """Return what each seed is trained with, or raise SettingError."""
+    """Return the settings of each seed's training, or raise SettingError."""
     numbers = seed_tuple(seeds)
 
     def checked(shaping: Any) -> Shaping | None:

@@ -29,7 +29,7 @@ NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)
 class Shaping(ABC):
     """How a potential enters learning; see the classes derived from it.
 
-    Without a potential nothing is added. A :class:`Curriculum` fills in that of its sources.
+    Without a potential nothing is added. A :class:`Curriculum` fills in its sources' potential.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class Shaping(ABC):
     # -- what it adds, and what the values then mean -----------------------------------------------
 
     def kernel(self) -> ShapingKernel:
-        """Return what compiled loops add; nothing where Q starts at the potential."""
+        """Return the additions for compiled loops; none where Q starts at the potential."""
         phi = self.potential
         if phi is None or self.adds == PLAIN:
             return NOTHING_ADDED
@@ -396,7 +396,7 @@ class DecayingAdvice(Shaping):
         return shaped.advised(shaped.phi)
 
     def long_run(self) -> str:
-        """Return the sentence on what the policy acts on with the last weight."""
+        """Return the sentence on the values that the policy acts on with the last weight."""
         weight = self.last_weight
         acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
         return f"in the long run the policy acts on {acted_on}"

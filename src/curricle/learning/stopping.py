@@ -135,7 +135,7 @@ class StoppingRule:
         floor: float = -math.inf,
         used: int | None = None,
     ) -> list["Decision"]:
-        """Return what the rule decided at each checkpoint of one seed, up to its end.
+        """Return the rule's decision at each checkpoint of one seed, up to its end.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ def lowest_of_last(rule, greedy, checkpoint, sign):
 
 @plain_and_inlined
 def rise_of_last(rule, greedy, checkpoint):
-    """Return the mean of the last evaluations less that of as many before; NaN if too few."""
+    """Return the mean of the last evaluations less the mean of as many before; NaN if too few."""
     n = rule.patience
     if checkpoint + 1 < 2 * n:
         return np.nan
@@ -283,7 +283,7 @@ def stops(rule, greedy, checkpoint, step):
 
 @dataclass(frozen=True)
 class Decision:
-    """What a stopping rule decided at one checkpoint, and why. Prints as a sentence."""
+    """The decision of a stopping rule at one checkpoint, and why. Prints as a sentence."""
 
     rule: StoppingRule
     kernel: StoppingKernel
@@ -379,7 +379,7 @@ def levels(
 
 
 class Decisions(list[list[Decision]]):
-    """What a stopping rule decided at each checkpoint of each seed: a list of K lists."""
+    """The decisions of a stopping rule at each checkpoint of each seed: a list of K lists."""
 
     def __init__(self, of_seeds: Iterable[list[Decision]], seeds: Sequence[int]):
         super().__init__(of_seeds)
@@ -387,7 +387,7 @@ class Decisions(list[list[Decision]]):
 
     @property
     def in_words(self) -> str:
-        """What ended training, and of how many seeds; empty without a rule."""
+        """The criteria that ended training, with numbers of seeds; empty without a rule."""
         ends = Counter(decisions[-1].criterion or "none yet" for decisions in self if decisions)
         return ", ".join(f"{criterion} ({number})" for criterion, number in ends.most_common())
 
@@ -474,6 +474,6 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
 
 
 def ended_by(budget: Budget, out_of_memory: bool) -> str:
-    """Return what ended a run that no stopping rule ended, in a few fixed words."""
+    """Return the end of a run that no stopping rule ended, in a few fixed words."""
     done = "all episodes done" if isinstance(budget, Episodes) else "all steps used"
     return "memory full" if out_of_memory else done

@@ -38,7 +38,7 @@ class Storage:
         "auto" is dense where that fits the memory limit. Only Q-learning without shaping, or with
         :class:`QInitialisation` or :class:`LookAheadAdvice`, can be sparse.
     dtype : {"float64", "float32"}
-        Precision of the values, and of what plain Q-learning computes with.
+        Precision of the values, and of the computations of plain Q-learning.
     memory_limit : int or str, optional
         Bytes that all tables of a call of :func:`learn` may take, such as ``"4 GiB"``; half of the
         machine's memory by default. A sparse run stops before a state that would not fit, with

@@ -232,7 +232,7 @@ def task_record(task: Any) -> dict[str, Any]:
 
 
 def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None:
-    """Return the states and actions of values that were saved, those of the task if it is known."""
+    """Return the numbers of states and actions of saved values, by the task if it is known."""
     present, recorded = task_record(task), record if isinstance(record, Mapping) else {}
     if present and recorded and present["spaces"] != recorded.get("spaces"):
         raise SettingError(
@@ -257,7 +257,7 @@ def as_saved(saved: SavedFile) -> Iterator[None]:
 
 
 def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of what K seeds learnt: a dense table, sparse ones, networks, or None."""
+    """Return the arrays of K seeds' values: a dense table, sparse tables, networks, or None."""
     if values is None:
         return {}
     if isinstance(values, np.ndarray):
@@ -296,7 +296,7 @@ def values_of(arrays: Arrays, k: int) -> Any:
 
 
 def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
-    """Raise ValueError unless the values among arrays are those of so many seeds."""
+    """Raise ValueError unless arrays have the values of so many seeds."""
     # `pairs` are the states and actions of their task, None where that is not known; compiled loops
     # read tables without looking whether a state lies in them.
     size = "one value for each state and action"

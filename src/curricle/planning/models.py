@@ -1,4 +1,4 @@
-"""Planning models: what exact planning reads of a task, and the compiled sweeps that it makes.
+"""Planning models: a task's numbers that exact planning reads, and its compiled sweeps.
 
 Every iteration ends with a sweep in which each value was backed up from a vector within `change` of
 the values returned, which is all that the error bound in ``solution.py`` needs. Index tables are
@@ -42,7 +42,7 @@ def back_up(backup, values, sweep):
 
 
 def accelerate(backup, values, sweep, precision, progress):
-    """Bring values closer to the fixed point while changes shrink; return what `reach` grows by."""
+    """Bring values closer to the fixed point while changes shrink; return the growth of `reach`."""
 
 
 back_ups = Overloaded(back_up, outlined=True)
@@ -329,7 +329,7 @@ def extrapolate(values, step, last):
 
 
 class Planes(NamedTuple):
-    """What backups read of a factored model."""
+    """The numbers of a factored model that backups read."""
 
     mean: FloatArray  # (S,) reward of a step from the prey's cell to the predators' cells
     landing: npt.NDArray[np.int32]  # (C, M)

@@ -410,7 +410,7 @@ def write_chain(evaluation, view):
 def write_transitions(chain, tables, state, action, end):
     """Write the transitions from a state at `end`; return where they end.
 
-    They are those of an action; where it is flagged, of all that are as high in `chain.values`.
+    They are the action's; if it is flagged, those of all actions that tie in `chain.values`.
     """
     first, last, ties, best = action, action + np.uint64(1), 1, 0.0
     if action >= TIED:

@@ -122,7 +122,7 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     Modified policy iteration on the tables, or value iteration without tables where the task has a
     :class:`FactoredModel`. Both start from a V <= TV, so that values only rise (Puterman 1994,
     theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs
-    up each V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
+    up each V(s) from values within ``d`` of the result, so that ``|TV - V| <= gamma d``, and
     ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) bounds the error. At discount 1
     the longest expected episode replaces 1 / (1 - gamma). Where some policy never ends and costs
     without bound, the task is a stochastic shortest path problem (Bertsekas, Tsitsiklis 1991). Such
@@ -172,8 +172,8 @@ def evaluate(
     task : Task
     policy : (S,) int array, (S, A) float array or model
         An action for each state, or the probability of each action. Or a model with a method
-        ``predict`` from observations to actions, as those of Stable-Baselines3 have, in a task that
-        knows what is observed in each state (:class:`TabulatedTask`).
+        ``predict`` from observations to actions, as in Stable-Baselines3, in a task that knows the
+        observation of each state (:class:`TabulatedTask`).
     tolerance, progress : optional
         As in :func:`solve`.
 
@@ -195,8 +195,8 @@ def evaluate(
         policy_of = getattr(task, "policy", None)
         if not callable(policy_of):
             raise SettingError(
-                "a model is evaluated in a task that knows what is observed in each state, as "
-                f"those of tabulate do: got {task!r}"
+                "a model is evaluated in a task that knows the observation of each state, as "
+                f"tasks of tabulate do: got {task!r}"
             )
         policy = policy_of(policy)
     followed = checked_policy(policy, model.terminal, model.n_actions)
@@ -404,7 +404,7 @@ COSTS = 2.0 ** -np.arange(1, 41, 3)
 
 
 def transitions(mdp: FiniteMDP, chances: FloatArray) -> Any:
-    """Return the chances of next states that go on, sparse (S, S), for those of actions, (S, A)."""
+    """Return the chances of next states, ends left out, sparse (S, S), for chances of actions."""
     from scipy.sparse import csr_array  # takes time, and few need it
 
     n_states = mdp.states.size

@@ -343,7 +343,7 @@ def _block_mapping(target: FamilyMember, source: FamilyMember) -> ComponentsByNa
 
 
 def _has_a_way(parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong with a part from which there is no way to the exit."""
+    """Return the mistake, a sentence, if a part has no way to the exit."""
     valid = PARTS[parameters["level"]]
     if parameters["columns"] is None or parameters["columns"] in valid:
         return None

@@ -156,7 +156,7 @@ class GridDomain(DomainWithStart):
 
     @property
     def _grid(self) -> npt.NDArray[np.str_]:
-        """What lies in each cell, (rows, columns) characters."""
+        """The object in each cell, (rows, columns) characters."""
         raise NotImplementedError
 
     @property
@@ -262,7 +262,7 @@ class GridDomain(DomainWithStart):
 
 
 class CellDomain(GridDomain):
-    """A domain with one state for each cell, whose number is that of the cell."""
+    """A domain with a state for each cell; state and cell have the same number."""
 
     def start_in(self, states: npt.ArrayLike) -> Self:
         """Return the same task with starts in these states, by number, equally likely."""
@@ -393,7 +393,7 @@ MOST_STATES = 20_000_000  # states of a task whose cells are read off its compon
 
 @dataclass(frozen=True, eq=False)
 class GridLayout:
-    """The cell of each state of a task, and what lies in cells; a task offers it as `layout`."""
+    """The cell of each state of a task, and the objects in cells; a task offers it as `layout`."""
 
     cells: IntArray  # row and column of the agent in each state, (S, 2)
     components: tuple[str, ...]
@@ -401,12 +401,12 @@ class GridLayout:
     shape: tuple[int, int]  # rows and columns
     origin: Cell = (0, 0)  # row and column of the top-left cell
     objects: tuple[tuple[str, int, int, bool], ...] = ()
-    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of what lies in a cell,
+    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of an object in a cell,
     and whether entering it ends the episode."""
     walls: IntArray | None = None
     """Rows and columns of walls, (m, 2); None where all cells without a state are walls."""
     markers: Mapping[str, IntArray] = field(default_factory=dict)
-    """What else moves: name -> its row and column in each state, (S, 2)."""
+    """Other moving objects: name -> row and column in each state, (S, 2)."""
 
     def __post_init__(self) -> None:
         for name, *_ in self.objects:

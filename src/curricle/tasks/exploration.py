@@ -96,7 +96,7 @@ class DeepSea(GridDomain):
 
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:
-        """The cells that a dive from the top left can reach, and those of the ground below."""
+        """The cells that a dive from the top left can reach, and the cells of the ground below."""
         n = self.size
         grid = np.where(np.tri(n + 1, n, dtype=bool), ".", "#")
         grid[n - 1, n - 1], grid[n] = "T", "_"

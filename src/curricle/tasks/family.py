@@ -215,14 +215,14 @@ def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
 def complete_parameters(
     declared: tuple[Parameter, ...], function: Callable[..., Any], family: str
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of a family's function, in its order, with what annotations say."""
+    """Return the parameters of a family's function, in its order, annotations included."""
     signature, rules = inspect.signature(function).parameters, rules_of(function)
     by_name = {parameter.name: parameter for parameter in declared}
     variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
     free = any(entry.kind is variadic[0] for entry in signature.values())
     if len(by_name) < len(declared) or not (free or by_name.keys() <= signature.keys()):
         raise TaskError(
-            f"the parameters of {family} must be different ones of its function, "
+            f"the parameters of {family} must be different parameters of its function, "
             f"{', '.join(signature)}: got {', '.join(parameter.name for parameter in declared)}"
         )
     parameters = list[Parameter]()
@@ -563,7 +563,7 @@ def task_family(
 
 
 def _named(module: str, name: str) -> Any:
-    """Return what a module has under a dotted name; None if there is nothing."""
+    """Return the object of a module under a dotted name; None if there is none."""
     try:
         value: Any = importlib.import_module(module)
         for part in name.split("."):

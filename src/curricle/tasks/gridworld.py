@@ -33,7 +33,7 @@ OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 
 @dataclass(frozen=True)
 class Rewards:
-    """The rewards of a step, by what the entered cell holds (return units).
+    """The rewards of a step, by the object in the entered cell (return units).
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def _joined(cells: dict[Cell, str], shell: list[Cell], n: int) -> bool:
 
 
 def _chances_sum(parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong where the chances of objects sum to more than 1."""
+    """Return the mistake, a sentence, if the chances of objects sum to more than 1."""
     total = sum(parameters[name] for name in ("walls", "pits", "fires"))
     return None if total <= 1 else "walls, pits and fires of a maze must sum to at most 1"
 

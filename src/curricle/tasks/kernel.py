@@ -79,7 +79,7 @@ class LoopCache(FunctionCache):
         self._cache_file = index(self._cache_path, self._impl.filename_base, code_digest())
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write what was compiled for a signature."""
+        """Write the machine code that was compiled for a signature."""
         numbas: Any = super()
         with suppress(OSError):  # a full disk: it is compiled again in the next process
             numbas.save_overload(sig, data)
@@ -368,7 +368,7 @@ def ones(context, builder, signature, args):
 
 @lowered(lambda bits, n: types.uint64(types.uint64, types.uint64))
 def nth_one(context, builder, signature, args):
-    """Return the position of the n-th bit, counted from 0, of those set in a 64-bit number."""
+    """Return the position of the n-th set bit, counted from 0, of a 64-bit number."""
     if "+bmi2" in context.codegen().magic_tuple()[2]:
         kind = ir.FunctionType(LONG, [LONG, LONG])
         deposit = builder.module.declare_intrinsic("llvm.x86.bmi.pdep.64", (), kind)

@@ -64,7 +64,7 @@ PARTS = types.Tuple((types.int64, types.float64, types.boolean, types.boolean))
 
 @lowered(lambda address, action: PARTS(types.uint64, types.int64))
 def answer(context, builder, signature, args):
-    """Return what the Python callable at an address returns for a number, an :data:`Answer`.
+    """Return the :data:`Answer` of the Python callable at an address to a number.
 
     The callable must keep its exceptions and return that it failed: a raised one leaks memory.
     """
@@ -99,7 +99,7 @@ RETURNED = {
     "reset": ("observation", "info"),
     "step": ("observation", "reward", "terminated", "truncated", "info"),
 }
-"""What the methods of an environment return."""
+"""The parts that the methods of an environment return."""
 BROKEN_DOWN: Answer = (-1, 0.0, True, False)
 
 

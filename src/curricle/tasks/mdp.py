@@ -43,7 +43,7 @@ class FiniteMDP(Frozen):
     states, actions : Space
         S states and A actions.
     outcome_row : (S, A) int32
-        The outcome row of each pair, in 0 .. Y-1; those of terminal states are never used.
+        The outcome row of each pair, in 0 .. Y-1; rows of terminal states are never used.
     probability : (Y, O) float64
         Outcome probabilities. Rows (pad short ones with probability 0) sum to 1, within 1e-8, or
         within 1e-6, as float32 does, and are divided by their sums.
@@ -472,7 +472,7 @@ def has_tables(task: Any) -> bool:
 
 
 def tables(task: Any) -> FiniteMDP:
-    """Return the tables of a task, or raise TaskError, with what was probably meant."""
+    """Return the tables of a task, or raise TaskError with the probable intention."""
     mdp = getattr(task, "mdp", None)
     if isinstance(mdp, FiniteMDP):
         return mdp
@@ -486,7 +486,7 @@ def tables(task: Any) -> FiniteMDP:
     elif isinstance(task, str) or (hasattr(task, "reset") and hasattr(task, "step")):
         advice = "; from_gymnasium makes a task of an environment or of its id"
     elif hasattr(kind, "observations") and hasattr(kind, "environment"):
-        advice = "; what is seen through observations is learnt by a network, a deep.DeepLearner"
+        advice = "; a task seen through observations is learnt by a network, a deep.DeepLearner"
     raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{advice}")
 
 

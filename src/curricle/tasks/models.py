@@ -68,7 +68,7 @@ def transition(model, state, action, bits):
 
 
 def truncated(model):
-    """Return whether the task itself truncated the episode just now; only live ones do."""
+    """Return whether the task itself truncated the episode just now; only live tasks do."""
 
 
 def has_failed(model):

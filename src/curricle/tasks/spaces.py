@@ -256,7 +256,7 @@ class Space(Frozen):
         return np.where(inside, number, MISSING)
 
     def encode_one(self, values: tuple[Any, ...]) -> int:
-        """Return what :meth:`encode` does, for one point given as a tuple; much faster."""
+        """Return the number of a point given as a tuple, as :meth:`encode` does; much faster."""
         if self.points is not None:
             return self._numbers.get(values, MISSING)
         if len(values) != len(self.components):

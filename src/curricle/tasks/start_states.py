@@ -110,7 +110,7 @@ def with_start(task: Any, start: Any) -> Any:
         - ``"reachable"``: in any such state that the task's start can reach;
         - :class:`GoalDistance`: in a ring around the goal;
         - a whole number, or an array of them: in these states, equally likely;
-        - (S,) float array: with these probabilities, such as those of :func:`visit_distribution`.
+        - (S,) float array: with these probabilities, for example from :func:`visit_distribution`.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 
 
 def goal_states(task: Any, goal: Goal = None) -> BoolArray:
-    """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
+    """Return which states are the goal, (S,) bool, for the parameters of goal_distance."""
     mdp = tables(task)
     n_states, states = len(mdp.terminal), np.asarray(goal)
     if goal is None:  # the terminal states that are entered with the largest reward of all

@@ -136,7 +136,7 @@ def _part_of_lake(
 
 
 def _parts_of_maps(parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong with the size of a map or of its part."""
+    """Return the mistake, a sentence, in the size of a map or of its part."""
     drawn = MAPS.get(parameters["map"])
     if drawn is not None and parameters["size"] != 8:
         return "size of frozen_lake is of random lakes: leave it out with other maps"

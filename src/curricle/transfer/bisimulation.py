@@ -302,7 +302,7 @@ def _north_west(p, q, parent, order):
 
 @compiled_once
 def flows_of(p, q, parent, order, perturbation, flow):
-    """Write what each node but the root sends or gets along the edge to its parent."""
+    """Write the flow of each node but the root along the edge to its parent."""
     n, nodes = len(p), len(p) + len(q)
     for i in range(n):
         flow[i] = p[i] + perturbation

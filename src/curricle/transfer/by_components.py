@@ -78,7 +78,7 @@ class ComponentMapping(StateActionMapping):
         vars(self).update(unmapped_value=unmapped_value, unequal=unequal)
 
     def __reduce__(self) -> Any:
-        """Pickle what the mapping was made from: names, and no index array."""
+        """Pickle the names that the mapping was made from, and no index array."""
         made_from = self.target, self.source, self.renaming, self.unmapped_value, self.unequal
         return ComponentMapping, made_from
 
@@ -303,7 +303,7 @@ def check_same_observations(target: ObservationTask, source: Any) -> None:
 
 
 def _form(space: gym.Space[Any]) -> Any:
-    """Return what must agree of two spaces of observations: their parts and shapes."""
+    """Return the parts and shapes of a space of observations, which must agree."""
     if isinstance(space, gym.spaces.Dict):
         return {key: _form(part) for key, part in space.spaces.items()}
     if isinstance(space, gym.spaces.Tuple):
@@ -326,7 +326,7 @@ def family_mappings(
     Raises
     ------
     MappingError
-        When the members are of two families, or what the family declares does not fit them.
+        When the members are of two families, or the family's declaration does not fit them.
 
     Examples
     --------

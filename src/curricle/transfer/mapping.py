@@ -41,7 +41,7 @@ class ValueSource(Protocol):
     """The values of a task, of n observations at once.
 
     Observations are stacked as the task's space stacks them: an array (n, ...), or a dict or tuple
-    of such. Those of a task with tables are its states' numbers, (n,) int64.
+    of such. Observations of a task with tables are its states' numbers, (n,) int64.
     """
 
     @property
@@ -589,7 +589,7 @@ class ObservationMapping(TaskMapping):
 
     @cached_property
     def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The source's action for each of the target's; those to read, (1, n); their columns."""
+        """The source's action for each of the target's; the mapped ones, (1, n); their columns."""
         table = self._actions(None, 1)[0]
         distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
         return table, distinct[None], column
@@ -679,7 +679,7 @@ class ObservationMapping(TaskMapping):
     def _transferred(
         self, name: str, values: FloatArray, status: IntArray | None, scale: float, shift: float
     ) -> FloatArray:
-        """Return what source values, (n,) or (n, m), are for the target."""
+        """Return source values, (n,) or (n, m), as the target reads them."""
         if not np.isfinite(values).all():
             place = np.argwhere(~np.isfinite(values))[0]
             raise MappingError(

@@ -124,7 +124,7 @@ class TaskPair:
         return of_target, of_source
 
     def bound(self, index: IntArray) -> float:
-        """Return a bound of how far Q* of a mapped pair is from what it reads; or `NOT_PROVEN`."""
+        """Return a bound of abs(Q* - Q* of the pair read) over mapped pairs; or `NOT_PROVEN`."""
         mapped = (index != UNMAPPED) & ~self.target_mdp.terminal[:, None]
         if self.own_solutions is None or not mapped.any():
             return NOT_PROVEN

@@ -382,7 +382,7 @@ class ObservationTarget:
         return self.evaluation.episodes or OBSERVATION_ROLLOUTS
 
     def observations(self, potential: ObservationPotential) -> Any:
-        """Return stacked observations of greedy rollouts, of random ones without action values."""
+        """Return stacked observations of greedy rollouts, or random ones without action values."""
         if potential.of_actions:
             rolled = greedy_episodes(potential, COVERAGE_EPISODES)
         else:

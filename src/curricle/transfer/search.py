@@ -119,7 +119,7 @@ def find_mappings(
     """Return mappings between two tasks, best first.
 
     Candidates of all searches are scored by :func:`score_mapping` from the tables of both tasks.
-    Candidates that clear the bar of :func:`auto_mapping` come first; among them, those that are as
+    Candidates that clear the bar of :func:`auto_mapping` come first; among them, candidates as
     good as exact where they map anything and have a value that fits elsewhere. Then come larger
     ``scores.worth`` (the share of the optimum that the greedy policy of the source's values
     regains, times the share that the values explain), smaller dynamics error and smaller Bellman
@@ -188,7 +188,7 @@ def proposed(
     refused: dict[str, str],
     bars: Bars,
 ) -> Iterator[tuple[StateActionMapping, str]]:
-    """Yield the mappings of searches; the reasons of those that do not apply go to `refused`."""
+    """Yield the mappings of searches; reasons why searches do not apply go to `refused`."""
     grow = bars.bar("searches", len(searches))
     for search in searches:
         name = getattr(search, "__name__", repr(search))
