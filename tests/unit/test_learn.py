@@ -24,9 +24,8 @@ ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "st
 
 
 def same(result, other):
-    return all(
-        np.array_equal(getattr(result, n), getattr(other, n), equal_nan=True) for n in ARRAYS
-    )
+    pairs = ((getattr(result, name), getattr(other, name)) for name in ARRAYS)
+    return all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
 
 # -- budgets and checkpoints ---------------------------------------------------------------------

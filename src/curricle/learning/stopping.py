@@ -49,10 +49,9 @@ class StoppingRule:
     settled : float, optional
         Learning ends when the mean evaluation in the last three tenths of the steps exceeds that in
         the last three tenths of the steps before these by less than this share of the range so far,
-        and lies past half of the way from random to the optimum: a policy may settle without having
+        and lies past half of the way from random to the optimum: a return may settle with nothing
         learnt. In a task that cannot be solved it must exceed the random policy's return by more
-        than the noise of ten evaluations, which are free. Each part needs 8 evaluations. Sources
-        end by this criterion.
+        than the noise of ten free evaluations. Each part needs 8 evaluations. Sources end by it.
 
     Raises
     ------

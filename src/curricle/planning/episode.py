@@ -123,9 +123,7 @@ class Episode:
         """
         file = local_file(path)
         if file.suffix.lower() != ".gif":
-            raise SettingError(
-                f"an episode's file must end in .gif: got the file name {file.name!r}"
-            )
+            raise SettingError(f"an episode's file must end in .gif: got {file.name!r}")
         write_in_folder(file, self._gif(self.fps if fps is None else fps), "an episode")
         return file
 

@@ -385,10 +385,8 @@ class TaskFamily(Frozen):
                     f"{parameter.name} of {self.name} must be given: it has no default, and is "
                     f"{parameter.listed()}"
                 )
-        values = {declared.name: declared.default for declared in self.parameters} | values
-        checked = [
-            declared.checked(values[declared.name], self.name) for declared in self.parameters
-        ]
+        values = {p.name: p.default for p in self.parameters} | values
+        checked = [p.checked(values[p.name], self.name) for p in self.parameters]
         member = FamilyMember(self, tuple(checked))
         if refused := member.refusal():
             raise TaskError(f"{refused}: got {member}")

@@ -411,8 +411,7 @@ def relative_objects(
 
     A target state matches a source state if every object of the source lies, relative to the agent,
     where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
-    the source's map that fit, the smallest (upwards, then to the left) is taken. MappingError for
-    other tasks.
+    the source's map that fit, the smallest (up, then left) is taken. MappingError for other tasks.
 
     Examples
     --------
