@@ -50,8 +50,8 @@ class Mutation(NamedTuple):
 
     def applied(self, text: str) -> str:
         """Return the file's text with the mistake in it."""
-        if (found := text.count(self.old)) != 1:
-            raise ValueError(f"{self.name}: {self.file} has {self.old!r} {found} times, not once")
+        if (count := text.count(self.old)) != 1:
+            raise ValueError(f"{self.name}: {self.file} has {self.old!r} {count} times, not once")
         return text.replace(self.old, self.new)
 
 
@@ -448,7 +448,7 @@ MUTATIONS = [
     Mutation(
         "a second predator that nobody reads",
         "tasks/pursuit.py",
-        "range(len(names) if len(names) > len(others) else 1)",
+        "range(len(names) if len(names) > len(source_names) else 1)",
         "range(1)",
         ("tests/unit/test_family_mappings.py::test_two_predators_read_one_as_in_the_paper",),
     ),

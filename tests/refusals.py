@@ -30,7 +30,7 @@ def check_values(error, call, wrong):
             message = str(caught.value)
             assert type(caught.value) is error
             assert "\n" not in message
-            assert any(one in message for one in (name, *texts_of(value))), (name, value, message)
+            assert any(text in message for text in (name, *texts_of(value))), (name, value, message)
 
 
 def check_refusal(error, call, says):

@@ -1,6 +1,6 @@
 """Curricle: curriculum learning by potential-based reward shaping.
 
-Train a reinforcement learner on easier source tasks, carry what it valued into a hard target
+Train a reinforcement learner on easier source tasks, carry its values into a hard target
 through mappings f(s, a), aggregate several sources into one potential, and shape or initialise
 the target's learner with it.
 

@@ -1,7 +1,7 @@
 """Types of arrays by what they hold, and arrays that nobody can write to.
 
-Compiled loops read successors and strides without looking whether they lie in the table: an array
-that could be changed after it was checked would let them read and write anywhere.
+Compiled loops read successors and strides without bounds checks: an array that could be changed
+after its validation would let them read and write anywhere.
 """
 
 from dataclasses import fields
@@ -27,7 +27,7 @@ class _ReadOnly:
 
 
 def frozen(array: Array) -> Array:
-    """Return a new array, of which the caller has the only reference, frozen and not copied."""
+    """Freeze a new array, to which the caller has the only reference, and return it uncopied."""
     if _for_good(array):
         return array
     array.flags.writeable = False

@@ -70,7 +70,7 @@ def indices(name: str, values: Any, size: int, error: type[CurricleError]) -> In
 
 
 def one_of(name: str, value: Any, valid: Iterable[Any], error: type[CurricleError]) -> None:
-    """Raise `error` unless `value` is one of the valid ones, which the message lists."""
+    """Raise `error` unless `value` is valid; the message lists the valid values."""
     valid = tuple(valid)
     if not isinstance(value, str | Integral) or value is True or value not in valid:
         raise error(f"{name} must be one of {listed(map(str, valid))}: got {value!r}")

@@ -33,7 +33,7 @@ STYLE = Markup(
     "<style>.curricle{font-size:13px;line-height:1.45}"
     ".curricle>*{margin:.4em 0}.curricle>div:not(.wide):not(.row){max-width:62em}"
     ".curricle .wide{overflow-x:auto}"
-    # no table has this line before it but one that scrolls: its animation needs a way to scroll
+    # only a table that scrolls shows this line: the animation runs where there is a way to scroll
     ".curricle .wide::before{content:'More to the side: scroll →';display:block;position:sticky;"
     "left:0;width:max-content;height:0;overflow:hidden;opacity:.7;"
     "animation:curricle-scrolls linear;animation-timeline:scroll(nearest inline)}"

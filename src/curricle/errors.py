@@ -4,19 +4,19 @@
 
     CurricleError
     ├── TaskError        a task that is no valid MDP, map or game        (also ValueError)
-    ├── SettingError     a learner, budget or metric asked for nonsense  (also ValueError)
+    ├── SettingError     an invalid setting of a learner, budget, metric (also ValueError)
     ├── PotentialError   a potential of the wrong shape or not finite    (also ValueError)
     ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
-    ├── CalibrationError rollouts that cannot tell what a potential is worth
+    ├── CalibrationError rollouts that do not determine a potential's scale
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
     ├── ConfigError      a study file that cannot be understood          (also ValueError)
     ├── StoreError       a results folder that cannot be used
-    │   └── LostStoreError  one that could be used when the run began
+    │   └── LostStoreError  a results folder that was lost during the run
     └── StudyError       a study's own code, or an executor, that failed
         └── EngineError  a cluster that was lost, or has other versions (also BrokenExecutor)
 
-Every message is one sentence: the rule, the value that broke it, and the place. ForeignError stands
-apart: it is what a study's own code raised in another process, where its own class cannot be sent.
+Every message is one sentence: the rule, the value that broke it, and the place. ForeignError is no
+CurricleError: it describes an exception in another process whose class cannot be sent to this one.
 """
 
 import re
@@ -47,7 +47,7 @@ class TaskError(CurricleError, ValueError):
 
 
 class SettingError(CurricleError, ValueError):
-    """A learner, a budget, seeds, checkpoints or a metric make no sense."""
+    """A setting of a learner, a budget, seeds, checkpoints or a metric is invalid."""
 
 
 class PotentialError(CurricleError, ValueError):
@@ -59,7 +59,7 @@ class MappingError(CurricleError, ValueError):
 
 
 class CalibrationError(CurricleError):
-    """A potential cannot be calibrated: what its policy met carries no information."""
+    """A potential cannot be calibrated: its greedy episodes do not determine a scale."""
 
 
 class CurriculumError(CurricleError, ValueError):
@@ -67,7 +67,7 @@ class CurriculumError(CurricleError, ValueError):
 
 
 class ConfigError(CurricleError, ValueError):
-    """A study file cannot be understood; a line for each thing that is wrong with it."""
+    """A study file has mistakes; the message has a line for each of them."""
 
     def __init__(self, *args: object):
         lines = str(args[0]).splitlines() if args else []
@@ -81,7 +81,7 @@ class StoreError(CurricleError):
 
 
 class LostStoreError(StoreError):
-    """The place of a run's results cannot be read or written any more, as it could at first."""
+    """A run's results folder can no longer be read or written."""
 
 
 class StudyError(CurricleError):

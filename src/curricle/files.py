@@ -1,8 +1,8 @@
 """Files in a folder of this machine or at a URL, which are whole or absent, and archives of arrays.
 
 Files of arrays and JSON carry checksums and have no pickles. An npz archive ends with two
-checksums: of its directory, and of all before the last. So a file is whole or none, however it was
-written, and ``numpy.load`` reads its arrays.
+checksums: of its directory, and of all before the last. So a reader notices a file that is not
+whole, and ``numpy.load`` reads its arrays.
 """
 
 import errno
@@ -64,7 +64,7 @@ class RemotePath:
             raise StoreError(
                 "a URL must have no password, key or token, since it is shown and stored: give "
                 f"them as {parts.scheme} does, such as by the environment; got "
-                f"{secret or 'one before @'}"
+                f"{secret or 'a password before @'}"
             )
         from pyarrow.fs import FileSystem  # a local folder does not need it
 
@@ -270,7 +270,7 @@ def write_whole(path: Place, content: bytes) -> None:
         path.write(content)
         return
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "what is there is no regular file", str(path))
+        raise OSError(errno.EINVAL, "it exists and is no regular file", str(path))
     # Unlike ``tempfile``, this gives the file the permissions that the user's umask says.
     temporary = path.parent / f".{token_hex(8)}{PART}"
     try:
@@ -343,7 +343,7 @@ class Damaged(Exception):
 
 def archive_content(
     arrays: Mapping[str, npt.NDArray[Any]],
-    others: Mapping[str, bytes],
+    members: Mapping[str, bytes],
     compressed: Collection[str] = (),
 ) -> bytes:
     """Return an archive of arrays, then other members; equal arguments give equal bytes."""
@@ -358,7 +358,7 @@ def archive_content(
                 continue
             with archive.open(member, "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, np.asarray(array), allow_pickle=False)
-        for name, content in others.items():
+        for name, content in members.items():
             archive.writestr(zipfile.ZipInfo(name), content)
         archive.comment = bytes(SEAL)
     return sealed_archive(buffer.getvalue()[:-SEAL], archive.start_dir)
@@ -378,7 +378,7 @@ class ArrayArchive:
         self.members = {member.filename: member for member in archive.infolist()}
         stored = sum(m.file_size for m in self.members.values() if not m.compress_type)
         if len(self.members) < len(archive.infolist()) or stored > size:
-            raise ValueError("its members must differ, and have their own bytes of it")
+            raise ValueError("its members must have different names and bytes")
         if any(member.flag_bits & ENCRYPTED for member in self.members.values()):
             raise ValueError("its members must not be encrypted")
 
@@ -415,10 +415,10 @@ class ArrayArchive:
 
 
 def check_held(size: int, held: int) -> None:
-    """Raise ValueError if `size` bytes are more than a file can hold that is no file of holes."""
+    """Raise ValueError if a file states a `size` above the `held` bytes that it can hold."""
     if size > max(held, READ_AT_ONCE):
         raise ValueError(
-            f"it says that it has {size:,} bytes, and most of them are not on the disk"
+            f"it must hold the {size:,} bytes that it states: most are not on the disk"
         )
 
 
@@ -453,7 +453,7 @@ def read_npy(file: IO[bytes], size: int) -> npt.NDArray[Any]:
     try:
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
     except Exception as error:  # of any kind: the header is parsed as Python
-        raise ValueError(f"an array's header makes no sense: {error}") from None
+        raise ValueError(f"an array's header must be valid: {error}") from None
     if dtype.kind not in KINDS:
         raise ValueError("its arrays must hold numbers or text, and no Python objects or records")
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size - file.tell():
@@ -480,8 +480,8 @@ def write_saved(
 ) -> Path:
     """Write a whole ``.npz`` file, make its folders, and return its path; StoreError."""
     file = local_file(path, ENDING)
-    others = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
-    write_in_folder(file, archive_content(arrays, others), f"a {kind}")
+    members = {ABOUT: as_json({"format": FORMAT, "kind": kind, **about})}
+    write_in_folder(file, archive_content(arrays, members), f"a {kind}")
     return file
 
 
@@ -512,7 +512,7 @@ def read_saved(path: str | Path, kind: str) -> SavedFile:
         raise StoreError(f"a saved {kind} cannot be read from {file}: {reason(error)}") from None
     if not isinstance(about, dict) or about.get("kind") != kind:
         there = about.get("kind") if isinstance(about, dict) else about
-        raise StoreError(f"a {kind} is loaded from a file that holds one: {file} holds a {there}")
+        raise StoreError(f"a {kind} must be loaded from a {kind}'s file: {file} holds a {there}")
     if about.get("format") != FORMAT:
         raise StoreError(
             f"{file} must have format {FORMAT}, which this version of Curricle reads: it has "

@@ -26,7 +26,7 @@ def or_dash(value: float, form: str = ".3g") -> str:
 
 
 def folded(text: str, width: int) -> str:
-    """Return a paragraph as lines; those after the first are indented by two."""
+    """Return a paragraph as lines; lines after the first are indented by two."""
     width = max(width, NARROWEST_NAME)
     return fill(text, width, subsequent_indent="  ", break_on_hyphens=False)
 
@@ -36,18 +36,18 @@ def text_table(
     rows: Iterable[Sequence[str]],
     width: int = UNBOUNDED,
     *,
-    words: bool = False,
+    prose: bool = False,
 ) -> list[str]:
-    """Return a table's lines: names, then numbers, which are never cut; all fits `width`."""
+    """Return a table's lines, `width` wide: names, then numbers, never cut; `prose` comes last."""
     cells = [tuple(heads), *(tuple(row) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     excess = sum(widths) + GAP * (len(widths) - 1) - width
-    for column, narrowest in ((-1, NARROWEST_WORDS), (0, NARROWEST_NAME))[not words :]:
+    for column, narrowest in ((-1, NARROWEST_WORDS), (0, NARROWEST_NAME))[not prose :]:
         room = max(0, widths[column] - max(narrowest, len(heads[column])))
         less = max(0, min(excess, room))
         widths[column], excess = widths[column] - less, excess - less
     if excess <= 0:
-        return [line for row in cells for line in _side_by_side(row, widths, words)]
+        return [line for row in cells for line in _side_by_side(row, widths, prose)]
     lines, width = list[str](), max(width, NARROWEST_NAME)
     for name, *numbers in cells[1:]:  # a row becomes its name and a line for each other cell
         lines += wrap(name, width)
@@ -58,13 +58,13 @@ def text_table(
     return lines
 
 
-def _side_by_side(row: Sequence[str], widths: Sequence[int], words: bool) -> list[str]:
+def _side_by_side(row: Sequence[str], widths: Sequence[int], prose: bool) -> list[str]:
     """Return a row as lines; cells that are too long fold."""
     cells = [
         wrap(cell, max(size, 1), break_on_hyphens=False) or [""]
         for cell, size in zip(row, widths, strict=True)
     ]
-    lines, left = [], {0, len(row) - 1} if words else {0}
+    lines, left = [], {0, len(row) - 1} if prose else {0}
     for parts in zip_longest(*cells, fillvalue=""):
         padded = [
             part.ljust(size) if column in left else part.rjust(size)

@@ -107,8 +107,8 @@ def hunt():
 
 
 def learnt(task, learner):
-    found = cr.learn(task, learner, 5000, seeds=2, eval_freq=7, evaluation=ROLLED)
-    return found.values, found.training_return, found.greedy_return
+    result = cr.learn(task, learner, 5000, seeds=2, eval_freq=7, evaluation=ROLLED)
+    return result.values, result.training_return, result.greedy_return
 
 
 @pytest.mark.parametrize(
@@ -123,19 +123,19 @@ def learnt(task, learner):
 )
 def test_loops_as_shipped_learn_what_loops_of_tests_learn(task, learner, request):
     """Unrolled, for tables without chance, rates that never change, and tables near or far."""
-    found = learnt(task(), learner)
+    arrays = learnt(task(), learner)
     request.getfixturevalue("as_shipped")
-    for one, other in zip(found, learnt(task(), learner), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for array, other in zip(arrays, learnt(task(), learner), strict=True):
+        np.testing.assert_array_equal(array, other)
 
 
 def test_steps_are_learnt_from_at_once_or_during_the_next(monkeypatch):
     """In a table too wide to be unrolled."""
     learner = cr.QLearning(epsilon=0.3)
-    found = learnt(hunt(), learner)
+    arrays = learnt(hunt(), learner)
     monkeypatch.setattr(run, "NEAR", 0)
-    for one, other in zip(found, learnt(hunt(), learner), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for array, other in zip(arrays, learnt(hunt(), learner), strict=True):
+        np.testing.assert_array_equal(array, other)
 
 
 @pytest.mark.parametrize("kind", ["dense", "sparse"])

@@ -112,8 +112,8 @@ def test_the_table_handed_on_is_the_one_evaluated_last(kind, random_mdp, random_
         assert returned(task, values) == pytest.approx(last, abs=1e-12)
     kept = result.snapshots
     for step, values in zip(kept.steps, kept.values, strict=True):
-        found = result.greedy_return[0, result.steps == step]
-        assert returned(task, values) == pytest.approx(found[0], abs=1e-5)
+        last_return = result.greedy_return[0, result.steps == step]
+        assert returned(task, values) == pytest.approx(last_return[0], abs=1e-5)
 
 
 def returned(task, values):

@@ -44,10 +44,10 @@ def explored_naively(task, learner, steps, phi, seed=0):
     visits = np.zeros(shape, int)
 
     def rate(before):
-        given = learner.learning_rate
-        if given is None:
+        rate = learner.learning_rate
+        if rate is None:
             return 1.0 / (1.0 + before / (horizon + 1.0))
-        return given if isinstance(given, float) else given(before)
+        return rate if isinstance(rate, float) else rate(before)
 
     q = np.where(mdp.terminal[:, None], 0.0, initial + phi + np.zeros(shape))
     u = q.copy()
@@ -86,9 +86,9 @@ def explored_naively(task, learner, steps, phi, seed=0):
 @pytest.mark.parametrize("seed", range(3))
 def test_values(random_mdp, name, seed):
     task, learner = random_mdp(seed, time_limit=7), LEARNERS[name]
-    found = cr.learn(task, learner, 400, seeds=[seed])
+    result = cr.learn(task, learner, 400, seeds=[seed])
     q = explored_naively(task, learner, 400, 0.0, seed)
-    assert found.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
+    assert result.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
 
 
 def test_a_potential_is_added_to_the_start_of_both_tables(random_mdp, random_shaping):
@@ -96,6 +96,6 @@ def test_a_potential_is_added_to_the_start_of_both_tables(random_mdp, random_sha
     shaping = random_shaping(task, cr.QInitialisation)
     phi = shaping.potential.values
     for entering in (shaping, cr.LookAheadAdvice(shaping.potential)):
-        found = cr.learn(task, learner, 60, shaping=entering)
+        result = cr.learn(task, learner, 60, shaping=entering)
         q = explored_naively(task, learner, 60, phi)
-        assert found.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)
+        assert result.values[0] == pytest.approx(q, abs=1e-12, rel=1e-12)

@@ -91,9 +91,9 @@ def test_planning_equals_linear_programming_and_a_linear_solve(seed, discount, r
     assert abs(solution.action_values - action_values).max() <= allowed
     assert solution.start_value == pytest.approx(task.start @ expected, abs=allowed)
     policy = some_policy(task, seed)
-    found, expected = cr.evaluate(task, policy), values_by_linear_solve(task, policy)
-    assert found.error_bound <= 1e-10 * abs(found.values).max()
-    assert abs(found.values - expected).max() <= found.error_bound + 1e-9
+    evaluated, expected = cr.evaluate(task, policy), values_by_linear_solve(task, policy)
+    assert evaluated.error_bound <= 1e-10 * abs(evaluated.values).max()
+    assert abs(evaluated.values - expected).max() <= evaluated.error_bound + 1e-9
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -103,8 +103,8 @@ def test_so_it_does_at_discount_1(seed):
     expected = optimal_values_by_linear_programming(task)
     assert abs(solution.values - expected).max() <= solution.error_bound + 1e-8
     policy = some_policy(task, seed)
-    found, expected = cr.evaluate(task, policy), values_by_linear_solve(task, policy)
-    assert abs(found.values - expected).max() <= found.error_bound + 1e-9
+    evaluated, expected = cr.evaluate(task, policy), values_by_linear_solve(task, policy)
+    assert abs(evaluated.values - expected).max() <= evaluated.error_bound + 1e-9
 
 
 @pytest.mark.parametrize("tolerance", [1.0, 1e-3, 1e-10])
@@ -115,10 +115,10 @@ def test_error_stays_within_the_reported_bound(seed, tolerance, random_mdp):
     assert 0 < solution.error_bound <= tolerance
     expected = optimal_values_by_linear_programming(task)
     assert abs(solution.values - expected).max() <= solution.error_bound + 2e-9
-    found = cr.evaluate(task, some_policy(task, seed), tolerance=tolerance)
-    assert 0 < found.error_bound <= tolerance
+    evaluated = cr.evaluate(task, some_policy(task, seed), tolerance=tolerance)
+    assert 0 < evaluated.error_bound <= tolerance
     expected = values_by_linear_solve(task, some_policy(task, seed))
-    assert abs(found.values - expected).max() <= found.error_bound + 1e-12
+    assert abs(evaluated.values - expected).max() <= evaluated.error_bound + 1e-12
 
 
 @pytest.mark.parametrize("task", [proper_task(2), cr.GridWorld(MAZE), cr.Pursuit(3, 2)], ids=repr)
@@ -162,8 +162,8 @@ def test_a_policy_of_as_many_entries_as_states_is_no_policy_of_one_action_a_stat
         [[[(1.0, 1, 1.0)], [(1.0, 0, 0.0)]], [[], []]],
         terminal=[False, True], start=0, discount=0.5,
     )  # fmt: skip
-    found = cr.evaluate(task, [[0.5, 0.5], [0.0, 0.0]])
-    assert found.values[0] == pytest.approx(2 / 3, abs=1e-8)
+    evaluated = cr.evaluate(task, [[0.5, 0.5], [0.0, 0.0]])
+    assert evaluated.values[0] == pytest.approx(2 / 3, abs=1e-8)
 
 
 @pytest.mark.parametrize("junk", [np.nan, np.inf, -np.inf])

@@ -81,7 +81,7 @@ def test_samples_contradict_only_what_has_no_potential(mdp, data):
     exact = certify(task, ShapingReward(bonus))
     if sampled.contradictions:
         assert exact.residual > 1e-5
-        assert not any(one.startswith(f"F = {mdp.discount:g} Phi") for one in exact.findings)
+        assert not any(text.startswith(f"F = {mdp.discount:g} Phi") for text in exact.findings)
 
 
 def reachable(mdp, function):

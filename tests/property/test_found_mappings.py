@@ -168,7 +168,7 @@ def test_no_bound_is_exceeded_by_the_exact_values_of_two_tasks(pairs):
                 assert true <= Fraction(candidate.bound), (seed, candidate.how)
             stated += mapped.any()
         if 1.0 in (target.discount, source.discount):
-            with pytest.raises(MappingError, match="distances need a discount below 1"):
+            with pytest.raises(MappingError, match="bounded only at a discount below 1"):
                 lax_bisimulation(target, source)
             continue
         lax = lax_bisimulation(target, source)

@@ -140,9 +140,9 @@ def test_steps_of_a_learner_that_is_behind_are_bounded(guard, turns):
     behind = np.cumsum(np.where(ahead, 0, lengths))
     allowed = guard.share_behind * behind + 3 * longest
     assert (np.cumsum(np.where(shaped & ~ahead, lengths, 0)) <= allowed + 1e-6).all()
-    others = (1 - guard.share_behind) * behind
-    others += (1 - guard.share_ahead) * np.cumsum(np.where(ahead, lengths, 0))
-    assert (np.cumsum(np.where(shaped, 0, lengths)) >= others - 4 * longest - 1e-6).all()
+    unshaped = (1 - guard.share_behind) * behind
+    unshaped += (1 - guard.share_ahead) * np.cumsum(np.where(ahead, lengths, 0))
+    assert (np.cumsum(np.where(shaped, 0, lengths)) >= unshaped - 4 * longest - 1e-6).all()
 
 
 @st.composite
@@ -160,13 +160,13 @@ SETTINGS = cr.transfer.Calibrate(episodes=30)
 def test_calibration_keeps_the_greedy_policy(problem, data):
     """Between whole numbers below 1,000 there is room for c phi to round as it likes."""
     phi = data.draw(guesses(problem))
-    found = fit_calibration(phi, SETTINGS)
-    assume(not found.refusal)
-    assert found.scale > 0
-    values = found.potential.values
-    np.testing.assert_allclose(values[:-1], found.scale * phi.values[:-1])
+    calibration = fit_calibration(phi, SETTINGS)
+    assume(not calibration.refusal)
+    assert calibration.scale > 0
+    values = calibration.potential.values
+    np.testing.assert_allclose(values[:-1], calibration.scale * phi.values[:-1])
     assert not values[-1].any()  # the end
-    assume(found.scale > 1e-6)
+    assume(calibration.scale > 1e-6)
     np.testing.assert_array_equal(
         cr.planning.greedy_policy(values), cr.planning.greedy_policy(phi.values)
     )
@@ -174,10 +174,10 @@ def test_calibration_keeps_the_greedy_policy(problem, data):
 
 @given(problems(), st.data(), st.sampled_from([None, cr.Guard()]))
 def test_a_calibrated_learner_finds_the_optimum(problem, data, guard):
-    found = fit_calibration(data.draw(guesses(problem)), SETTINGS)
-    assume(not found.refusal)
-    result = learnt(problem, found.potential, guard)
-    assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(found.potential)
+    calibration = fit_calibration(data.draw(guesses(problem)), SETTINGS)
+    assume(not calibration.refusal)
+    result = learnt(problem, calibration.potential, guard)
+    assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(calibration.potential)
 
 
 @given(problems(), st.data(), st.integers(0, 1000))

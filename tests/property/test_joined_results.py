@@ -51,25 +51,25 @@ def parts_of(labels):
     ]
 
 
-def assert_equal(found, wanted):
+def assert_equal(joined, wanted):
     for field in fields(wanted):
-        one, other = getattr(found, field.name), getattr(wanted, field.name)
+        array, other = getattr(joined, field.name), getattr(wanted, field.name)
         if isinstance(other, np.ndarray):
-            assert one.dtype == other.dtype, field.name
-            assert not one.flags.writeable, field.name
-            np.testing.assert_array_equal(one, other, field.name)
-    assert found.seeds == wanted.seeds
-    assert (found.task, found.learner) == (wanted.task, wanted.learner)
-    assert type(found.values) is type(wanted.values)
+            assert array.dtype == other.dtype, field.name
+            assert not array.flags.writeable, field.name
+            np.testing.assert_array_equal(array, other, field.name)
+    assert joined.seeds == wanted.seeds
+    assert (joined.task, joined.learner) == (wanted.task, wanted.learner)
+    assert type(joined.values) is type(wanted.values)
     if isinstance(wanted.values, tuple):
-        for one, other in zip(found.values, wanted.values, strict=True):
-            np.testing.assert_array_equal(one.states, other.states)
-            np.testing.assert_array_equal(one.values, other.values)
-    assert (found.snapshots is None) == (wanted.snapshots is None)
+        for array, other in zip(joined.values, wanted.values, strict=True):
+            np.testing.assert_array_equal(array.states, other.states)
+            np.testing.assert_array_equal(array.values, other.values)
+    assert (joined.snapshots is None) == (wanted.snapshots is None)
     if wanted.snapshots is not None:
-        assert found.snapshots.seed == wanted.snapshots.seed
-        np.testing.assert_array_equal(found.snapshots.steps, wanted.snapshots.steps)
-        np.testing.assert_array_equal(found.snapshots.values, wanted.snapshots.values)
+        assert joined.snapshots.seed == wanted.snapshots.seed
+        np.testing.assert_array_equal(joined.snapshots.steps, wanted.snapshots.steps)
+        np.testing.assert_array_equal(joined.snapshots.values, wanted.snapshots.values)
 
 
 def for_any_groups(test):

@@ -68,13 +68,13 @@ NUMBERS = st.floats(-10, 10)
     st.data(),
 )
 def test_bins_are_numpys(edges, data):
-    edges = [sorted(each) for each in edges]
-    bins = cr.interop.Bins({f"x{i}": each for i, each in enumerate(edges)})
-    on_edges = NUMBERS | st.sampled_from([edge for each in edges for edge in each])
+    edges = [sorted(bounds) for bounds in edges]
+    bins = cr.interop.Bins({f"x{i}": bounds for i, bounds in enumerate(edges)})
+    on_edges = NUMBERS | st.sampled_from([edge for bounds in edges for edge in bounds])
     observation = data.draw(st.tuples(*[on_edges | st.just(np.inf) for _ in edges]))
-    found = bins.states.decode(bins(np.array(observation)))
-    expected = [np.digitize(x, each[1:-1]) for x, each in zip(observation, edges, strict=True)]
-    assert [int(value) for value in found.values()] == expected
+    values = bins.states.decode(bins(np.array(observation)))
+    expected = [np.digitize(x, bounds[1:-1]) for x, bounds in zip(observation, edges, strict=True)]
+    assert [int(value) for value in values.values()] == expected
 
 
 class Listed(FrozenLakeEnv):
@@ -94,7 +94,7 @@ def tables(draw):
     n_states, n_actions = draw(st.integers(1, 4)), draw(st.integers(1, 2))
     outcome = st.tuples(st.integers(0, n_states - 1), st.integers(-3, 3), st.booleans())
     pair = st.lists(outcome, min_size=1, max_size=2).map(
-        lambda found: [(1 / len(found), after, float(r), over) for after, r, over in found]
+        lambda outcomes: [(1 / len(outcomes), after, float(r), over) for after, r, over in outcomes]
     )
     return [[draw(pair) for _ in range(n_actions)] for _ in range(n_states)]
 
@@ -113,5 +113,5 @@ def test_ends_of_a_table_are_kept(table, random):
     for _ in range(60):
         values = np.array([np.mean([worth(pair) for pair in pairs]) for pairs in table])
     n_states, n_actions = task.states.size, task.actions.size
-    found = cr.evaluate(task, np.full((n_states, n_actions), 1 / n_actions), tolerance=1e-9)
-    assert abs(found.values @ task.start - values @ start) < 1e-6
+    evaluated = cr.evaluate(task, np.full((n_states, n_actions), 1 / n_actions), tolerance=1e-9)
+    assert abs(evaluated.values @ task.start - values @ start) < 1e-6

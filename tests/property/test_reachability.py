@@ -50,9 +50,9 @@ def graphs(draw):
 def test_reachable_states_are_those_of_a_search(mdp, data):
     shape = mdp.outcome_row.shape
     allowed = data.draw(st.none() | arrays(np.bool_, shape))
-    found = reachable_states(mdp, allowed)
+    reached = reachable_states(mdp, allowed)
     expected = naive_reach(mdp, np.ones(shape, bool) if allowed is None else allowed)
-    assert set(np.flatnonzero(found).tolist()) == expected
+    assert set(np.flatnonzero(reached).tolist()) == expected
 
 
 def test_nothing_is_reached_through_a_terminal_state():

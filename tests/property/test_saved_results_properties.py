@@ -40,12 +40,12 @@ def values(draw, n_seeds):
         width = 64 if kind == "float64" else 32
         numbers = st.floats(width=width)
         return draw(array((n_seeds, N_STATES, N_ACTIONS), numbers, kind))
-    found = []
+    draws = []
     for _ in range(n_seeds):
         states = sorted(draw(st.sets(st.integers(0, N_STATES - 1), min_size=1)))
         rows = draw(array((len(states), N_ACTIONS), st.floats(width=64), "float64"))
-        found.append(SparseValues(np.array(states, dtype=np.int64), rows))
-    return tuple(found)
+        draws.append(SparseValues(np.array(states, dtype=np.int64), rows))
+    return tuple(draws)
 
 
 @st.composite
@@ -137,6 +137,6 @@ def test_a_file_with_a_bit_changed_is_refused(data):
         else:
             content = content[: data.draw(st.integers(0, len(content) - 1))]
         file.write_bytes(content)
-        with pytest.raises(cr.errors.StoreError) as found:
+        with pytest.raises(cr.errors.StoreError) as caught:
             LearningResult.load(file, TASK)
-        assert "\n" not in str(found.value)
+        assert "\n" not in str(caught.value)

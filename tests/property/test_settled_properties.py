@@ -21,12 +21,12 @@ def test_it_ends_by_its_cap_and_never_before_its_evidence(greedy, eval_freq, lea
     steps = np.arange(len(greedy)) * eval_freq
     decisions = rule.decisions(steps, greedy)
     assert decisions[-1].step <= most
-    ended = [one for one in decisions if one.ends]
-    for one in ended:
-        here = one.step // eval_freq
+    ended = [decision for decision in decisions if decision.ends]
+    for decision in ended:
+        here = decision.step // eval_freq
         seen = greedy[: here + 1]
-        assert one.step >= least
-        assert one.share < 0.05
+        assert decision.step >= least
+        assert decision.share < 0.05
         assert np.nanmax(seen) > np.nanmin(seen)
         # Eight evaluations lie in each part, so it takes 36 in any case.
         assert here + 1 - (int(RECENT * here) + 1) >= MIN_EVALUATIONS
@@ -41,5 +41,5 @@ def test_it_ends_by_its_cap_and_never_before_its_evidence(greedy, eval_freq, lea
 )
 def test_it_does_not_depend_on_the_scale_of_rewards(greedy, scale, shift):
     for checkpoint in range(40, 80):
-        one, other = (share_of_rise(g, checkpoint) for g in (greedy, scale * greedy + shift))
-        np.testing.assert_allclose(one, other, atol=1e-9)
+        share, other = (share_of_rise(g, checkpoint) for g in (greedy, scale * greedy + shift))
+        np.testing.assert_allclose(share, other, atol=1e-9)

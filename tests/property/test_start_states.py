@@ -27,15 +27,15 @@ def breadth_first(dense, goal):
         ]
         for after in range(n_states)
     }
-    found, waiting = np.full(n_states, -1), deque(np.flatnonzero(goal).tolist())
-    found[goal] = 0
+    distance, waiting = np.full(n_states, -1), deque(np.flatnonzero(goal).tolist())
+    distance[goal] = 0
     while waiting:
         state = waiting.popleft()
-        for one in before[state]:
-            if found[one] < 0:
-                found[one] = found[state] + 1
-                waiting.append(one)
-    return found
+        for previous in before[state]:
+            if distance[previous] < 0:
+                distance[previous] = distance[state] + 1
+                waiting.append(previous)
+    return distance
 
 
 def reached(dense, start):

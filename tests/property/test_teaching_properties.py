@@ -35,9 +35,9 @@ def tasks_of(seed, n_tasks, time_limit):
     }
 
 
-def assert_same(one, other):
+def assert_same(result, other):
     for name in CURVES:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(result, name), getattr(other, name), err_msg=name)
 
 
 ROLLOUTS = cr.GreedyEvaluation(method="rollouts", episodes=7)
@@ -102,8 +102,8 @@ def test_results_depend_on_the_seed_alone(teacher, seed):
 
     together, alone = taught(3, 3), taught([2], 1)
     for name in CURVES:
-        mine, own = (getattr(result.learning, name) for result in (together, alone))
-        np.testing.assert_array_equal(mine[2:], own)
+        joint, single = (getattr(result.learning, name) for result in (together, alone))
+        np.testing.assert_array_equal(joint[2:], single)
     np.testing.assert_array_equal(together.drawn[2], alone.drawn[0])
     np.testing.assert_array_equal(together.probabilities[2:], alone.probabilities)
     other = taught([2], 1, "other")

@@ -88,10 +88,10 @@ def test_nothing_added_changes_nothing(mdp, added, storage, exploration, rate, s
     plain = cr.learn(task, learner, 120, **(common | {"storage": cr.Storage(dtype=storage.dtype)}))
     other = cr.learn(task, learner, 120, shaping=nothing, **common)
     for k in range(2):
-        mine, yours = plain.values[k], other.values[k]
+        ours, theirs = plain.values[k], other.values[k]
         if storage.kind == "sparse":
-            mine, yours = mine[yours.states], yours.values
-        np.testing.assert_array_equal(mine, yours)
+            ours, theirs = ours[theirs.states], theirs.values
+        np.testing.assert_array_equal(ours, theirs)
     np.testing.assert_array_equal(plain.training_return, other.training_return)
     np.testing.assert_array_equal(plain.greedy_return, other.greedy_return)
 

@@ -98,7 +98,7 @@ FROM_1 = Discrete(2, start=1)
 
 
 @pytest.mark.parametrize(
-    ("spaces", "words"),
+    ("spaces", "message"),
     [
         ({"actions": FROM_1}, "actions .* count from 0: got Discrete.2, start=1.*TransformAction "),
         ({"actions": MultiDiscrete([2, 2], start=[0, 1])}, "actions .* count from 0"),
@@ -107,10 +107,10 @@ FROM_1 = Discrete(2, start=1)
         ({"observations": Dict(far=Box(0, 1), card=FROM_1)}, "observations .* count from 0"),
     ],
 )
-def test_networks_take_no_spaces_that_do_not_count_from_0(spaces, words):
+def test_networks_take_no_spaces_that_do_not_count_from_0(spaces, message):
     policy = "MultiInputPolicy" if isinstance(spaces.get("observations"), Dict) else "MlpPolicy"
     task = cr.observation_task(From, **spaces)
-    with pytest.raises(cr.errors.SettingError, match=words):
+    with pytest.raises(cr.errors.SettingError, match=message):
         check_spaces(task, DeepLearner("PPO", policy))
 
 

@@ -66,7 +66,7 @@ SETTINGS = [
     (lambda: ask(shaping=PHI), "shaping must be a Shaping, .* got StateActionPot"),
     (lambda: ask(shaping=cr.LookBackAdvice(PHI)), "on-policy SARSA .*got QLearning"),
     (lambda: ask(shaping=cr.QInitialisation(PHI.to_state())), r"phi\(s, a\): got StatePotential"),
-    (lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3), "means 3 of them: got 2"),
+    (lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3), "entry per seed, 3: got 2"),
     (lambda: ask(shaping=cr.QInitialisation(guard=cr.Guard())), "got a shaping without one"),
     (lambda: cr.StateShaping(PHI, guard=True), "guard of StateShaping must be a Guard: got True"),
     (lambda: cr.Guard(share_behind=0), "share_behind of a guard must be above 0"),

@@ -266,7 +266,7 @@ def test_a_lookup_of_another_task_is_refused():
         (hunt, lookup._replace(action=lookup.action + 10**6)),
         (hunt, None),
     ):
-        with pytest.raises(cr.errors.PotentialError, match="lookup must be one for its task"):
+        with pytest.raises(cr.errors.PotentialError, match="lookup must be made for its task"):
             cr.transfer.MappedPotential(task, given)
 
 

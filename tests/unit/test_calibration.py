@@ -224,7 +224,7 @@ def test_a_refused_seed_is_learnt_uncalibrated_with_a_warning():
 )
 def test_a_budget_must_exceed_its_warm_up(budget, n):
     warm_up = WarmUp(np.array([30, 40, 60]), np.zeros(3))
-    with pytest.raises(SettingError, match=r"must exceed what was used|one warm-up a seed"):
+    with pytest.raises(SettingError, match=r"must exceed what was used|an entry per seed"):
         cr.learn(HUNT, budget=budget, warm_up=[warm_up] * n)
 
 

@@ -194,11 +194,11 @@ def test_a_theorem_decides_what_the_errors_of_values_cannot():
     """In a long corridor the differences of actions are of all sizes, down to 0.5^60."""
     corridor = cr.GridWorld("S" + "." * 60 + "T", rewards=cr.Rewards(step=0), discount=0.5)
     phi = 1e5 * np.random.default_rng(1).normal(size=(6, corridor.states.size))
-    certificate = [
-        certify(corridor, cr.StateShaping(cr.StatePotential(corridor, one))) for one in phi
+    certificates = [
+        certify(corridor, cr.StateShaping(cr.StatePotential(corridor, row))) for row in phi
     ]
-    assert all(certificate)
-    assert all(one.loss == 0 for one in certificate)
+    assert all(certificates)
+    assert all(certificate.loss == 0 for certificate in certificates)
 
 
 def test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree():

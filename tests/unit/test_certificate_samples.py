@@ -229,8 +229,8 @@ def test_rollouts_follow_the_task():
         )  # fmt: skip
     assert joint.sum() == inside.sum()
     assert abs(joint - joint.sum() / 25).max() < 5 * np.sqrt(joint.sum() / 25)
-    given = random_rollouts(MAZE, episodes=3, length=1, starts=np.array([2, 0, 1]))
-    assert given.states[:, 0].tolist() == [2, 0, 1]
+    from_starts = random_rollouts(MAZE, episodes=3, length=1, starts=np.array([2, 0, 1]))
+    assert from_starts.states[:, 0].tolist() == [2, 0, 1]
 
 
 def test_the_widest_difference_is_of_equal_keys():
@@ -270,7 +270,7 @@ REFUSED = [
         r"28 tr.*got \(2,\)",
     ),
     (SettingError, lambda: cr.StateShaping(), {}, "have a potential"),
-    (SettingError, lambda: ENDED, {}, "must be a shaping, such as StateShaping"),
+    (SettingError, lambda: ENDED, {}, "takes a shaping, such as StateShaping"),
     (SettingError, lambda: WeightTransfer(ENDED), {}, "must be for tables"),
     (SettingError, lambda: ShapingReward(ENDED), {}, "ShapingReward takes a function"),
     (SettingError, lambda: cr.StateShaping(FOREIGN), {}, "made for the task it shapes"),

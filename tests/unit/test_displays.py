@@ -166,9 +166,9 @@ ROWS = st.lists(
 )
 
 
-@given(rows=ROWS, width=st.integers(40, 200), words=st.booleans())
-def test_lines_fit_and_nothing_is_lost(rows, width, words):
-    lines = text_table(HEADS, rows, width, words=words)
+@given(rows=ROWS, width=st.integers(40, 200), prose=st.booleans())
+def test_lines_fit_and_nothing_is_lost(rows, width, prose):
+    lines = text_table(HEADS, rows, width, prose=prose)
     assert max(map(len, lines)) <= width
     there = re.sub(r"\s", "", "".join(lines))
     for row in rows:

@@ -91,7 +91,7 @@ def test_pictures_are_drawn_when_asked_for():
 
 
 def test_what_cannot_be_written_leaves_nothing_half_done(episode, tmp_path, monkeypatch):
-    with pytest.raises(SettingError, match=r"saved as a GIF: got the file name 'maze.png'"):
+    with pytest.raises(SettingError, match=r"must end in .gif: got 'maze.png'"):
         episode.save(tmp_path / "maze.png")
     with pytest.raises(SettingError, match="fps"):
         episode.save(tmp_path / "maze.gif", fps=-1)

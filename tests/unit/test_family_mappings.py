@@ -166,13 +166,13 @@ def test_two_predators_read_one_as_in_the_paper():
         assert (mapping.index == project(hunt.task, chase.task, predator=name).index).all()
 
 
-@pytest.mark.parametrize(("mine", "others", "groups"), [(2, 2, 1), (3, 1, 3), (3, 2, 3), (4, 3, 4)])
-def test_each_predator_is_read_equally_often(mine, others, groups):
-    hunt, chase = pursuit_family(size=2, predators=mine), pursuit_family(size=2, predators=others)
+@pytest.mark.parametrize(("ours", "theirs", "groups"), [(2, 2, 1), (3, 1, 3), (3, 2, 3), (4, 3, 4)])
+def test_each_predator_is_read_equally_often(ours, theirs, groups):
+    hunt, chase = pursuit_family(size=2, predators=ours), pursuit_family(size=2, predators=theirs)
     declared = hunt.family.mapping(hunt, chase)
     assert len(declared) == groups
     read_of = [name for named in declared for source, name in named.renaming if source != "prey"]
-    assert {read_of.count(name) for name in hunt.task.predator_names} == {groups * others // mine}
+    assert {read_of.count(name) for name in hunt.task.predator_names} == {groups * theirs // ours}
 
 
 def cells(task, state):
@@ -190,8 +190,8 @@ def test_distances_that_fit_stay_the_same_on_another_size(size, torus):
     source = np.maximum(mapping.index[:, 0], 0) // 5
     checked = 0
     for state in np.flatnonzero(mapping.index[:, 0] >= 0):
-        mine, other = cells(hunt.task, state), cells(small.task, int(source[state]))
-        apart, read_apart = mine[1] - mine[0], other[1] - other[0]
+        ours, theirs = cells(hunt.task, state), cells(small.task, int(source[state]))
+        apart, read_apart = ours[1] - ours[0], theirs[1] - theirs[0]
         if torus:
             apart = (apart + size // 2) % size - size // 2
             read_apart = (read_apart + 1) % 3 - 1
@@ -203,8 +203,8 @@ def test_distances_that_fit_stay_the_same_on_another_size(size, torus):
             assert (apart == read_apart).all()
         if fits and not torus:  # whoever stands at a wall still does
             for edge, other_edge in ((0, 0), (size - 1, 2)):
-                at_edge = (mine == edge).any(axis=0)
-                assert (other == other_edge).any(axis=0)[at_edge].all()
+                at_edge = (ours == edge).any(axis=0)
+                assert (theirs == other_edge).any(axis=0)[at_edge].all()
     assert checked > size**2
 
 
@@ -321,11 +321,11 @@ def test_hallways_are_read_as_hallways(size, smaller):
 def test_keys_pits_and_locks_are_read_as_such(size):
     target, source = key_lock_pit_family(size=11), key_lock_pit_family(size=size)
     (mapping,) = family_mappings(target, source)
-    mine, other = target.task, source.task
-    key = mapping.index[mine.states.encode(row=1, column=1, key=0, lock=0), 4]
-    assert other.states.label(key // 6) == "row=1 column=1 key=lying lock=locked"
-    lock = mapping.index[mine.states.encode(row=10, column=10, key=1, lock=0), 5]
-    assert other.mdp.terminal[other.mdp.next_state[other.mdp.outcome_row.ravel()[lock], 0]]
+    room, smaller = target.task, source.task
+    key = mapping.index[room.states.encode(row=1, column=1, key=0, lock=0), 4]
+    assert smaller.states.label(key // 6) == "row=1 column=1 key=lying lock=locked"
+    lock = mapping.index[room.states.encode(row=10, column=10, key=1, lock=0), 5]
+    assert smaller.mdp.terminal[smaller.mdp.next_state[smaller.mdp.outcome_row.ravel()[lock], 0]]
 
 
 @pytest.mark.parametrize("level", [1, 3])
@@ -353,11 +353,11 @@ def test_a_level_reads_no_more_blocks_than_it_has():
 def test_stands_are_read_as_stands():
     target, source = taxi_family(), taxi_family(size=3)
     (mapping,) = family_mappings(target, source)
-    for mine, other in zip(target.task.stand_cells, source.task.stand_cells, strict=True):
-        row, column = np.divmod(mine, 5)
+    for cell, read_cell in zip(target.task.stand_cells, source.task.stand_cells, strict=True):
+        row, column = np.divmod(cell, 5)
         state = target.task.states.encode(row=row, column=column, passenger=4, destination=1)
         read = mapping.index[state, 0]
         if read == ENDED:
             continue
         values = source.task.states.decode(read // 6)
-        assert values["row"] * 3 + values["column"] == other
+        assert values["row"] * 3 + values["column"] == read_cell

@@ -50,7 +50,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     for name in ("pipe", "folder"):
-        with pytest.raises(OSError, match="what is there is no regular file"):
+        with pytest.raises(OSError, match="it exists and is no regular file"):
             write_whole(tmp_path / name, b"page")
     assert (tmp_path / "pipe").is_fifo()
     assert len(list(tmp_path.iterdir())) == 2
@@ -58,7 +58,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
 
 def test_file_names_are_short_and_different():
     long = ["x" * 300, "x" * 301, "\u6f22" * 100, "\u6f22" * 99 + "\u5b57"]
-    names = [file_name(one) for one in long]
+    names = [file_name(text) for text in long]
     assert len(set(names)) == len(names)
     assert max(len(name.encode()) for name in names) < 200
     assert file_name("hunt") == "hunt"

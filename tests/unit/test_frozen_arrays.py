@@ -54,9 +54,9 @@ def arrays_in(value):
     if isinstance(value, np.ndarray):
         return [value]
     if isinstance(value, tuple | list):
-        return [array for each in value for array in arrays_in(each)]
+        return [array for part in value for array in arrays_in(part)]
     if dataclasses.is_dataclass(value):
-        return arrays_in([each for name, each in vars(value).items() if name[0] != "_"])
+        return arrays_in([part for name, part in vars(value).items() if name[0] != "_"])
     return []
 
 
@@ -66,11 +66,11 @@ def test_arrays_cannot_be_made_writable(owner):
     if hasattr(made, "model"):
         _ = made.model  # also what is computed and kept
     copies = [way(made) for way in COPIES.values()]
-    for found in copies:
-        if hasattr(found, "model"):
-            _ = found.model
-        assert arrays_in(found)
-    for array in (array for found in copies for array in arrays_in(found)):
+    for copied in copies:
+        if hasattr(copied, "model"):
+            _ = copied.model
+        assert arrays_in(copied)
+    for array in (array for copied in copies for array in arrays_in(copied)):
         for shown in (array, array.base, array[...], array.view()):
             if isinstance(shown, np.ndarray):
                 assert not shown.flags.writeable
@@ -83,8 +83,8 @@ def test_arrays_cannot_be_made_writable(owner):
 @pytest.mark.parametrize("way", COPIES)
 def test_a_copy_learns_what_the_task_does(way):
     task = COPIES[way](MAZE.mdp)
-    one, other = (cr.learn(each, budget=500).values for each in (MAZE.mdp, task))
-    np.testing.assert_array_equal(one, other)
+    expected, other = (cr.learn(problem, budget=500).values for problem in (MAZE.mdp, task))
+    np.testing.assert_array_equal(expected, other)
 
 
 def test_a_copy_leaves_out_what_is_computed():
@@ -100,21 +100,21 @@ def test_the_array_of_a_caller_is_copied_even_where_it_is_read_only():
     shown = np.asarray(memoryview(mine))
     of_bytes = pickle.loads(pickle.dumps(mine, protocol=4))
     of_bytes.flags.writeable = False
-    changed = [dataclasses.replace(mdp, next_state=given) for given in (mine, shown, of_bytes)]
+    changed = [dataclasses.replace(mdp, next_state=array) for array in (mine, shown, of_bytes)]
     mine.flags.writeable = True
     of_bytes.flags.writeable = True  # NumPy allows it
     mine[:] = of_bytes[:] = 10**9
-    for each in changed:
-        np.testing.assert_array_equal(each.next_state, mdp.next_state)
+    for changed_mdp in changed:
+        np.testing.assert_array_equal(changed_mdp.next_state, mdp.next_state)
 
 
 def test_frozen_arrays_are_taken_as_they_are():
-    one = frozen(np.arange(6.0).reshape(2, 3))
-    assert frozen(one) is one
-    assert adopted(one, np.float64) is one
-    assert adopted(one, np.float32) is not one
-    assert adopted(one[1:], np.float64).base is not None
-    assert adopted(one.T, np.float64).flags.c_contiguous
+    array = frozen(np.arange(6.0).reshape(2, 3))
+    assert frozen(array) is array
+    assert adopted(array, np.float64) is array
+    assert adopted(array, np.float32) is not array
+    assert adopted(array[1:], np.float64).base is not None
+    assert adopted(array.T, np.float64).flags.c_contiguous
 
 
 @pytest.mark.parametrize(

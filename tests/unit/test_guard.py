@@ -69,10 +69,10 @@ def test_the_share_is_the_probability_that_phi_earns_more(n):
     t /= np.sqrt(scratch.var() / (n - 1) + shaped.var() / (n - 1))
     x = np.linspace(0, t, 20_001)
     density = (2 + x**2) ** -1.5
-    found = 0.5 + np.trapezoid(density, x)
+    probability = 0.5 + np.trapezoid(density, x)
     assert share_after(
         scratch, shaped, GUARD._replace(forgetting=0.0, share_ahead=1.0)
-    ) == pytest.approx(found)
+    ) == pytest.approx(probability)
 
 
 def test_shares_at_the_ends():
@@ -86,9 +86,9 @@ def test_shares_at_the_ends():
 @pytest.mark.parametrize("scale", [1e-100, 1.0, 1e100])
 def test_the_share_does_not_depend_on_the_unit_of_returns(scale):
     scratch, shaped = np.random.default_rng(1).normal([[0.0], [0.3]], size=(2, 8))
-    found = share_after(scratch, shaped)
-    assert UNDECIDED < found < GUARD.share_ahead
-    assert share_after(scratch * scale, shaped * scale) == pytest.approx(found)
+    share = share_after(scratch, shaped)
+    assert UNDECIDED < share < GUARD.share_ahead
+    assert share_after(scratch * scale, shaped * scale) == pytest.approx(share)
 
 
 def test_two_turns_of_equal_learners_have_a_large_share_as_seldom_as_it_says():
@@ -100,7 +100,7 @@ def test_two_turns_of_equal_learners_have_a_large_share_as_seldom_as_it_says():
 
 
 @pytest.mark.parametrize(
-    ("discount", "time_limit", "found"),
+    ("discount", "time_limit", "expected"),
     [
         (0.9, 100, 100),  # an episode has 10 / (1 - 0.9) steps at most
         (0.9, 101, 30),
@@ -111,5 +111,5 @@ def test_two_turns_of_equal_learners_have_a_large_share_as_seldom_as_it_says():
         (1.0, NO_LIMIT, NO_LIMIT),
     ],
 )
-def test_the_longest_turn(discount, time_limit, found):
-    assert longest_turn(discount, time_limit) == found
+def test_the_longest_turn(discount, time_limit, expected):
+    assert longest_turn(discount, time_limit) == expected

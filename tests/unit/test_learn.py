@@ -23,8 +23,9 @@ LINE = GridWorld("S..T")
 ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "steps_used")
 
 
-def same(one, other):
-    return all(np.array_equal(getattr(one, n), getattr(other, n), equal_nan=True) for n in ARRAYS)
+def same(result, other):
+    pairs = ((getattr(result, name), getattr(other, name)) for name in ARRAYS)
+    return all(np.array_equal(*pair, equal_nan=True) for pair in pairs)
 
 
 # -- budgets and checkpoints ---------------------------------------------------------------------
@@ -53,13 +54,13 @@ def test_a_budget_of_episodes_is_spent_exactly():
 def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
     result = learn(LINE, budget=Episodes(30), seeds=4, eval_freq=10)
     for k, used in enumerate(result.steps_used):
-        own = result.steps <= used
-        last = own.sum() - 1
-        assert (result.greedy_return[k, ~own] == result.greedy_return[k, last]).all()
-        assert (result.episodes[k, ~own] == result.episodes[k, last]).all()
-        assert np.isnan(result.training_return[k, ~own]).all()
+        taken = result.steps <= used
+        last = taken.sum() - 1
+        assert (result.greedy_return[k, ~taken] == result.greedy_return[k, last]).all()
+        assert (result.episodes[k, ~taken] == result.episodes[k, last]).all()
+        assert np.isnan(result.training_return[k, ~taken]).all()
         alone = learn(LINE, budget=Episodes(30), seeds=[k], eval_freq=10)
-        assert (alone.greedy_return[0] == result.greedy_return[k, own]).all()
+        assert (alone.greedy_return[0] == result.greedy_return[k, taken]).all()
 
 
 def test_episodes_are_counted_when_they_end():
@@ -102,14 +103,14 @@ def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
 
 
 def test_each_seed_may_have_its_own_potential():
-    one, two = (StateActionPotential(LINE, np.full((4, 4), v)) for v in (1.0, 2.0))
+    low, high = (StateActionPotential(LINE, np.full((4, 4), v)) for v in (1.0, 2.0))
     frozen = QLearning(learning_rate=0)
     for shaping, expected in (
-        ([QInitialisation(one), QInitialisation(two)], [1, 2]),
-        (QInitialisation(one), [1, 1]),
+        ([QInitialisation(low), QInitialisation(high)], [1, 2]),
+        (QInitialisation(low), [1, 1]),
     ):
-        found = learn(LINE, frozen, 10, seeds=2, shaping=shaping)
-        assert found.values[:, 0, 0].tolist() == expected
+        result = learn(LINE, frozen, 10, seeds=2, shaping=shaping)
+        assert result.values[:, 0, 0].tolist() == expected
 
 
 def test_advice_is_acted_on_and_not_part_of_the_values():

@@ -299,7 +299,7 @@ MAPPINGS = [
     (lambda: identity(chain(low=1), chain()), r"place\[3 from 1\], the source's place\[3\]; "),
     (
         lambda: identity(GridWorld("S#.T"), GridWorld("S.#T")),
-        "states of row, column are 3 in the target and 3 in the source, not the same ones in the",
+        "states of row, column are 3 in the target and 3 in the source, not the same points in the",
     ),
     (
         lambda: identity(chain(), chain(labels=("right", "left"))),

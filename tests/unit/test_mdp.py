@@ -68,12 +68,12 @@ def test_arrays_that_nobody_can_write_to_are_shared_and_others_copied():
     mdp = GridWorld("S.T").mdp
     fields = {n: getattr(mdp, n) for n in mdp.__dataclass_fields__}
     assert all(getattr(FiniteMDP(**fields), n) is fields[n] for n in ("reward", "outcome_row"))
-    mine = mdp.reward.copy()
-    view = mine[:]
+    writable = mdp.reward.copy()
+    view = writable[:]
     view.flags.writeable = False  # yet its owner can still be written to
-    for given in (mine, view):
-        copied = FiniteMDP(**(fields | {"reward": given})).reward
-        assert not np.shares_memory(copied, mine)
+    for array in (writable, view):
+        copied = FiniteMDP(**(fields | {"reward": array})).reward
+        assert not np.shares_memory(copied, writable)
         assert not copied.flags.writeable
 
 
@@ -128,7 +128,7 @@ GYMNASIUM = "; from_gymnasium makes a task of an environment or of its id"
         (cr.to_gymnasium(MAZE), ", whose task is its .task"),
         (
             cr.observation_task("CartPole-v1"),
-            "; what is seen through observations is learnt by a network, a deep.DeepLearner",
+            "; a task seen through observations is learnt by a network, a deep.DeepLearner",
         ),
         (3, ""),
         (int, ""),

@@ -23,9 +23,9 @@ def test_settings_come_from_the_task_unless_given():
     assert (filled.value_range, filled.initial_value) == ((-2.0, 199.0), -2.0)
     assert filled.learning_rate == harmonic(half=3.0)  # (H + 1) / (H + n) at visit n, H = 2
     assert [filled.learning_rate(n - 1) for n in (1, 4)] == pytest.approx([1.0, 3 / 6])
-    mine = OptimisticQLearning(learning_rate=0.2, value_range=(0, 5), initial_value=1.0)
-    assert mine.for_task(task) == mine
-    assert mine.value_range == (0.0, 5.0)
+    configured = OptimisticQLearning(learning_rate=0.2, value_range=(0, 5), initial_value=1.0)
+    assert configured.for_task(task) == configured
+    assert configured.value_range == (0.0, 5.0)
     task = cr.GridWorld("S.T", discount=0.99, time_limit=30)
     assert OptimisticQLearning().for_task(task).learning_rate == harmonic(half=31.0)
 

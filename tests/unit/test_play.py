@@ -127,7 +127,7 @@ def hall(folder):
         ),
         (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),
-        (["--arm", "chain", "--out", "maze.mp4"], 1, "saved as a GIF: got the file name"),
+        (["--arm", "chain", "--out", "maze.mp4"], 1, "must end in .gif: got 'maze.mp4'"),
     ],
 )
 def test_a_mistake_is_one_sentence(play, finished, tmp_path, arguments, code, message):

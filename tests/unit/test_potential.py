@@ -94,7 +94,7 @@ def test_into_an_end_the_potential_is_zero_in_every_kind_of_task(task):
 
 def test_where_only_steps_tell_the_ends_they_must_be_given():
     phi = StatePotential(ring(), np.full(9, 7.0))
-    with pytest.raises(PotentialError, match="only the steps of this task tell: give terminated="):
+    with pytest.raises(PotentialError, match="does not know its terminal states: give terminated="):
         phi.shaping_reward(1, 0)
 
 

@@ -74,11 +74,11 @@ def test_tasks_with_and_without_tables_draw_alike():
     )
     uniform = np.full((5, 2), 0.5)
     for seed in range(5):
-        one, other = rollout(RING, uniform, seed=seed), rollout(table, uniform, seed=seed)
-        assert one.states.tolist() == other.states.tolist()
-        assert one.actions.tolist() == other.actions.tolist()
-        assert one.rewards.tolist() == other.rewards.tolist()
-        assert (one.terminated, one.truncated) == (other.terminated, other.truncated)
+        computed, other = rollout(RING, uniform, seed=seed), rollout(table, uniform, seed=seed)
+        assert computed.states.tolist() == other.states.tolist()
+        assert computed.actions.tolist() == other.actions.tolist()
+        assert computed.rewards.tolist() == other.rewards.tolist()
+        assert (computed.terminated, computed.truncated) == (other.terminated, other.truncated)
     walked, tabled = (random_rollouts(task, episodes=9, length=7) for task in (RING, table))
     np.testing.assert_array_equal(walked.states, tabled.states)
     np.testing.assert_array_equal(walked.actions, tabled.actions)
@@ -93,7 +93,7 @@ def test_a_long_episode_is_simulated_in_pieces(monkeypatch):
     whole = [rollout(RING, uniform, seed=seed) for seed in range(5)]
     monkeypatch.setattr(rollouts, "CHUNK", 2)
     for seed, expected in enumerate(whole):
-        found = rollout(RING, uniform, seed=seed)
-        assert found.states.tolist() == expected.states.tolist()
-        assert found.rewards.tolist() == expected.rewards.tolist()
-        assert found.terminated == expected.terminated
+        episode = rollout(RING, uniform, seed=seed)
+        assert episode.states.tolist() == expected.states.tolist()
+        assert episode.rewards.tolist() == expected.rewards.tolist()
+        assert episode.terminated == expected.terminated

@@ -36,7 +36,7 @@ def recorded(measure):
 def test_totals_double_and_each_seed_is_asked_for_once(first, most, totals):
     measure, asked = recorded(noisy())
     result = add_seeds(measure, first=first, most=most, precision=1e-9)
-    assert np.cumsum([len(each) for each in asked]).tolist() == totals
+    assert np.cumsum([len(new) for new in asked]).tolist() == totals
     assert [seed for batch in asked for seed in batch] == list(range(most))
     assert np.array_equal(result.values, NOISE[:most])
     assert (result.stopped_by, result.looks) == ("most", len(totals))
@@ -113,7 +113,7 @@ def test_a_goal_met_at_the_last_look_counts():
 def test_settings_are_refused_before_anything_is_measured():
     measure, asked = recorded(noisy())
     for both in ({}, {"precision": 1.0, "difference": True}):
-        with pytest.raises(SettingError, match="one of them: got precision="):
+        with pytest.raises(SettingError, match="difference=True: got precision="):
             add_seeds(measure, **both)
     check_values(SettingError, partial(add_seeds, measure), {"precision": [0.0, NAN]})
     wrong = {"first": [1, 2.5], "most": [9], "confidence": [1, "x"]}

@@ -62,9 +62,9 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
     )
     for checkpoint in range(len(greedy)):
         step = 10 * checkpoint
-        found = stops(rule.kernel(), np.array(greedy), checkpoint, step)
+        ends = stops(rule.kernel(), np.array(greedy), checkpoint, step)
         # Sums in another order may differ in the last digit, but not these: all values are short.
-        assert found == oracle(rule, greedy, checkpoint, step)
+        assert ends == oracle(rule, greedy, checkpoint, step)
 
 
 @pytest.mark.parametrize(("learner", "guard"), LEARNERS)
@@ -119,7 +119,7 @@ def test_fraction_stands_for_a_return_between_random_and_optimal():
 def test_the_criterion_of_a_decision_has_no_numbers(settings, greedy, criterion):
     rule = StoppingRule(30, patience=2, **settings)
     decisions = rule.decisions([0, 10, 20, 30], greedy, level=6.5)
-    assert [one.criterion for one in decisions] == ["", "", "", criterion]
+    assert [decision.criterion for decision in decisions] == ["", "", "", criterion]
 
 
 def test_a_rule_that_makes_no_sense_is_refused():
@@ -159,8 +159,8 @@ def test_snapshots_of_stopped_and_shaped_runs_end_with_what_was_learnt():
 @pytest.mark.parametrize("place", [1, 2, 3])
 def test_an_unknown_return_among_the_last_neither_reaches_a_level_nor_drops(place):
     rule = StoppingRule(1000, threshold=5.0, drop=1.0, patience=3)
-    for others in (9.0, -9.0):
-        greedy = np.array([0.0, others, others, others])
+    for known in (9.0, -9.0):
+        greedy = np.array([0.0, known, known, known])
         assert rule.decisions([0, 1, 2, 3], greedy)[-1].ends
         greedy[place] = np.nan
         last = rule.decisions([0, 1, 2, 3], greedy)[-1]
@@ -184,6 +184,6 @@ def test_the_steps_of_evaluations_are_counted_and_said_to_be_free():
     steps = int(rolled["maze"].evaluation_steps[1])
     assert 6 * 7 <= steps <= 6 * 7 * MAZE.mdp.time_limit
     assert repr(exact.decisions("maze")) == "Decisions(2 seeds: all steps used (2))"
-    words = f"500 steps used, and {steps:,} steps of evaluations, which are free"
-    assert str(rolled.decisions("maze")[1][-1]).endswith(words)
+    sentence = f"500 steps used, and {steps:,} steps of evaluations, which are free"
+    assert str(rolled.decisions("maze")[1][-1]).endswith(sentence)
     assert rolled["maze"].steps_used.tolist() == [500, 500]

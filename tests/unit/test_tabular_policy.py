@@ -85,8 +85,8 @@ def test_episodes_have_the_return_that_evaluation_expects():
 
 def test_an_episode_depends_on_its_seed_alone(learnt):
     policy = TabularPolicy(HUNT, np.zeros((HUNT.states.size, HUNT.actions.size)))
-    one, again, other = (policy.episode(seed=seed).actions.tolist() for seed in (1, 1, 2))
-    assert one == again != other
+    actions, again, other = (policy.episode(seed=seed).actions.tolist() for seed in (1, 1, 2))
+    assert actions == again != other
 
 
 def test_sparse_values_act_where_learning_was_and_draw_elsewhere():
@@ -161,9 +161,9 @@ def test_a_live_task_is_played_in_its_environment(kind):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    ("wrong", "message"),
     [
-        (lambda p: TabularPolicy(None, p.values).predict([0, 0]), "without its task reads numbers"),
+        (lambda p: TabularPolicy(None, p.values).predict([0, 0]), "takes only numbers"),
         (
             lambda p: TabularPolicy(random_mdp(1), np.zeros((6, 3))).episode(),
             "without a time limit needs max_steps",
@@ -174,8 +174,8 @@ def test_a_live_task_is_played_in_its_environment(kind):
         ),
     ],
 )
-def test_a_mistake_is_one_sentence(learnt, wrong, words):
-    with pytest.raises(SettingError, match=words):
+def test_a_mistake_is_one_sentence(learnt, wrong, message):
+    with pytest.raises(SettingError, match=message):
         wrong(learnt.policy)
 
 

@@ -180,7 +180,7 @@ REFUSALS = {
         "no limit": (lambda: teach({"c": chain(None)}, target="c"), "a time limit: 'c' has none"),
         "learner": (
             lambda: teach(BOTH, None, cr.learning.OptimisticQLearning(), target="far"),
-            "not by a start",
+            "not by optimism",
         ),
         "sum": (says([0.5, 0.6]), "sum to 1: after 0 episodes"),
         "shape": (says([1.0]), "2 numbers from 0 up"),
@@ -242,8 +242,8 @@ def uniform_over(tasks):
 
 def rates(seen, window):
     """Return the share of successes among the last `window` episodes of each task."""
-    each = [[e.success for e in seen if e.task == i][-window:] for i in range(N_TASKS)]
-    return [np.mean(one) if one else 0.0 for one in each]
+    outcomes = [[e.success for e in seen if e.task == i][-window:] for i in range(N_TASKS)]
+    return [np.mean(one) if one else 0.0 for one in outcomes]
 
 
 @pytest.mark.parametrize(("seed", "n"), CASES)

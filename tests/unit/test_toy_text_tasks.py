@@ -32,13 +32,13 @@ def dense(mdp):
 def assert_equal_to_gymnasium(task, name, **arguments):
     """Compare with Gymnasium's own P, in every state that goes on; with names and start too."""
     theirs = from_gymnasium(name, discount=task.discount, **arguments)
-    mine = task.mdp
+    mdp = task.mdp
     met = reachable_states(theirs)  # of other ends theirs say nothing
-    assert (mine.terminal == theirs.terminal)[met].all()
-    assert np.array_equal(mine.start, theirs.start)
-    assert (mine.states, mine.actions) == (theirs.states, theirs.actions)
-    alive = ~mine.terminal
-    for ours, other in zip(dense(mine), dense(theirs), strict=True):
+    assert (mdp.terminal == theirs.terminal)[met].all()
+    assert np.array_equal(mdp.start, theirs.start)
+    assert (mdp.states, mdp.actions) == (theirs.states, theirs.actions)
+    alive = ~mdp.terminal
+    for ours, other in zip(dense(mdp), dense(theirs), strict=True):
         assert np.array_equal(ours[alive], other[alive])
 
 
@@ -71,9 +71,9 @@ def test_random_lakes_are_those_of_gymnasium(size, share, seed, success_rate, re
         hole_reward=hole,
         step_reward=frozen,
     ).task
-    others = {"success_rate": success_rate, "reward_schedule": rewards}
+    settings = {"success_rate": success_rate, "reward_schedule": rewards}
     assert list(lake.map) == lines
-    assert_equal_to_gymnasium(lake, "FrozenLake-v1", desc=lines, **others)
+    assert_equal_to_gymnasium(lake, "FrozenLake-v1", desc=lines, **settings)
 
 
 @pytest.mark.parametrize("slippery", [False, True])

@@ -154,7 +154,7 @@ def test_a_file_of_holes_is_not_read(tmp_path):
         archive.writestr("steps.npy", array.getvalue())
     with path.open("r+b") as file:
         os.truncate(file.fileno(), size)
-    refused = pytest.raises(ValueError, match="most of them are not on the disk")
+    refused = pytest.raises(ValueError, match="most are not on the disk")
     with refused, opened_archive(path, whole=True):
         pass
 
@@ -167,7 +167,7 @@ def test_a_file_of_holes_is_not_read(tmp_path):
 )  # fmt: skip
 def test_headers_of_arrays_that_make_no_sense_are_refused(header):
     content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode() + bytes(8)
-    with pytest.raises(ValueError, match=r"its arrays|makes no sense|does not fill"):
+    with pytest.raises(ValueError, match=r"its arrays|must be valid|does not fill"):
         read_npy(io.BytesIO(content), len(content))
 
 

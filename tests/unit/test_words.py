@@ -31,7 +31,7 @@ LOSS = Interval(-1.5, -2.0, 1.0, 0.95, 30)
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("text", "expected"),
     [
         (in_brief(Interval(12345.6, 11000.2, 13700.0, 0.95, 20)), "12,300 [11,000, 13,700]"),
         (in_brief(Interval(5.0, NONE, NONE, 0.95, 20)), "5"),
@@ -59,8 +59,8 @@ LOSS = Interval(-1.5, -2.0, 1.0, 0.95, 30)
         (action_name(Pursuit(2, 2).actions, 1), "predator_1 stay, predator_2 north"),
     ],
 )
-def test_a_value_in_words(words, expected):
-    assert words == expected
+def test_a_value_in_words(text, expected):
+    assert text == expected
 
 
 def test_seeds_are_read_as_they_are_written():

@@ -63,17 +63,17 @@ class Counterexample:
     ----------
     state : int
     components : dict of str to int
-        Its components by name.
+        The state's components by name.
     place : str
-        Its name.
+        The state's name.
     action, shaped_action : int
         The best action of the task, and of the shaped task.
     actions : (str, str)
-        Their names.
+        The names of these actions.
     lost : float
         Value in the task that the shaped task's action loses; 0 if both are optimal there.
     values, shaped_values : (float, float)
-        Values of both in the task, and those that a policy acts on in the shaped task.
+        Values of both actions in the task, and those that a policy acts on in the shaped task.
     """
 
     state: int
@@ -91,16 +91,16 @@ class Counterexample:
 
     def __str__(self) -> str:
         best, other = self.actions
-        in_task, shaped = _told_apart(self.values), _told_apart(self.shaped_values)
+        in_task, shaped = _distinct_digits(self.values), _distinct_digits(self.shaped_values)
         worth = f"{best} is worth {in_task[0]} and {other} {in_task[1]}"
         values = f"{worth}, under shaping {shaped[0]} and {shaped[1]}"
         if self.lost > 0:
             return f"in {self.place} shaping prefers {other}, which loses {self.lost:.4g}: {values}"
-        return f"in {self.place} shaping gives up {best}, which is as good as any: {values}"
+        return f"in {self.place} shaping makes {best} worse, which is optimal: {values}"
 
 
-def _told_apart(values: tuple[float, float]) -> tuple[str, str]:
-    """Return two numbers in as many digits as tell them apart, from 4 to all 17."""
+def _distinct_digits(values: tuple[float, float]) -> tuple[str, str]:
+    """Return two numbers in the fewest digits in which they differ, from 4 to all 17."""
     for digits in range(4, 18):
         first, second = (f"{value:.{digits}g}" for value in values)
         if first != second:
@@ -120,25 +120,25 @@ class Certificate(Frozen):
     shaping : str
         Name of its class.
     states : int
-        Reachable states that were compared, without ends.
+        Reachable states that were compared; terminal states are left out.
     theorem : str or None
         The source of the theorem that proves the shaping safe whatever the values are.
     tolerance : float
-        The loss that is allowed for, in return units.
+        The loss that is allowed, in return units.
     loss, total_loss : float
         The largest possible loss of an action, and of a policy, that may be optimal in the shaped
-        task, errors of values included; NaN if states were not compared, like the next two.
+        task, errors of values included; NaN, like the next two fields, if states were not compared.
     error_bound : float
         Largest possible error of the values compared.
     residual : float
-        Largest distance from theory: of the values acted on, or for a bonus or reward of F from
+        Largest difference of the values acted on from theory, or for a bonus or reward of F from
         gamma Phi(s') - Phi(s).
     findings : tuple of str
         Other findings, a sentence each.
     counterexample : Counterexample or None
         The worst state, where `holds` is False.
     potential : (S,) float64 or None
-        The Phi behind a bonus or reward.
+        The Phi from which a bonus or reward comes.
 
     Examples
     --------
@@ -212,7 +212,7 @@ class Certificate(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class SampledCertificate:
-    """What sampled steps showed of a shaping; it proves nothing, so that it is never true.
+    """The result of checking a shaping on sampled steps; it proves nothing, so it is never true.
 
     Attributes
     ----------
@@ -223,9 +223,9 @@ class SampledCertificate:
     reason : str
         Why states were not compared.
     contradictions : tuple of str
-        Where F is not that of a potential, a sentence each.
+        The places where F comes from no potential, a sentence each.
     residual : float
-        Largest distance of sampled sums of F from those of a potential.
+        Largest difference between a sampled sum of F and the sum that a potential gives.
     findings : tuple of str
         Other findings, a sentence each.
 
@@ -256,9 +256,9 @@ class SampledCertificate:
 
     def __str__(self) -> str:
         steps = f"{counted(self.steps, 'sampled step')} ({self.reason})"
-        first, *others = self.contradictions or (f"no contradiction in {steps}",)
-        others += [f"found in {steps}"] * bool(self.contradictions)
-        return _as_text([f"Not proven: {first}", *others, *self.findings])
+        first, *sentences = self.contradictions or (f"no contradiction in {steps}",)
+        sentences += [f"found in {steps}"] * bool(self.contradictions)
+        return _as_text([f"Not proven: {first}", *sentences, *self.findings])
 
 
 def _as_text(sentences: Sequence[str]) -> str:
@@ -288,7 +288,7 @@ def certify(
       expected update with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi; by theory Q*
       (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003);
     - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all ways into a state
-      have one phi; otherwise nothing is proven, and such a state is named;
+      have the same phi; otherwise nothing is proven, and such a state is named;
     - :class:`DecayingAdvice`: Q* + xi phi with the last weight xi (Behboudian et al. 2020);
     - :class:`RewardBonus`, :class:`ShapingReward`: Q* for r + F, F any reward. The findings tell
       whether F comes from a potential, from one whose ends are not 0 (Grzes 2017), or from none.
@@ -297,22 +297,22 @@ def certify(
     ----------
     task : Task
     shaping : Shaping or ShapingReward
-        One of the above. Of a state potential that changes, the last values are compared (Devlin,
+        One of the above. If a state potential changes, its last values are compared (Devlin,
         Kudenko 2012).
     shaping_discount : float, optional
         The discount of another tool's F = ``shaping_discount`` Phi(s') - Phi(s); the task's by
         default. For :class:`StateShaping`.
     ends : {"zero", "given"}
         How an array, (S,) for :class:`StateShaping` and (S, A) for the rest, is read at the ends:
-        as 0, as :func:`learn` does, or as given, as a tool does that adds gamma Phi(end).
+        "zero" as 0, as :func:`learn` does; "given" as it is, as a tool that adds gamma Phi(end).
     tolerance : float
-        A loss that does not matter, in return units: actions may fall short of the best by no more.
+        A loss that does not matter, in return units: an action may be worse than the best by it.
     method : {"auto", "exact", "sampled"}
-        Every state, or steps of the uniform policy, which prove nothing. "auto" compares states
-        where tables of up to 20 million outcomes can be solved. Only look-back advice, a bonus and
-        a reward are sampled: of other shapings then the theorem alone decides.
+        "exact" compares every state; "auto" does where tables of up to 20 million outcomes can be
+        solved. "sampled" checks steps of the uniform policy, which prove nothing, for look-back
+        advice, a bonus and a reward; the theorem alone decides other shapings.
     steps, seed : int
-        Of the sample: about so many steps.
+        About how many steps are sampled, and the seed of the sample.
     progress : bool or callable, optional
         True shows a bar that moves until the answer is there; a function is called with the answer.
 
@@ -334,9 +334,9 @@ def certify(
     actions that can be optimal in one problem fall short by more in the other. Between the two it
     is undecided, unless a theorem proves the shaping safe: F comes from a potential that is 0 at
     the ends, with the task's discount; or advice has a last weight of 0 or one value for all
-    actions. It is undecided also where a difference of two actions vanishes in double precision
-    beside what the potential adds to it; and under a bonus or reward, which rounding keeps from
-    being F of a potential exactly, where actions too close to be told apart do not lead alike.
+    actions. It is also undecided where the difference of two actions vanishes in double precision
+    beside a large potential. Rounding keeps a bonus or reward from being exactly the F of a
+    potential: there it is undecided where nearly equal actions do not have equal consequences.
 
     Examples
     --------
@@ -423,7 +423,7 @@ class ActionComparison:
     met: Reachable
     unshaped: Solution
     shaped: ShapedValues
-    tolerance: float  # a loss that is allowed for
+    tolerance: float  # a loss that is allowed
 
     @cached_property
     def task(self) -> ActionValues:
@@ -440,7 +440,7 @@ class ActionComparison:
 
     @cached_property
     def lost(self) -> FloatArray:
-        """What an action optimal in the shaped task is proven to lose, (N,); 0 if allowed for."""
+        """The proven loss of an action optimal in the shaped task, (N,); 0 within the tolerance."""
         return self.task.lost(self.shaped.optimal, self.tolerance)
 
     @cached_property
@@ -470,7 +470,7 @@ class ActionComparison:
         return float(lost) + self.unshaped.error_bound + worst.error_bound
 
     def counterexample(self) -> Counterexample:
-        """Return the state in which most is lost, or else one whose optimal action is given up."""
+        """Return the state of the largest loss, or else one of the largest `given_up`."""
         q, acted, mdp = self.task.values, self.shaped.values, self.met.mdp
         if self.lost.any():
             row = int(self.lost.argmax())
@@ -627,7 +627,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
 def _without_comparison(
     shaped: ShapedTask, tolerance: float, steps: int, seed: int, reason: str
 ) -> Certificate | SampledCertificate:
-    """Return what a theorem proves, or what sampled steps show where none can decide."""
+    """Return the certificate of a theorem, or of sampled steps where no theorem decides."""
     shaping, findings = shaped.shaping, _findings(shaped)
     if shaping.one_way_in or shaping.any_reward:
         check = _check_reward if shaping.any_reward else _check_entries
@@ -655,7 +655,7 @@ def _without_comparison(
 # -- a reward of your own, or look-back advice: random rollouts can refute it, and prove nothing ---
 
 Checked = tuple[int, float, tuple[str, ...]]
-"""Steps taken, the largest distance of a sum of F from that of a potential, and sentences."""
+"""Steps taken, the largest difference of a sum of F from a potential's, and sentences."""
 LONGEST = 200  # steps of a rollout at most
 BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps, among which two paths may meet
 
@@ -683,7 +683,7 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 
 
 def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
-    """Check that F may be that of a potential: along rollouts, and around states on them."""
+    """Check that F may come from a potential: along rollouts, and around states on them."""
     live = is_live(shaped.task)
     half = steps if live else max(1, steps // 2)
     rollouts = _sampled(shaped, half, seed, least=1)

@@ -35,7 +35,7 @@ class Fit(Frozen):
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
     """Return the only Phi that F, (E,), can come from, and the residual; Phi of ends 0, or free."""
     # Phi of all reachable states follows in steps, by a transition for each. Where a number is
-    # free, `slope` is what Phi changes by with it; `group` says on which number a state depends.
+    # free, `slope` is the change of Phi with it; `group` says on which number a state depends.
     source, target, terminal = met.source, met.target, met.mdp.terminal
     known, phi, slope = ~met.met, np.zeros(len(met.met)), np.zeros(len(met.met))
     group, groups = np.zeros(len(met.met), np.int64), 0

@@ -1,4 +1,4 @@
-"""A shaping in its task, and the values that a policy acts on under it, with proven bounds."""
+"""A shaping in its task, and the values that a shaped policy acts on, with proven bounds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -166,7 +166,7 @@ class ActionValues:
 
     @cached_property
     def short(self) -> FloatArray:
-        """By how much each action falls short of the best, (N, A)."""
+        """How much worse each action is than the best, (N, A)."""
         return np.asarray(self.values.max(axis=1, keepdims=True) - self.values)
 
     @cached_property
@@ -175,7 +175,7 @@ class ActionValues:
         return self.short <= self.error
 
     def lost(self, actions: BoolArray, tolerance: float) -> FloatArray:
-        """Return how far the best of `actions` is proven to fall short, (N,); 0 if allowed for."""
+        """Return the proven loss of the best of `actions`, (N,); 0 within the tolerance."""
         least = np.where(actions, self.short, np.inf).min(axis=1) - self.error
         return np.where(least > tolerance, least, 0.0)
 
@@ -190,7 +190,7 @@ class ShapedValues(ActionValues):
 
 @dataclass(frozen=True, eq=False)
 class ShapedTask:
-    """A shaping that fits its task, as its class is asked why it is safe."""
+    """A shaping that fits its task; the shaping's class reads it to say why it is safe."""
 
     task: Task
     shaping: Shaping
@@ -202,17 +202,17 @@ class ShapedTask:
 
     @cached_property
     def met(self) -> Reachable:
-        """The states that can be reached; of a task that is compared."""
+        """The reachable states; only for a task that is compared."""
         return Reachable.of(tables(self.task))
 
     @cached_property
     def unshaped(self) -> Solution:
-        """The solution of the task itself; of a task that is compared."""
+        """The solution of the task itself; only for a task that is compared."""
         return solve(self.task)
 
     @cached_property
     def ends(self) -> IntArray:
-        """The terminal states: those that can be reached, or as far as they are known."""
+        """The terminal states that can be reached, or that are known."""
         terminal = generative_model(self.task).terminal
         return (
             self.met.ends if self.compared else np.flatnonzero([] if terminal is None else terminal)
@@ -238,7 +238,7 @@ class ShapedTask:
 
     @property
     def phi_at_ends(self) -> FloatArray:
-        """What F contains where an end is entered: Phi(s), or max_a phi(s, a); 0 but of arrays."""
+        """Phi(s), or max_a phi(s, a), in F where an end is entered; 0 unless it is an array."""
         if not self.is_array:
             return np.zeros(len(self.ends))
         phi = self.phi if self.phi.ndim == 1 else self.phi.max(axis=1)
@@ -251,7 +251,7 @@ class ShapedTask:
 
     @property
     def same_for_all_actions(self) -> bool:
-        """Whether phi tells no actions apart."""
+        """Whether phi is the same for all actions of a state."""
         return not np.ptp(self.phi, axis=1).any()
 
     def phi_of(self, state: IntArray, action: IntArray) -> FloatArray:
@@ -331,7 +331,7 @@ def check_shaping(
     """Return a shaping that fits its task, or raise PotentialError or SettingError."""
     if not isinstance(shaping, Shaping):
         raise SettingError(
-            "what is certified must be a shaping, such as StateShaping(potential), or a "
+            "certify takes a shaping, such as StateShaping(potential), or a "
             f"ShapingReward(function): got {type(shaping).__name__}"
         )
     by_function = isinstance(shaping, ShapingReward)

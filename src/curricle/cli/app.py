@@ -131,7 +131,7 @@ def new(
             "MiniGrid-DoorKey-5x5-v0"
         )
         rows = [*templates.KINDS.items(), ("ID", environments)]
-        echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), words=True)))
+        echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), prose=True)))
         return
     name, text = templates.new_study(kind)
     path = file or Path(name)

@@ -482,7 +482,7 @@ class Comparison:
         return "\n".join(
             [
                 folded(self._title, width),
-                *text_table(HEADS, [self._cells(name) for name in self.arms], width, words=True),
+                *text_table(HEADS, [self._cells(name) for name in self.arms], width, prose=True),
                 *(folded(line, width) for line in self._below),
             ]
         )

@@ -6,8 +6,8 @@ without the potential and with it. Q-learning on unshaped rewards has a faster l
 
 # This loop is compiled once for all rules and shapings: with bodies chosen by type it would be
 # compiled anew for each combination, and compiling takes far longer than the few comparisons that a
-# step of the loop makes. Only the number of learners is a type, so that all the work for a second
-# one drops out where there is none. What is done at checkpoints is compiled by itself (`called`).
+# step of the loop makes. Only the number of learners is a type, so that the code for a second one
+# drops out where there is none. The code for checkpoints is compiled by itself (`called`).
 
 from typing import NamedTuple
 
@@ -41,7 +41,7 @@ FIRST, SECOND = np.uint64(0), np.uint64(1)  # tables of a learner
 
 
 class ShapingKernel(NamedTuple):
-    """What a :class:`Shaping` adds while learning, as compiled loops read it."""
+    """The additions of a :class:`Shaping` while learning, as compiled loops read them."""
 
     kind: int
     weight: Schedule
@@ -56,7 +56,7 @@ class Learners(NamedTuple):
     n: StaticInt
     q: FloatTable  # (n, m, S, A) the m tables of each
     shaping: ShapingKernel
-    action: npt.NDArray[np.uint64]  # (n,) what each would do in the present state, under SARSA
+    action: npt.NDArray[np.uint64]  # (n,) each learner's own next action, under SARSA
     bits: npt.NDArray[np.uint64]  # (n,) for the outcome of that action
     values: FloatArray  # (1, A) work space: the values that a learner acts on
     ties: npt.NDArray[np.uint64]  # (S,) bits that break the ties of each state, or (0,)
@@ -87,7 +87,7 @@ class Learners(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What the loops need besides a model and learners."""
+    """The settings and records of a run that the loops need besides a model and learners."""
 
     discount: float
     limit: int  # steps of an episode
@@ -225,9 +225,8 @@ def learn_all(model, rule, learners, course):
                 if looks_ahead:
                     view = acted_on(learners, learner, weight)
                     write_acting_row(view, next_state, learners.values)
-                if (
-                    rule.update == SARSA_RULE
-                ):  # what a learner itself would do is what its values are of
+                # The values of a learner are those of the actions that it would take itself.
+                if rule.update == SARSA_RULE:
                     drawn_next = decide(learners, rule, next_state, step, counter)
                     next_action, learners.bits[learner], counter, _ = drawn_next
                     learners.action[learner] = next_action
@@ -267,7 +266,7 @@ def learn_all(model, rule, learners, course):
 
 @inlined
 def decide(learners, rule, state, step, counter):
-    """Return what is done on ``learners.values`` in a state, as :func:`explore` does."""
+    """Return the decision on ``learners.values`` in a state, as :func:`explore` does."""
     values, best = learners.values, highest(learners.values, ONLY_ROW)
     action, bits, after, exploits = explore(rule.exploration, values, ONLY_ROW, best, step, counter)
     if exploits:
@@ -322,7 +321,7 @@ def state_potential(shaping, state, step):
 
 @inlined
 def shaping_reward(shaping, discount, pair, terminated, carried, there):
-    """Return what shaping adds to the reward of a step, and what it carries to the next step.
+    """Return the number that shaping adds to a step's reward, and its carry to the next step.
 
     `there` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
     """

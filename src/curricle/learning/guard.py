@@ -1,7 +1,7 @@
 """A guard against harmful potentials: which of two learners acts, and for how many steps.
 
-What a harmful potential costs is the steps in which its learner acts and from which nothing is to
-be learnt. The guard bounds these by two accounts: while that learner is ahead and while it is not.
+A harmful potential costs the steps in which its learner acts and which teach nothing useful. The
+guard bounds these by two accounts: while that learner is ahead and while it is not.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ SCRATCH, SHAPED = np.uint64(0), np.uint64(1)
 """The learner without the potential and the one with it: the first axis of guarded tables."""
 FIRST_TURNS = 2  # turns of each learner before they are compared: the fewest that have a variance
 UNDECIDED = 0.5
-"""The share before they are compared. Above it the learner with the potential is ahead."""
+"""The share before both are compared. Above it the learner with the potential is ahead."""
 TURN, WHOLE = 3.0, 10.0
 """An episode is a turn where it has WHOLE / (1 - discount) steps at most. Elsewhere turns are cut
 after TURN / (1 - discount) steps, by when a return has 95 % of its weight."""
@@ -30,13 +30,13 @@ class Guard:
 
     Two learners learn from the same steps: one with the potential, the other without it. They act
     in turns. A turn is an episode; where episodes may last longer than 10 / (1 - discount) steps,
-    or without limit, it ends after 3 / (1 - discount) steps. The learner with the higher mean
-    discounted return of its last turns is ahead, in doubt the other: its greedy policy is
-    evaluated, and its values are returned.
+    or without limit, it ends after 3 / (1 - discount) steps. The learner with the potential is
+    ahead if the mean discounted return of its last turns is higher; else the other learner is. The
+    policy of the learner that is ahead is evaluated, and its values are returned.
 
-    While the learner with the potential is ahead it acts in the share of the steps that is the
-    probability that it earns more (Student's t with two degrees of freedom), `share_ahead` at most.
-    Otherwise it acts in the share `share_behind`.
+    While the learner with the potential is ahead, its share of the steps is the probability that it
+    earns more (Student's t with two degrees of freedom), `share_ahead` at most. Otherwise its share
+    is `share_behind`.
 
     In T steps, of which it was behind in T0, the learner with the potential acts in no more than
 
@@ -102,7 +102,7 @@ class GuardKernel(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """What both learners earned in their last turns, averaged exponentially; weights add up to 1.
+    """Both learners' returns in their last turns, averaged exponentially; weights add up to 1.
 
     Credit is the steps in which the learner with the potential may still act, behind and ahead.
     """

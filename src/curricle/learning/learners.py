@@ -56,7 +56,7 @@ class LearnerKernel(NamedTuple):
 
 @dataclass(frozen=True)
 class Learner:
-    """What the tabular learners share.
+    """The settings that all tabular learners share.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Learner:
     Raises
     ------
     SettingError
-        When a number is out of range, or both kinds of exploration are asked for.
+        When a number is out of range, or both kinds of exploration are given.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class Learner:
 
     def __post_init__(self) -> None:
         if type(self) is Learner:
-            raise SettingError("a learner must be of a kind, such as QLearning: got Learner itself")
+            raise SettingError("a learner must be of a subclass, as QLearning(): got Learner")
         if self.epsilon is not None and self.inverse_temperature is not None:
             raise SettingError(
                 "exploration is either epsilon-greedy or softmax: got epsilon="
@@ -107,7 +107,7 @@ class Learner:
 
     @property
     def counts(self) -> int:
-        """The tables of counted updates: as many as of values where the rate is harmonic, or 0."""
+        """The number of tables that count updates: `tables` if the rate is harmonic, else 0."""
         rate = self.learning_rate
         return self.tables if isinstance(rate, Schedule) and rate.shape == HARMONIC else 0
 
@@ -190,12 +190,12 @@ class DoubleQLearning(Learner):
 
 @dataclass(frozen=True)
 class OptimisticQLearning(Learner):
-    """Q-learning that acts on values started at the highest that the task allows.
+    """Q-learning that acts on values which start at the highest value of the task.
 
-    U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) is acted on, greedily
-    (Even-Dar, Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned
-    and transferred; it starts at the lowest value, so that its greedy policy keeps to what was
-    tried. The learning rate is that of Jin et al. 2018, without their bonus for pairs seldom tried.
+    It acts greedily on U(s,a) += alpha (r + gamma min(highest, max_b U(s',b)) - U(s,a)) (Even-Dar,
+    Mansour 2001). Q(s,a), :class:`QLearning` from the same steps, is evaluated, returned and
+    transferred; it starts at the lowest value, so that its greedy policy avoids untried actions.
+    The learning rate is that of Jin et al. 2018, without their bonus for rarely tried pairs.
 
     A potential by :class:`QInitialisation` or :class:`LookAheadAdvice` is added to the start of
     both tables. Other shapings, guards and sparse tables are refused.
@@ -216,7 +216,7 @@ class OptimisticQLearning(Learner):
     Raises
     ------
     SettingError
-        When a number is out of range; by :func:`learn` when the task does not tell H or the range.
+        When a number is out of range; by :func:`learn` when the task determines no H or range.
 
     Examples
     --------
@@ -248,7 +248,7 @@ class OptimisticQLearning(Learner):
         super().__post_init__()
 
     def for_task(self, task: Task) -> Self:
-        """Return the learner with its task's settings, or SettingError if the task tells none."""
+        """Return the learner with its task's settings; SettingError if the task determines none."""
         rate: Any = self.learning_rate
         if rate is None:
             rate = harmonic(half=_horizon("OptimisticQLearning without learning_rate", task) + 1.0)
@@ -256,8 +256,8 @@ class OptimisticQLearning(Learner):
         if bounds is None:
             if not has_tables(task):
                 raise SettingError(
-                    "OptimisticQLearning needs value_range=(lowest, highest), as a task without "
-                    f"tables does not tell its rewards: got {task!r}"
+                    "OptimisticQLearning needs value_range=(lowest, highest), as the rewards of a "
+                    f"task without tables are unknown: got {task!r}"
                 )
             bounds = value_bounds(task)
         initial = bounds[0] if self.initial_value is None else self.initial_value
@@ -268,14 +268,14 @@ def value_bounds(task: Task) -> tuple[float, float]:
     """Return a lower and an upper bound of the values of a task's states, from its rewards alone.
 
     An episode has at most H rewards, H = 1 / (1 - discount) or the time limit where the discount is
-    1; of those paid on entering a terminal state it has at most one.
+    1; at most one of them is paid on entering a terminal state.
 
     Raises
     ------
     SettingError
         When the task has neither a discount below 1 nor a time limit.
     TaskError
-        When it has no tables.
+        When the task has no tables.
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 They are 0 where an episode has ended (Grzes 2017): a potential there would change the optimal
 policy. Values at terminal states are replaced by 0 where the task knows these beforehand; elsewhere
-what reads a potential is told whether an episode has ended. The discount is the task's.
+the reader of a potential passes whether an episode has ended. The discount is the task's.
 """
 
 from abc import ABC, abstractmethod
@@ -39,7 +39,7 @@ class StatePotential(Frozen):
     values : (S,) or (M, S) float array
         Phi, or M of them in turn; set to 0 at the terminal states that the task knows.
     frame_steps : (M,) int array, optional
-        The step of learning from which each holds; the first must be 0.
+        The step of learning from which each of the M holds; the first must be 0.
     weight : float or Schedule
         Factor w(t) of the values that hold at step t.
 
@@ -121,14 +121,14 @@ class StatePotential(Frozen):
             there = np.where(np.asarray(terminated, dtype=np.bool_), 0.0, there)
         elif generative.terminal is None:
             raise PotentialError(
-                "the potential is 0 where an episode has ended, which only the steps of this task "
-                f"tell: give terminated= for {self.task!r}"
+                "the potential is 0 where an episode has ended, and this task does not know its "
+                f"terminal states: give terminated= for {self.task!r}"
             )
         return np.asarray(generative.discount * there - here)
 
 
 class PairPotential(Frozen, ABC):
-    """phi(s, a) of a task with numbered states: what learning asks of a potential of pairs."""
+    """phi(s, a) of a task with numbered states, as learning reads a potential of pairs."""
 
     task: Task
     values: Any  # phi(s, a) as an array, (S, A) float64; 0 at terminal states that the task knows
@@ -136,7 +136,7 @@ class PairPotential(Frozen, ABC):
 
     @property
     def kernel(self) -> ValueLookup | None:
-        """What tables read that are filled row by row, while learning; None for an array."""
+        """The lookup that fills tables row by row while learning; None for an array."""
         return None
 
     def fill(self, q: FloatTable, initial: float) -> None:
@@ -234,7 +234,7 @@ def _zero_at_ends(ends: Any, values: FloatArray) -> FloatArray:
 
 
 def finite(array: npt.ArrayLike, name: str) -> FloatArray:
-    """Return a copy of values as float64."""
+    """Return a float64 copy; PotentialError unless it is finite and at most 1e15 in size."""
     values = numbers(name, array, PotentialError)
     bad = np.argwhere(~(abs(values) <= LARGEST_POTENTIAL))
     if not len(bad):

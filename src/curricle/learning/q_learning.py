@@ -24,13 +24,13 @@ NO_ROW = np.uint64(2**64 - 1)
 class Beside(NamedTuple):
     """The table of Q of an optimistic learner, which learns beside the one that is acted on.
 
-    The optimistic values start at the highest value: their greedy actions lead into what was not
-    tried yet. Q starts at the lowest; it is evaluated, kept in snapshots and transferred.
-    Q-learning is off-policy, so that Q is none the worse for who acts.
+    The optimistic values start at the highest value: their greedy actions lead to pairs not tried
+    yet. Q starts at the lowest; it is evaluated, kept in snapshots and transferred. Q-learning is
+    off-policy, so that Q may learn from actions that the optimistic values choose.
     """
 
     learnt: DenseTable
-    highest: float  # that the values are cut at which the optimistic ones bootstrap from
+    highest: float  # cuts the values that the optimistic values bootstrap from
 
 
 def as_learnt(beside, q, number):
@@ -67,7 +67,7 @@ def update(q, best, greedy, row, change):
 def train_q_learning(model, rule, tables, course):
     """Learn in place on a table, fill the record, return the steps and episodes done.
 
-    `tables` are the table that is acted on, and one :class:`Beside` it or None. A full table ends
+    `tables` are the table that is acted on, and a :class:`Beside` or None. A full table ends
     the run before the step that needs another row.
     """
     return learn_fast(model, rule, tables[0], tables[1], course)

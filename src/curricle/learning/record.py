@@ -1,4 +1,4 @@
-"""What a run records: curves, snapshots, and the warm-up that came before learning."""
+"""The records of a run: curves, snapshots, and the warm-up that came before learning."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Self
@@ -16,7 +16,7 @@ MAX_SNAPSHOT_BYTES = 128_000_000  # of a run: a large task has fewer than asked 
 
 @dataclass(frozen=True, eq=False)
 class Snapshots(Frozen):
-    """The values that a seed acted on at M checkpoints of its learning, from before it began.
+    """The values that a seed acted on at M checkpoints of its learning, the first at step 0.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class Snapshots(Frozen):
 
 
 class Record(NamedTuple):
-    """What a run records, one entry a checkpoint."""
+    """The records of a run, one entry per checkpoint."""
 
-    training_return: FloatArray  # (T,) mean return of the episodes ended since the last one
+    training_return: FloatArray  # (T,) mean return of the episodes ended since the last checkpoint
     greedy_return: FloatArray  # (T,)
     guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
     episodes: IntArray  # (T,)
@@ -85,7 +85,7 @@ def noted_end(record, state, terminated):
 
 
 class Used(NamedTuple):
-    """What a seed used of its budget before learning, for compiled loops."""
+    """The part of a seed's budget used before learning, for compiled loops."""
 
     steps: int
     episodes: int
@@ -95,14 +95,14 @@ class Used(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WarmUp:
-    """Episodes that a seed acted in its task before it began to learn there.
+    """Episodes that a seed played in its task before it began to learn there.
 
     Attributes
     ----------
     lengths : (E,) int64
-        Steps.
+        Steps of each episode.
     returns : (E,) float64
-        Unshaped, undiscounted.
+        Unshaped, undiscounted return of each episode.
 
     Examples
     --------
@@ -121,7 +121,7 @@ class WarmUp:
         return int(self.lengths.sum())
 
     def write(self, record: Record, eval_freq: int) -> Used:
-        """Fill the checkpoints before its end; return what was used, for the loop to go on from."""
+        """Fill the checkpoints before its end; return the part used, for the loop to go on from."""
         ends = np.cumsum(self.lengths)
         checkpoint = -(-ends // eval_freq)
         n = int(checkpoint.max(initial=0))

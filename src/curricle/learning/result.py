@@ -53,25 +53,25 @@ class ResultField(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LearningResult(Frozen):
-    """What :func:`learn` found, for K seeds and T checkpoints.
+    """The result of :func:`learn`, for K seeds and T checkpoints.
 
     Attributes
     ----------
     task : Task
     learner : Learner
     seeds : tuple of int
-        K of them.
+        The K seeds.
     values : (K, S, A) float64 or float32
-        What each seed learnt, in the task's own rewards: Q, plus what shaping took off it (phi,
-        or Phi(s)); 0 in the ends that the task knows, or that were reached. From sparse tables K
-        :class:`SparseValues`; None if the :class:`Storage` saves none.
+        The learnt values in the task's own rewards: Q, plus the phi or Phi(s) that shaping took off
+        it; 0 in terminal states that the task knows or that were reached. Sparse tables give K
+        :class:`SparseValues`; None if the :class:`Storage` saves no values.
     steps : (T,) int64
         Steps taken at each checkpoint, from 0.
     training_return : (K, T) float64
         Mean undiscounted, unshaped return of the episodes that ended since the last checkpoint;
         NaN where none did.
     guard_share : (K, T) float64
-        Share of the steps that a guarded potential's learner got (:class:`Guard`); NaN without.
+        Share of the steps for a guarded potential's learner; NaN without a :class:`Guard`.
     greedy_return : (K, T) float64
         Expected return of the greedy policy (:class:`GreedyEvaluation`). Checkpoints after a seed's
         end repeat its last value.
@@ -84,10 +84,10 @@ class LearningResult(Frozen):
     out_of_memory : (K,) bool
         Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
-        Whether the values are in the task's own rewards. No transfer takes others, those of
-        :class:`LookBackAdvice`, :class:`RewardBonus` and a changing :class:`StateShaping`.
+        Whether the values are in the task's own rewards. Values of :class:`LookBackAdvice`,
+        :class:`RewardBonus` and a changing :class:`StateShaping` are not: no transfer takes them.
     snapshots : Snapshots or None
-        Values of the first seed on the way, if asked for.
+        Values of the first seed during learning, if :func:`learn` was asked for `snapshots`.
 
     Examples
     --------
@@ -116,23 +116,23 @@ class LearningResult(Frozen):
     own_rewards: Annotated[BoolArray, ResultField("K", "bool")]
     snapshots: Snapshots | None = None
 
-    # -- to take away --------------------------------------------------------------------------
+    # -- policies, tables and files -------------------------------------------------------------
 
     @cached_property
     def policies(self) -> tuple[Any, ...]:
         """The :class:`TabularPolicy` of each seed, K; SettingError where values were not saved."""
         if self.values is None:
             raise SettingError(
-                "a policy to take away needs the values that were learnt: these were not saved, "
-                "see Storage(save_values=True)"
+                "a policy needs the values that were learnt: these were not saved, see "
+                "Storage(save_values=True)"
             )
         return tuple(TabularPolicy(self.task, table) for table in self.values)
 
     @property
     def policy(self) -> Any:
-        """The policy of the seed whose last greedy return is best; of the first, without any.
+        """The policy of the seed with the best last greedy return; without any, of the first seed.
 
-        Its return is biased upwards, as the seed was chosen by it.
+        That return overestimates the policy, as the seed was chosen by it.
         """
         last = self.greedy_return[:, -1]
         return self.policies[0 if np.isnan(last).all() else int(np.nanargmax(last))]
@@ -168,7 +168,7 @@ class LearningResult(Frozen):
     def save(self, path: str | Path) -> Path:
         """Write the result into an ``.npz`` file, and return its path; StoreError if it cannot.
 
-        Equal results give equal bytes. The task is not in it: :meth:`load` takes it again.
+        Equal results give equal bytes. The file does not hold the task: pass it to :meth:`load`.
         """
         return write_saved(path, type(self).__name__, *self.parts_of_file())
 
@@ -185,7 +185,7 @@ class LearningResult(Frozen):
     def load(cls, path: str | Path, task: Any = None) -> Self:
         """Return the result in a file that :meth:`save` wrote, bit for bit.
 
-        Without `task`, which was learnt, the policy plays no episodes, and no transfer takes it.
+        Without the learnt `task` the policy plays no episodes, and no transfer takes the result.
 
         Raises
         ------
@@ -209,7 +209,7 @@ class LearningResult(Frozen):
 
     @classmethod
     def of_file(cls, saved: SavedFile, arrays: Arrays, about: Any, task: Any) -> Self:
-        """Return the result whose arrays and plain JSON a file holds, of all or a part of it."""
+        """Return the result whose arrays and plain JSON are a file's content or a part of it."""
         with as_saved(saved):
             pairs = pairs_of(saved, about.get("task"), task)
             if not (seeds := arrays["seeds"].tolist() if "seeds" in arrays else []):
@@ -270,7 +270,7 @@ TOTALS = tuple(name for name, field in FIELDS.items() if field.axes == "K")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one seed leaves: its record, its values if saved, its totals as in LearningResult."""
+    """The result of one seed: its record, its values if saved, its totals as in LearningResult."""
 
     record: Record
     values: FloatTable | SparseValues | None
@@ -355,7 +355,7 @@ LEARNERS: dict[str, type[Learner]] = {
     kind.__name__: kind
     for kind in (QLearning, SARSA, ExpectedSARSA, DoubleQLearning, OptimisticQLearning)
 }
-"""Those that a file may name; nothing else is made of what it says."""
+"""The learners that a file may name; a file makes no other class."""
 
 
 def learner_record(learner: Any) -> dict[str, Any]:
@@ -389,11 +389,11 @@ def learner_of(record: Any) -> Learner | None:
             settings[name] = tuple(value) if isinstance(value, list) else value
         return kind(**settings)
     except (TypeError, CurricleError) as error:
-        raise ValueError(f"a learner must have its own settings: {error}") from None
+        raise ValueError(f"a learner must have valid settings: {error}") from None
 
 
 def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of a :class:`LearningResult` by name, those of its values among them."""
+    """Return the arrays of a :class:`LearningResult` by name, its values included."""
     arrays = {name: getattr(result, name) for name in FIELDS}
     arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
     arrays |= arrays_of_values(result.values)
@@ -416,7 +416,7 @@ def check_result_arrays(
     pairs: tuple[int, int],
     counts: Sequence[str] = ("steps_used",),
 ) -> None:
-    """Raise ValueError unless arrays are those of a result."""
+    """Raise ValueError unless a result can have these arrays."""
     n, of_seeds = checkpoints_of(arrays), (len(seeds),)
     shapes: dict[str, tuple[int, ...]] = {"T": (n,), "K": of_seeds, "KT": (*of_seeds, n)}
     expected = {name: (shapes[field.axes], field.dtype) for name, field in FIELDS.items()}
@@ -434,7 +434,7 @@ def check_result_arrays(
     if (np.diff(arrays["steps"], prepend=-1) <= 0).any():
         raise ValueError("steps must ascend from 0")
     if arrays["seeds"].tolist() != list(seeds):
-        raise ValueError("seeds must be those of its unit")
+        raise ValueError("seeds must be the seeds of its unit")
     for name in counts:
         if not 0 <= arrays[name].min() <= arrays[name].max() <= MOST_STEPS:
             raise ValueError(f"{name} must be from 0 to {MOST_STEPS:,}")
@@ -463,7 +463,7 @@ def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDAr
 
 
 def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """Return columns as a pandas DataFrame, whose ``attrs["units"]`` are those of each column."""
+    """Return columns as a pandas DataFrame, with the unit of each in ``attrs["units"]``."""
     try:
         import pandas as pd
     except ModuleNotFoundError:
@@ -479,7 +479,7 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
 
 
 def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
-    """Return a row for each task's LearningResult, with what ended its learning."""
+    """Return a row for each task's LearningResult, with the criterion that ended its learning."""
     rows = []
     for name, result in results.items():
         learner = "" if result.learner is None else type(result.learner).__name__
@@ -495,13 +495,13 @@ def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup
 
 
 def shown_returns(result: Any) -> tuple[str, FloatArray]:
-    """Return the name and the returns, (K, T), of what is shown: without evaluation of training."""
+    """Return the name and values, (K, T), of the greedy return; without any, of the training's."""
     if np.isnan(result.greedy_return).all():
         return "training return", result.training_return
     return "greedy return", result.greedy_return
 
 
 def learnt_curve(result: Any) -> Markup:
-    """Return the greedy return over steps, mean over seeds; without evaluation that of training."""
+    """Return the curve of :func:`shown_returns` over steps, mean over seeds."""
     named, values = shown_returns(result)
     return curves([seed_line("", result.steps, values)], "steps", named)

@@ -91,7 +91,7 @@ def learn(
         K means seeds 0 .. K-1. The result of a seed does not depend on the other seeds or on
         `workers`.
     shaping : Shaping or sequence of K Shaping, optional
-        How a potential enters learning, of all seeds or of each.
+        How a potential enters learning, for all seeds or for each seed.
     eval_freq : int, optional
         Steps between checkpoints; by default a hundredth of a budget in steps, 100 for one in
         episodes.
@@ -101,12 +101,12 @@ def learn(
     stream : str
         Name of the random stream: several trainings of one seed draw independently.
     warm_up : sequence of K WarmUp, optional
-        Episodes that each seed acted in the task already. They count against the budget and are at
+        Episodes that each seed played in the task before. They count against the budget and are at
         the start of the curves.
     charged : sequence of K int, optional
-        Steps of the budget that each seed used elsewhere, in sources say.
+        Steps of the budget that each seed used elsewhere, for example in sources.
     snapshots : int
-        At most so many dense tables of the first seed are kept on the way (:class:`Snapshots`).
+        How many dense tables of the first seed are kept at most (:class:`Snapshots`).
     workers : int, optional
         Threads over seeds; as many as there are processors by default. A live task has one.
     progress : bool or callable, optional
@@ -129,7 +129,7 @@ def learn(
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
     storage = given_or_default("storage", storage, Storage)
     generative = generative_model(task)
-    asked, learner = learner, learner.for_task(task)
+    configured, learner = learner, learner.for_task(task)
     if generative.actions.size > MOST_ACTIONS:
         raise SettingError(
             f"a task to be learnt may have at most {MOST_ACTIONS:,} actions: got "
@@ -173,7 +173,7 @@ def learn(
     with shown(progress) as bars:
         values, outcomes = train_all(run, settings, stream, snapshots, threads, bars)
     numbers = tuple(seed.seed for seed in settings)
-    return learning_result(task, asked, numbers, values, outcomes, eval_freq)
+    return learning_result(task, configured, numbers, values, outcomes, eval_freq)
 
 
 def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) -> StoppingKernel:
@@ -198,7 +198,7 @@ def train_all(
     threads: int,
     bars: Bars,
 ) -> tuple[Any, list[Outcome]]:
-    """Return the values of all seeds, None unless they are saved, and what each seed left.
+    """Return the values of all seeds, None unless they are saved, and each seed's outcome.
 
     A bar with the name of their random streams shows how many seeds are done.
     """
@@ -243,7 +243,7 @@ class _Seed(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """What the seeds of one call of :func:`learn` share."""
+    """The settings that all seeds of a call of :func:`learn` share."""
 
     task: GenerativeModel
     learner: Learner
@@ -258,7 +258,7 @@ class Run:
     def train(
         self, settings: SeedSettings, start: int, out: FloatTable | None, snapshots: int = 0
     ) -> Outcome:
-        """Return what one seed learns, its random stream starting at `start`, into `out`."""
+        """Train a seed, its random stream starting at `start`, into `out`; return its outcome."""
         kept = () if self.rows else (snapshots, self.shape)
         unknown = out is not None and self.task.terminal is None
         n = self.longest // self.eval_freq + 1
@@ -375,7 +375,7 @@ class Run:
     def _loop(
         self, loop: Callable[..., Any], seed: _Seed, learns: Any, view: Any, q: FloatTable
     ) -> Any:
-        """Run a loop on a table or learners and return what it returns.
+        """Run a loop on a table or learners and return its result.
 
         It evaluates a view such as `view`; `q`, (m, S, A), are the tables that are acted on first.
         """
@@ -405,7 +405,7 @@ class Run:
             rule = self.learner.kernel(visits)
             totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
         if seed.record.halted[0]:
-            raise KeyboardInterrupt  # what is half learnt must not be taken for a result
+            raise KeyboardInterrupt  # half-learnt values must not be taken for a result
         return totals
 
     def opened(

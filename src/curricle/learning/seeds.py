@@ -1,4 +1,4 @@
-"""The seeds of a training: their numbers, what each is trained with, threads over them."""
+"""The seeds of a training: their numbers, the settings of each, threads over them."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -20,7 +20,7 @@ MOST_SEEDS = 100_000  # seeds of a study or a training
 
 
 def seed_tuple(seeds: Any) -> tuple[int, ...]:
-    """Return K as 0 .. K-1 and a sequence of seeds as a tuple, or raise SettingError."""
+    """Return the seeds as a tuple, 0 .. K-1 for a number K, or raise SettingError."""
     if isinstance(seeds, str) or not isinstance(seeds, Sequence | np.ndarray | range):
         seeds = range(whole_number("seeds", seeds, 1, SettingError))
     if len(seeds) > MOST_SEEDS:
@@ -32,7 +32,7 @@ def seed_tuple(seeds: Any) -> tuple[int, ...]:
 
 
 class SeedSettings(NamedTuple):
-    """What one seed is trained with."""
+    """The settings of one seed's training."""
 
     seed: int
     shaping: Shaping | None
@@ -50,7 +50,7 @@ def seed_settings(
     warm_up: Any,
     charged: Any,
 ) -> list[SeedSettings]:
-    """Return what each seed is trained with, or raise SettingError."""
+    """Return the settings of each seed's training, or raise SettingError."""
     numbers = seed_tuple(seeds)
 
     def checked(shaping: Any) -> Shaping | None:
@@ -81,7 +81,7 @@ def seed_settings(
         cost = whole_number("each of charged", cost, 0, SettingError)
         if cost >= steps:
             raise SettingError(
-                f"a budget must exceed what is charged on it: got {steps:,} and {cost:,} steps"
+                f"a budget must exceed the steps charged to it: got {steps:,} and {cost:,} steps"
             )
         if acted.steps >= steps - cost or len(acted.lengths) >= episodes:
             raise SettingError(
@@ -98,10 +98,10 @@ def _is_list(value: Any) -> bool:
 
 def _of_seeds(name: str, values: Any, n_seeds: int, default: Any) -> list[Any]:
     if values is not None and not _is_list(values):
-        raise SettingError(f"{name} must be a list, one a seed: got {values!r}")
+        raise SettingError(f"{name} must be a list with an entry per seed: got {values!r}")
     of_seeds = [default] * n_seeds if values is None else list(values)
     if len(of_seeds) != n_seeds:
-        raise SettingError(f"one {name} a seed means {n_seeds} of them: got {len(of_seeds)}")
+        raise SettingError(f"{name} must have an entry per seed, {n_seeds}: got {len(of_seeds)}")
     return of_seeds
 
 

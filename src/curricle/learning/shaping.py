@@ -1,6 +1,6 @@
 """Shapings: how a potential enters learning, one class for each way.
 
-A class alone states what it adds (`adds`), what the values then mean (`offset`, `advice`,
+Each class states what it adds (`adds`), what the values then mean (`offset`, `advice`,
 `own_rewards`) and why it is safe (`theorem` and what :func:`certify` asks for beside it).
 """
 
@@ -29,7 +29,7 @@ NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)
 class Shaping(ABC):
     """How a potential enters learning; see the classes derived from it.
 
-    Without a potential nothing is added. A :class:`Curriculum` fills in that of its sources.
+    Without a potential nothing is added. A :class:`Curriculum` fills in its sources' potential.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class Shaping(ABC):
 
     @property
     def own_rewards(self) -> bool:
-        """Whether Q plus the offset is in the task's own rewards, so that it can be handed on."""
+        """Whether Q plus the offset is in the task's own rewards, so that it can be transferred."""
         return True
 
     @property
@@ -125,7 +125,7 @@ class Shaping(ABC):
     # -- what it adds, and what the values then mean -----------------------------------------------
 
     def kernel(self) -> ShapingKernel:
-        """Return what compiled loops add; nothing where Q starts at the potential."""
+        """Return the additions for compiled loops; none where Q starts at the potential."""
         phi = self.potential
         if phi is None or self.adds == PLAIN:
             return NOTHING_ADDED
@@ -135,11 +135,11 @@ class Shaping(ABC):
         return NOTHING_ADDED._replace(kind=self.adds, weight=weight, pair_values=phi.values)
 
     def offset(self, step: int) -> Any:
-        """Return what takes the shaping off Q again after `step` steps, broadcast to (S, A)."""
+        """Return the array that takes the shaping off Q after `step` steps, broadcast to (S, A)."""
         return 0.0
 
     def advice(self, step: int) -> Any:
-        """Return what the policy acts on besides Q and the offset, broadcast to (S, A)."""
+        """Return the values that the policy adds to Q and the offset, broadcast to (S, A)."""
         return 0.0
 
     def _taken(self, task: Task, potential: Any) -> Any:
@@ -165,7 +165,7 @@ class Shaping(ABC):
         raise NotImplementedError
 
     def long_run(self) -> str:
-        """Return a finding on what the policy acts on in the long run; empty if it is Q* alone."""
+        """Return a sentence on the values acted on in the long run; empty if they are Q* alone."""
         return ""
 
 
@@ -185,8 +185,8 @@ class _StartsAtPotential(_Guarded):
     starts_at_potential: ClassVar[bool] = True
     theorem: ClassVar[str] = "Wiewiora 2003"
     at_ends: ClassVar[str] = (
-        "a learner is assumed that bootstraps from phi at the ends; one that masks terminated "
-        "steps, as Stable-Baselines3 does, never reads it"
+        "this holds for a learner that bootstraps from phi at the ends; a learner that masks "
+        "terminated steps, as Stable-Baselines3 does, never reads it"
     )
 
     def meets_conditions(self, shaped: Any) -> bool:
@@ -239,10 +239,10 @@ class LookAheadAdvice(_StartsAtPotential):
 class LookBackAdvice(_Guarded):
     """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
 
-    A target contains phi of the step before, averaged over all ways into a state, so the optimum
+    An update contains phi of the step before, averaged over all ways into a state, so the optimum
     is certainly kept only where each state is entered in one way (Wiewiora, Cottrell, Elkan 2003).
-    What is learnt is Q(s, a) - phi(before) / gamma there and nothing so simple elsewhere: it cannot
-    be turned into values of the task's own rewards.
+    There the learner learns Q(s, a) - phi(before) / gamma; elsewhere its values have no such form
+    and cannot be turned into values of the task's own rewards.
 
     Parameters
     ----------
@@ -291,13 +291,13 @@ class LookBackAdvice(_Guarded):
 class StateShaping(_Guarded):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
-    Q is learnt as Q* - Phi. Where Phi changes with time Q lags behind it, by no known amount: the
+    Q is learnt as Q* - Phi. Where Phi changes with time, Q lags behind it by an unknown amount: the
     values are not in the task's own rewards.
 
     Parameters
     ----------
     potential : StatePotential or (S,) array, optional
-        Of phi(s, a), also an (S, A) array, it uses Phi(s) = max_a phi(s, a).
+        From phi(s, a), also an (S, A) array, it takes Phi(s) = max_a phi(s, a).
     guard : Guard, optional
 
     Examples
@@ -311,7 +311,7 @@ class StateShaping(_Guarded):
     adds: ClassVar[int] = STATE
     theorem: ClassVar[str] = "Ng, Harada, Russell 1999"
     takes_discount: ClassVar[bool] = True
-    at_ends: ClassVar[str] = "a tool is assumed that adds gamma Phi(end) to the reward there"
+    at_ends: ClassVar[str] = "this holds for a tool that adds gamma Phi(end) to the reward there"
 
     @property
     def last_weight(self) -> float:
@@ -396,7 +396,7 @@ class DecayingAdvice(Shaping):
         return shaped.advised(shaped.phi)
 
     def long_run(self) -> str:
-        """Return the sentence on what the policy acts on with the last weight."""
+        """Return the sentence on the values that the policy acts on with the last weight."""
         weight = self.last_weight
         acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
         return f"in the long run the policy acts on {acted_on}"

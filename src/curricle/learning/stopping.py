@@ -30,28 +30,28 @@ class StoppingRule:
     Parameters
     ----------
     max_steps : int
-        Steps at which learning ends whatever has been reached.
+        Steps after which learning ends in any case.
     min_steps : int
-        Steps before which it does not end.
+        Steps before which learning does not end.
     threshold : float, optional
-        Ends when each of the last `patience` evaluations returned at least this.
+        Learning ends when each of the last `patience` evaluations is at least this return.
     fraction : float, optional
-        The same with worst + fraction (optimum - worst), in [0, 1], worst the uniform random
-        policy's return. The task must be small enough to be solved.
+        In [0, 1]: the threshold is worst + fraction (optimum - worst), where worst is the uniformly
+        random policy's return. The task must be small enough to be solved.
     plateau : float, optional
-        Ends when the mean of the last `patience` evaluations exceeds the mean of as many before
-        them by less than this return.
+        Learning ends when the mean of the last `patience` evaluations exceeds the mean of as many
+        before them by less than this return.
     drop : float, optional
-        Ends, too, when each of the last `patience` evaluations lies more than this below the first.
+        Learning also ends when the last `patience` evaluations all lie this far below the first.
     patience : int
     when : {"any", "all"}
-        Whether one of threshold (or fraction), plateau and settled is enough, or all given hold.
+        Whether any of threshold (or fraction), plateau and settled ends learning, or only all set.
     settled : float, optional
-        Ends when the mean of the evaluations in the last three tenths of the steps exceeds that of
-        three tenths of those before by less than this share of the range so far, and lies past
-        half of the way from random to the optimum: what has settled at the bottom has learnt
-        nothing. Without a model it must exceed the random policy's return by more than the noise of
-        ten evaluations, which are free too. It takes 8 evaluations in each part. Sources end by it.
+        Learning ends when the mean evaluation in the last three tenths of the steps exceeds that in
+        the last three tenths of the steps before these by less than this share of the range so far,
+        and lies past half of the way from random to the optimum: a return may settle with nothing
+        learnt. In a task that cannot be solved it must exceed the random policy's return by more
+        than the noise of ten free evaluations. Each part needs 8 evaluations. Sources end by it.
 
     Raises
     ------
@@ -134,7 +134,7 @@ class StoppingRule:
         floor: float = -math.inf,
         used: int | None = None,
     ) -> list["Decision"]:
-        """Return what the rule decided at each checkpoint of one seed, up to its end.
+        """Return the rule's decision at each checkpoint of one seed, up to its end.
 
         Parameters
         ----------
@@ -176,7 +176,7 @@ _BOUNDS: dict[str, tuple[float, ...]] = {"threshold": (), "plateau": (0.0,), "dr
 _BOUNDS |= dict.fromkeys(("fraction", "settled"), (0.0, 1.0))
 
 UNLEARNT = "all steps used, not learnt"
-"""What ended a run whose return lies too low to have settled."""
+"""The end of a run whose return lies too low to have settled."""
 
 # Fitted on development families (benchmarks/pairs), where shares of 2 to 10 % gain the same.
 SETTLED, RECENT, MIN_EVALUATIONS = 0.05, 0.7, 8
@@ -217,7 +217,7 @@ def lowest_of_last(rule, greedy, checkpoint, sign):
 
 @plain_and_inlined
 def rise_of_last(rule, greedy, checkpoint):
-    """Return the mean of the last evaluations less that of as many before; NaN if too few."""
+    """Return the mean of the last evaluations less the mean of as many before; NaN if too few."""
     n = rule.patience
     if checkpoint + 1 < 2 * n:
         return np.nan
@@ -230,7 +230,7 @@ def rise_of_last(rule, greedy, checkpoint):
 @plain_and_inlined
 def share_of_rise(greedy, checkpoint):
     """Return by how much the return rose lately, as a share of its range; NaN if that is 0."""
-    # What takes long to learn is watched for long.
+    # The longer a run takes, the longer is the part in which its return must not rise.
     recent = int(RECENT * checkpoint) + 1
     before = int(RECENT * RECENT * checkpoint) + 1
     if recent - before < MIN_EVALUATIONS:
@@ -282,7 +282,7 @@ def stops(rule, greedy, checkpoint, step):
 
 @dataclass(frozen=True)
 class Decision:
-    """What a stopping rule decided at one checkpoint, and why. Prints as a sentence."""
+    """The decision of a stopping rule at one checkpoint, and why. Prints as a sentence."""
 
     rule: StoppingRule
     kernel: StoppingKernel
@@ -361,7 +361,7 @@ class Decision:
 def levels(
     rule: StoppingRule, task: Any, evaluation: GreedyEvaluation, target: Any = Target.of
 ) -> tuple[float | None, float]:
-    """Return the return that a rule's fraction stands for, and that above which it may settle.
+    """Return the return that a rule's fraction stands for, and the floor of a settled return.
 
     They are None and -inf where it has neither. `target` makes a :class:`Target` of a task.
     """
@@ -378,7 +378,7 @@ def levels(
 
 
 class Decisions(list[list[Decision]]):
-    """What a stopping rule decided at each checkpoint of each seed: a list of K lists."""
+    """The decisions of a stopping rule at each checkpoint of each seed: a list of K lists."""
 
     def __init__(self, of_seeds: Iterable[list[Decision]], seeds: Sequence[int]):
         super().__init__(of_seeds)
@@ -386,7 +386,7 @@ class Decisions(list[list[Decision]]):
 
     @property
     def in_words(self) -> str:
-        """What ended training, and of how many seeds; empty without a rule."""
+        """The criteria that ended training, with numbers of seeds; empty without a rule."""
         ends = Counter(decisions[-1].criterion or "none yet" for decisions in self if decisions)
         return ", ".join(f"{criterion} ({number})" for criterion, number in ends.most_common())
 
@@ -473,6 +473,6 @@ def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
 
 
 def ended_by(budget: Budget, out_of_memory: bool) -> str:
-    """Return what ended a run that no stopping rule ended, in a few fixed words."""
+    """Return the end of a run that no stopping rule ended, in a few fixed words."""
     done = "all episodes done" if isinstance(budget, Episodes) else "all steps used"
     return "memory full" if out_of_memory else done

@@ -38,7 +38,7 @@ class Storage:
         "auto" is dense where that fits the memory limit. Only Q-learning without shaping, or with
         :class:`QInitialisation` or :class:`LookAheadAdvice`, can be sparse.
     dtype : {"float64", "float32"}
-        Precision of the values, and of what plain Q-learning computes with.
+        Precision of the values, and of the computations of plain Q-learning.
     memory_limit : int or str, optional
         Bytes that all tables of a call of :func:`learn` may take, such as ``"4 GiB"``; half of the
         machine's memory by default. A sparse run stops before a state that would not fit, with
@@ -100,7 +100,7 @@ def rows_allowed(
 ) -> int:
     """Return the rows a sparse table may have, or 0 if tables are dense.
 
-    So many seeds hold tables at a time, of values and of counted updates, for up to `steps` steps.
+    `seeds` seeds at a time hold `tables` of values and `counts` of updates, up to `steps` steps.
     SettingError when dense tables that were asked for exceed the memory limit.
     """
     n_states, n_actions = task.states.size, task.actions.size
@@ -127,7 +127,7 @@ class SparseValues(Frozen):
     states : (R,) int64
         Ascending.
     values : (R, A) float64 or float32
-        Q of each.
+        Q of each state.
 
     Examples
     --------
@@ -146,7 +146,7 @@ class SparseValues(Frozen):
         row = np.minimum(np.searchsorted(self.states, wanted), len(self.states) - 1)
         if (self.states[row] != wanted).any():
             missing = wanted[self.states[row] != wanted].flat[0]
-            raise SettingError(f"sparse values hold visited states only: {missing} is not one")
+            raise SettingError(f"sparse values hold visited states only: {missing} was not visited")
         return self.values[row]
 
 

@@ -32,18 +32,18 @@ from curricle.text import brief_value
 
 @dataclass(frozen=True, eq=False)
 class TabularPolicy(Frozen):
-    """What a learnt table says to do: ``result.policy`` of a tabular learner's result.
+    """The greedy policy of a learnt table: ``result.policy`` of a tabular learner.
 
-    In each state it takes an action of the highest value; of several, :meth:`predict` takes the
-    first, and :meth:`episode` draws among them, as evaluations do. In a state that sparse learning
-    never visited, all are as high.
+    In each state it takes an action of the highest value. Of several such actions :meth:`predict`
+    takes the first, and :meth:`episode` draws among them, as evaluations do. In a state that sparse
+    learning never visited, all actions tie.
 
     Parameters
     ----------
     task : Task or None
-        Without it the policy reads numbers of states alone, and plays no episodes.
+        Without a task the policy takes only numbers of states, and plays no episodes.
     values : (S, A) float array or SparseValues
-        SettingError unless they are of the states and actions of the task.
+        SettingError unless they have the task's states and actions.
 
     Examples
     --------
@@ -80,14 +80,14 @@ class TabularPolicy(Frozen):
             ) from None
 
     def predict(self, observation: Any) -> Any:
-        """Return the action in a state, the first of those that are as good.
+        """Return the action in a state, the first of the best; SettingError if it is no state.
 
         Parameters
         ----------
         observation : int or sequence of int
             As an environment of the task gives it (:func:`to_gymnasium`): the state's number, or
-            for each component of the state the offset from its lowest value. In a live task the
-            environment's own.
+            for each component of the state the offset from its lowest value. In a live task an
+            observation of its environment.
         """
         if self.task is not None and is_live(self.task):
             live: Any = self.task
@@ -99,7 +99,7 @@ class TabularPolicy(Frozen):
             return whole_number("a state", observation, 0, SettingError)
         if self.task is None:
             raise SettingError(
-                f"a policy without its task reads numbers of states alone: got {observation!r}"
+                f"a policy without its task takes only numbers of states: got {observation!r}"
             )
         space = generative_model(self.task).states
         lows = [part.low for part in space.components]
@@ -134,9 +134,9 @@ class TabularPolicy(Frozen):
         Parameters
         ----------
         seed : int
-            Of the start, of what is random in the task, and of the choice among equal actions.
+            Of the start, of the task's randomness, and of the choice among equal actions.
         max_steps : int, optional
-            Steps after which it is cut off; by default the task's time limit.
+            Steps after which the episode is cut off; by default the task's time limit.
 
         Raises
         ------
@@ -163,12 +163,12 @@ class TabularPolicy(Frozen):
     def _live_episode(self, task: LiveMDP, seed: int, limit: int) -> Episode:
         number, scene, rng = numbering(task), scene_of(task), np.random.default_rng(seed)
 
-        def act(seen: Any) -> Any:
-            row = self._row(number(seen))
+        def act(observation: Any) -> Any:
+            row = self._row(number(observation))
             return task.act(int(rng.choice(np.flatnonzero(row == row.max()))))
 
-        def picture(seen: Any) -> npt.NDArray[np.uint8]:
-            return frame_of(env) if pictures else scene.image(number(seen))
+        def picture(observation: Any) -> npt.NDArray[np.uint8]:
+            return frame_of(env) if pictures else scene.image(number(observation))
 
         env = task.make()
         if pictures := draws_pictures(env):
@@ -181,7 +181,7 @@ class TabularPolicy(Frozen):
                 seed=seed,
                 limit=limit,
                 picture=picture,
-                text=lambda seen: scene.text(number(seen)),
+                text=lambda observation: scene.text(number(observation)),
             )
 
     def save(self, path: str | Path) -> Path:
@@ -221,7 +221,7 @@ FLOATS = "float64", "float32"  # of values that were learnt
 
 
 def task_record(task: Any) -> dict[str, Any]:
-    """Return what tells whether a task fits values: its spaces in words, and their sizes."""
+    """Return a record by which a task fits values: its spaces as text, and their sizes."""
     if task is None:
         return {}
     if is_observation_task(task):
@@ -232,7 +232,7 @@ def task_record(task: Any) -> dict[str, Any]:
 
 
 def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None:
-    """Return the states and actions of values that were saved, those of the task if it is known."""
+    """Return the numbers of states and actions of saved values, by the task if it is known."""
     present, recorded = task_record(task), record if isinstance(record, Mapping) else {}
     if present and recorded and present["spaces"] != recorded.get("spaces"):
         raise SettingError(
@@ -245,7 +245,7 @@ def pairs_of(saved: SavedFile, record: Any, task: Any) -> tuple[int, int] | None
 
 @contextmanager
 def as_saved(saved: SavedFile) -> Iterator[None]:
-    """Turn what reading a file's arrays and words may raise into a StoreError in one line."""
+    """Turn any error of reading a file's arrays and text into a StoreError in one line."""
     try:
         yield
     except CurricleError:
@@ -257,7 +257,7 @@ def as_saved(saved: SavedFile) -> Iterator[None]:
 
 
 def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of what K seeds learnt: a dense table, sparse ones, networks, or None."""
+    """Return the arrays of K seeds' values: a dense table, sparse tables, networks, or None."""
     if values is None:
         return {}
     if isinstance(values, np.ndarray):
@@ -273,7 +273,7 @@ def arrays_of_values(values: Any) -> dict[str, npt.NDArray[Any]]:
 
 
 def all_values_of(arrays: Arrays, n_seeds: int) -> Any:
-    """Return what :func:`arrays_of_values` was called on; networks are dicts of parameters."""
+    """Return the values that :func:`arrays_of_values` took; networks are dicts of parameters."""
     if "values" in arrays:
         return frozen(arrays["values"])
     if "states_0" in arrays:
@@ -296,7 +296,7 @@ def values_of(arrays: Arrays, k: int) -> Any:
 
 
 def check_value_arrays(arrays: Arrays, n_seeds: int, pairs: tuple[int, int] | None) -> None:
-    """Raise ValueError unless the values among arrays are those of so many seeds."""
+    """Raise ValueError unless arrays have the values of so many seeds."""
     # `pairs` are the states and actions of their task, None where that is not known; compiled loops
     # read tables without looking whether a state lies in them.
     size = "one value for each state and action"

@@ -70,7 +70,7 @@ def source_row(lookup, n, state):
 
 @inlined
 def read_known(lookup, state, out):
-    """Write the aggregate of the sources that know a pair, those that are not NaN there."""
+    """Write the aggregate of the sources that know a pair, hence are not NaN there."""
     n_sources, n_actions = lookup.action.shape
     knowing = np.uint64(0)  # a bit for each source that knows something of the state
     for action in range(np.uint64(n_actions)):

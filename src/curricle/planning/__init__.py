@@ -1,4 +1,4 @@
-"""What is true of a task: optimal values, policy evaluation, rollouts."""
+"""Planning: optimal values, policy evaluation, rollouts."""
 
 import lazy_loader
 

@@ -33,7 +33,7 @@ Frame = npt.NDArray[np.uint8]
 
 
 class Drawn(Sequence[Any]):
-    """Drawings of states, made when they are asked for: those of a long episode fill the memory."""
+    """Drawings of states, each made on access: all of a long episode's would fill the memory."""
 
     def __init__(self, draw: Callable[[int], Any], states: npt.NDArray[np.int64]):
         self._draw, self._states = draw, states
@@ -54,18 +54,18 @@ class Episode:
     Attributes
     ----------
     frames : T + 1 (height, width, 3) uint8 arrays
-        Pictures before the first step, and after each.
+        Pictures before the first step and after every step.
     actions : (T, ...) array
-        Empty where they are not known: the folder of a study stores none.
+        Empty where they are unknown, as in a study's folder.
     rewards : (T,) float64
     terminated : bool
-        Rather than truncated.
+        Whether the episode terminated; otherwise it was truncated.
     fps : float
-        Pictures a second.
+        Pictures per second.
     texts : T + 1 str
-        The same drawn with characters, or empty.
+        The states drawn with characters, or empty.
     action_names : T str
-        The actions in words, or empty.
+        The actions' names, or empty.
 
     Examples
     --------
@@ -118,11 +118,12 @@ class Episode:
     def save(self, path: str | Path, *, fps: float | None = None) -> Path:
         """Write the pictures as a GIF, and return the file's path.
 
-        `fps` are pictures a second, up to 50; by default the environment's own.
+        `fps` are pictures per second, up to 50; by default the episode's. SettingError unless the
+        file ends in ``.gif`` and `fps` is at least 0.01; StoreError if it cannot be written.
         """
         file = local_file(path)
         if file.suffix.lower() != ".gif":
-            raise SettingError(f"an episode is saved as a GIF: got the file name {file.name!r}")
+            raise SettingError(f"an episode's file must end in .gif: got {file.name!r}")
         write_in_folder(file, self._gif(self.fps if fps is None else fps), "an episode")
         return file
 
@@ -131,12 +132,12 @@ class Episode:
         # A GIF counts hundredths of a second.
         shown = 10 * round(100 / min(fps, FASTEST))
         quick = Image.Quantize.FASTOCTREE  # several times faster than Pillow's own choice
-        first, *others = (
+        first, *later = (
             Image.fromarray(frame).quantize(method=quick, dither=Image.Dither.NONE)
             for frame in self.frames
         )
-        durations = [shown] * len(others) + [max(shown, LAST)]
-        content, moving = io.BytesIO(), {"save_all": True, "append_images": others, "loop": 0}
+        durations = [shown] * len(later) + [max(shown, LAST)]
+        content, moving = io.BytesIO(), {"save_all": True, "append_images": later, "loop": 0}
         first.save(content, format="GIF", duration=durations, **moving)
         return content.getvalue()
 
@@ -193,15 +194,15 @@ def played(
     `act`, `picture` and `text` return the action, the frame and a drawing made of characters for an
     observation.
     """
-    seen, _ = env.reset(seed=seed)
-    frames, actions, rewards = [picture(seen)], list[Any](), list[float]()
-    texts = [] if text is None else [text(seen)]
+    observation, _ = env.reset(seed=seed)
+    frames, actions, rewards = [picture(observation)], list[Any](), list[float]()
+    texts = [] if text is None else [text(observation)]
     over = terminated = False
     while not over and len(rewards) < limit:
-        action = act(seen)
-        seen, reward, terminated, truncated, _ = env.step(action)
-        frames.append(picture(seen))
-        texts += [] if text is None else [text(seen)]
+        action = act(observation)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        frames.append(picture(observation))
+        texts += [] if text is None else [text(observation)]
         actions.append(action)
         rewards.append(float(reward))
         over = terminated or truncated
@@ -216,7 +217,7 @@ PICTURES = "rgb_array"
 
 
 def with_pictures(make: Callable[[], Any]) -> Callable[[], Any]:
-    """Return what makes the same environments, with pictures where they can be asked for."""
+    """Return a function that makes the same environments, with pictures where they have any."""
     maker = make if isinstance(make, EnvironmentMaker) else EnvironmentMaker(make, {})
     if isinstance(maker.what, EnvironmentMaker):
         return replace(maker, what=with_pictures(maker.what))

@@ -25,9 +25,9 @@ LANES, WORD = np.uint64(LANES_OF_SIMD), np.uint64(64)
 TIED = np.uint64(1 << 15)  # flag of an action that was drawn among several of the same value
 ACTION = np.uint64((1 << 15) - 1)  # the bits of the action itself
 ONLY_ROW = np.uint64(0)
-"""The row of a table of one row; a literal 0 would be compiled for once more."""
+"""The row of a table of one row; Numba would compile once more for a literal 0."""
 MULTIPLIER = np.uint64(0xD1342543DE82EF95)
-"""Turns bits that have chosen an action into ones that can break a tie."""
+"""Turns bits that have chosen an action into bits that can break a tie."""
 
 
 @inlined
@@ -99,7 +99,7 @@ def _row_of_values(view, state, out):
 
 
 class VisitedValues(NamedTuple):
-    """Fixed values of the R states that were visited; elsewhere every action is as good."""
+    """Fixed values of the R states that were visited; elsewhere all actions tie."""
 
     states: IntArray  # (R,) ascending
     values: FloatTable  # (R, A)

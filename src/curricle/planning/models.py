@@ -1,4 +1,4 @@
-"""Planning models: what exact planning reads of a task, and the compiled sweeps that it makes.
+"""Planning models: a task's numbers that exact planning reads, and its compiled sweeps.
 
 Every iteration ends with a sweep in which each value was backed up from a vector within `change` of
 the values returned, which is all that the error bound in ``solution.py`` needs. Index tables are
@@ -42,7 +42,7 @@ def back_up(backup, values, sweep):
 
 
 def accelerate(backup, values, sweep, precision, progress):
-    """Bring values closer to the fixed point while changes shrink; return what `reach` grows by."""
+    """Bring values closer to the fixed point while changes shrink; return the growth of `reach`."""
 
 
 back_ups = Overloaded(back_up, outlined=True)
@@ -52,7 +52,7 @@ accelerations = Overloaded(
 
 
 class Iteration(NamedTuple):
-    """How far an iteration is."""
+    """The progress of an iteration."""
 
     sweeps: int  # done
     change: float  # the largest of a value, in the last sweep
@@ -159,7 +159,7 @@ def back_up_rows(outcomes, values, rows):
 
 @compiled_once
 def improve(outcome_row, terminal, rows, values, chosen):
-    """Make each value the best of its state's rows, `chosen` such a row; return the change."""
+    """Set each value to its state's best row, `chosen` to that row; return the change."""
     # A choice that is still among the best is kept. Four running maxima hide the latency of one.
     n_states, n_actions = outcome_row.shape
     fours = n_actions // 4
@@ -216,7 +216,7 @@ def policy_backup(outcomes, chosen, values, sweep):
 
 
 class PolicyBackup(NamedTuple):
-    """Of a policy of one row a state: backed up in place, which takes fewer sweeps."""
+    """The backup of a policy of one row a state, in place, which takes fewer sweeps."""
 
     outcomes: OutcomeRows
     chosen: RowArray  # (S,)
@@ -236,7 +236,7 @@ class MixedPolicy(NamedTuple):
 
 
 class MixedPolicyBackup(NamedTuple):
-    """Of any policy."""
+    """The backup of any policy."""
 
     outcomes: OutcomeRows
     policy: MixedPolicy
@@ -267,7 +267,7 @@ def mixed_policy_backup(policy, terminal, rows, values, start):
 
 
 class ExtrapolatedBackup(NamedTuple):
-    """Of a policy, extrapolated along its last step from time to time (Anderson 1965, depth 1)."""
+    """A policy's backup, extrapolated along its last step at times (Anderson 1965, depth 1)."""
 
     backup: Any  # linear, every sweep in the same direction
     steps: FloatArray  # (2, S) work space: changes of the last two sweeps
@@ -329,7 +329,7 @@ def extrapolate(values, step, last):
 
 
 class Planes(NamedTuple):
-    """What backups read of a factored model."""
+    """The numbers of a factored model that backups read."""
 
     mean: FloatArray  # (S,) reward of a step from the prey's cell to the predators' cells
     landing: npt.NDArray[np.int32]  # (C, M)
@@ -365,7 +365,7 @@ def _greedy_planes_backup(backup, values, sweep):
 
 
 class PolicyPlanes(NamedTuple):
-    """Of a given policy, plane by plane; its outcome rows are numbered within a plane."""
+    """A policy's backup, plane by plane; its outcome rows are numbered within a plane."""
 
     planes: Planes
     policy: MixedPolicy
@@ -449,7 +449,7 @@ Policy = npt.NDArray[np.integer[Any]] | FloatArray
 
 @dataclass(frozen=True, eq=False)
 class _Model(Frozen):
-    """What both kinds of model have."""
+    """The fields of both kinds of model."""
 
     terminal: BoolArray  # (S,)
     mean_reward: FloatArray  # (Y,) of each outcome row; or (S,) of steps from the prey's cell
@@ -534,7 +534,7 @@ class TabularPlanningModel(_Model):
         return improper_states(self.mdp, None if policy is None else policy > 0)
 
     def counting_steps(self) -> Self:
-        """Return the same with a reward of 1 for every step and discount 1."""
+        """Return the model with a reward of 1 for every step and discount 1."""
         ones = np.ones_like(self.mean_reward)
         return replace(self, mean_reward=ones, largest_reward=1.0, discount=1.0)
 
@@ -626,7 +626,7 @@ def policy_sum(policy: Policy | None, terminal: BoolArray) -> float:
 def mixed_policy(
     policy: Policy, terminal: BoolArray, row_of: npt.NDArray[np.uint32]
 ) -> MixedPolicy:
-    """Return a policy in compressed form; a terminal state has one entry, which means nothing.
+    """Return a policy in compressed form; a terminal state has one entry, which is not used.
 
     `row_of` has the outcome row of each pair, for all states or, repeating, for a part of them.
     """

@@ -39,9 +39,9 @@ from curricle.tasks.spaces import state_name
 
 Method = Literal["auto", "exact", "rollouts", "off"]
 EPISODES, LIVE_EPISODES = 100, 5
-"""Rollouts a checkpoint; fewer in a live task, whose steps take a hundred times longer."""
+"""Rollouts per checkpoint; fewer in a live task, whose steps take a hundred times longer."""
 MOST_EPISODES = 1_000_000
-"""Of which the mean's error is a thousandth of a return's; more would seem to hang."""
+"""Rollouts at most: their mean varies a thousandth of a return; more would seem to hang."""
 LARGEST_EXACT = 20_000  # outcomes (S x A x O) up to which ``method="auto"`` is exact
 NEGLIGIBLE = 1e-9
 """Probability (or discounted weight) of not having ended at which an evaluation stops."""
@@ -51,7 +51,7 @@ EVALUATION_STREAM = 0x5851F42D4C957F2D
 
 
 class RolloutEvaluation(NamedTuple):
-    """The mean return of some episodes."""
+    """The evaluation by the mean return of rollouts."""
 
     episodes: int
     discount: float  # the task's, or 1
@@ -92,7 +92,7 @@ class GreedyChain(NamedTuple):
 
 
 class ExactEvaluation(NamedTuple):
-    """The expected return, by the distribution over states at each step."""
+    """The exact evaluation, by the distribution over states at each step."""
 
     tables: Tables
     discount: float
@@ -106,7 +106,7 @@ class ExactEvaluation(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """None of the task: the tables are read."""
+        """0: the evaluation reads tables."""
         return 0
 
     @classmethod
@@ -158,10 +158,10 @@ EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
 class GreedyEvaluation:
     """How the greedy policy is evaluated at each checkpoint.
 
-    Estimated is the expected return of one episode from the start distribution, cut at the time
+    It estimates the expected return of one episode from the start distribution, cut at the time
     limit, ties broken uniformly, in the task's own (unshaped) rewards. No budget is charged for it:
-    an exact evaluation takes no steps, and ``LearningResult.evaluation_steps`` counts those of
-    rollouts.
+    an exact evaluation takes no steps, and ``LearningResult.evaluation_steps`` counts the steps of
+    rollouts. SettingError on invalid settings.
 
     Parameters
     ----------
@@ -170,10 +170,10 @@ class GreedyEvaluation:
         "auto" is exact up to 20,000 outcomes (states x actions x outcomes of a pair). With "off"
         greedy returns are NaN. Networks are evaluated by rollouts.
     episodes : int, optional
-        Rollouts a checkpoint; by default 100, and 5 in a live task.
+        Rollouts per checkpoint; by default 100, and 5 in a live task.
     discounted : bool, optional
-        Whether rewards are discounted, as in :func:`solve`, or summed, as in the paper; by default
-        where tables learn, not where networks do.
+        Whether rewards are discounted, as in :func:`solve`, or summed, as in the paper. By default
+        tables are evaluated with the discount, networks without.
     sampled : bool
         Draw actions from the policy of an actor-critic instead of taking the likeliest. Where
         observations hide a part of the state, the likeliest actions can lead in circles.
@@ -204,7 +204,7 @@ class GreedyEvaluation:
         if self.method == "off":
             return NoEvaluation()
         if self.sampled:
-            raise SettingError("actions are sampled from networks' policies: a table has none")
+            raise SettingError("sampled=True needs the policy of a network: a table has none")
         horizon = self.horizon(task)
         discount = self.discount(generative_model(task))
         exact, pairs = self.method == "exact", task.states.size * task.actions.size
@@ -271,9 +271,9 @@ def greedy_policy_return(
 
 # -- machine code that loops call at its address ---------------------------------------------------
 #
-# What is done at a checkpoint takes longer to compile than all that is done at a step. It is
-# compiled once for all loops, which call it at an address that they are given: Numba would compile
-# what they call by name into each of them anew.
+# The code for a checkpoint takes longer to compile than the code for a step. It is compiled once,
+# and all loops call it by its address: Numba would compile a function that is called by name into
+# each loop anew.
 
 
 CALLABLE = set[tuple[Any, ...]]()  # the types of arguments for which there is machine code
@@ -410,7 +410,7 @@ def write_chain(evaluation, view):
 def write_transitions(chain, tables, state, action, end):
     """Write the transitions from a state at `end`; return where they end.
 
-    They are those of an action; where it is flagged, of all that are as high in `chain.values`.
+    They are the action's; if it is flagged, those of all actions that tie in `chain.values`.
     """
     first, last, ties, best = action, action + np.uint64(1), 1, 0.0
     if action >= TIED:

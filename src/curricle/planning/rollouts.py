@@ -254,19 +254,19 @@ def rollout(
     Parameters
     ----------
     task : Task
-        A live one is played in an environment of its own.
+        A live task is played in a new environment.
     policy : (S,) int array or (S, A) float array
         As in :func:`evaluate`.
     seed : int
     start : int, optional
         First state; by default, and always in a live task, drawn as episodes start.
     steps : int, optional
-        Where to cut off; the task's time limit by default.
+        Steps after which the episode is cut off; by default the task's time limit.
 
     Raises
     ------
     SettingError
-        When the policy is malformed, the start is terminal or no state or cannot be chosen, or
+        When the policy is malformed, the start is no state, is terminal or cannot be chosen, or
         there is no limit.
 
     Examples
@@ -284,7 +284,7 @@ def rollout(
     if checked.ndim == 2:
         probabilities = TablePolicy(cumulated(checked.astype(np.float64, copy=False)))
         return _trajectory(generative, probabilities, seed, steps, start)
-    # It is greedy on values of 1, as most policies are: they share a compiled loop.
+    # The policy is made greedy on values of 1, to share a compiled loop with greedy policies.
     values = np.zeros((n_states, n_actions))
     values[np.arange(n_states), checked] = 1.0
     return _trajectory(generative, GreedyPolicy(Values(frozen(values))), seed, steps, start)
@@ -325,7 +325,7 @@ def _trajectory(
 def _starts(task: GenerativeModel, starts: Sequence[int] | IntArray) -> IntArray:
     """Return the states that episodes start in, (E,), or raise SettingError if they cannot."""
     if is_live(task):
-        raise SettingError(f"a live task starts where its episodes do: start was {starts[0]!r}")
+        raise SettingError(f"a live task's environment chooses the start: got start {starts[0]!r}")
     name, terminal = "the state a rollout starts in", task.terminal
     states = np.array([whole_number(name, state, 0, SettingError) for state in starts])
     bad = states >= task.states.size

@@ -105,7 +105,7 @@ class Solution(PolicyValues):
     def optimal(self) -> BoolArray:
         """Actions that the error bound cannot tell from optimal, (S, A) bool.
 
-        Those whose Q(s, a) is within twice the bound of the best, so that ties are kept.
+        Their Q(s, a) is within twice the bound of the best, so that ties are kept.
         """
         best = self.action_values.max(axis=1, keepdims=True)
         return frozen(np.asarray(self.action_values >= best - 2 * self.error_bound))
@@ -122,12 +122,12 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     Modified policy iteration on the tables, or value iteration without tables where the task has a
     :class:`FactoredModel`. Both start from a V <= TV, so that values only rise (Puterman 1994,
     theorem 6.5.5), with TV(s) = max_a sum_s' P(s' | s, a) (r + gamma V(s')). The last sweep backs
-    up each V(s) from values within ``d`` of those returned, so that ``|TV - V| <= gamma d``, and
+    up each V(s) from values within ``d`` of the result, so that ``|TV - V| <= gamma d``, and
     ``gamma d / (1 - gamma)`` plus rounding (theorem 6.3.1) bounds the error. At discount 1
     the longest expected episode replaces 1 / (1 - gamma). Where some policy never ends and costs
-    without bound, V* are those of a stochastic shortest path (Bertsekas, Tsitsiklis 1991). Up to
-    5,000 states, these and what 300,000 sweeps do not solve are solved directly. The time limit is
-    ignored: it is a limit of learning, not of the task.
+    without bound, the task is a stochastic shortest path problem (Bertsekas, Tsitsiklis 1991). Such
+    a task, and a task that 300,000 sweeps do not solve, is solved by linear systems if it has at
+    most 5,000 states. The time limit is ignored: it limits learning, and is not part of the task.
 
     Parameters
     ----------
@@ -142,9 +142,9 @@ def solve(task: Task, *, tolerance: float | None = None, progress: Progress = No
     Raises
     ------
     SettingError
-        When at discount 1 some policy never ends and does not cost without bound, when more sweeps
-        are expected than end within hours, when rounding alone exceeds `tolerance`, or when the
-        values have no finite bound in double precision.
+        When at discount 1 some policy never ends and does not cost without bound, when the sweeps
+        would take many hours, when rounding alone exceeds `tolerance`, or when the values have no
+        finite bound in double precision.
 
     Examples
     --------
@@ -172,8 +172,8 @@ def evaluate(
     task : Task
     policy : (S,) int array, (S, A) float array or model
         An action for each state, or the probability of each action. Or a model with a method
-        ``predict`` from observations to actions, as those of Stable-Baselines3 have, in a task that
-        knows what is observed in each state (:class:`TabulatedTask`).
+        ``predict`` from observations to actions, as in Stable-Baselines3, in a task that knows the
+        observation of each state (:class:`TabulatedTask`).
     tolerance, progress : optional
         As in :func:`solve`.
 
@@ -195,8 +195,8 @@ def evaluate(
         policy_of = getattr(task, "policy", None)
         if not callable(policy_of):
             raise SettingError(
-                "a model is evaluated in a task that knows what is observed in each state, as "
-                f"those of tabulate do: got {task!r}"
+                "a model is evaluated in a task that knows the observation of each state, as "
+                f"tasks of tabulate do: got {task!r}"
             )
         policy = policy_of(policy)
     followed = checked_policy(policy, model.terminal, model.n_actions)
@@ -392,7 +392,7 @@ def _lengths(model: PlanningModel, policy: Policy | None, bars: Bars) -> FloatAr
 #
 # At discount 1 some policy may never end. Where each such policy costs without bound, V* is finite
 # and solves V = TV alone (Bertsekas, Tsitsiklis 1991). Two things prove it, and bound the error. If
-# W >= TW + c, c > 0, then r <= W - PW - c: what goes on for ever gets at most -c a step. And if
+# W >= TW + c, c > 0, then r <= W - PW - c: an endless episode gets at most -c a step. And if
 # TV <= V + d, then U = V + t (W - V) with t = d / c <= 1 has TU <= U, hence U >= V*.
 
 
@@ -400,11 +400,11 @@ LARGEST_DIRECT = 5_000
 """States up to which systems are solved directly, in seconds even where they are dense."""
 MOST_IMPROVEMENTS = 1_000
 COSTS = 2.0 ** -np.arange(1, 41, 3)
-"""What endless ways are tried to cost at least, in units of the largest reward."""
+"""Lower bounds that are tried for the cost of an endless way, in units of the largest reward."""
 
 
 def transitions(mdp: FiniteMDP, chances: FloatArray) -> Any:
-    """Return the chances of next states that go on, sparse (S, S), for those of actions, (S, A)."""
+    """Return the chances of next states, ends left out, sparse (S, S), for chances of actions."""
     from scipy.sparse import csr_array  # takes time, and few need it
 
     n_states = mdp.states.size
@@ -468,7 +468,7 @@ def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, I
 def shortest_paths(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, float]:
     """Return V* at discount 1, (S,), and its error bound, where not every policy ends.
 
-    SettingError where there is no finite V*, or an endless way costs less than can be told from 0.
+    SettingError where V* is not finite, or the cost of an endless way cannot be told from 0.
     """
     away = steps_to(model.mdp, model.mdp.terminal)
     endless, why = np.flatnonzero(np.isinf(away)), "no way leads to an end"

@@ -60,7 +60,7 @@ class Target:
         episodes: int = ROLLOUTS,
     ) -> "Target":
         """Return a target, evaluated exactly where it can be, else by `episodes` rollouts."""
-        asked = GreedyEvaluation() if evaluation is None else evaluation
+        settings = GreedyEvaluation() if evaluation is None else evaluation
         generative = generative_model(task)
         pairs = generative.states.size * generative.actions.size
         solution, typical = None, float("nan")
@@ -75,9 +75,9 @@ class Target:
             sizes = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
             typical = float(np.median(sizes)) if sizes.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
-            if outcomes * asked.horizon(task) <= LARGEST_EVALUATED:
+            if outcomes * settings.horizon(task) <= LARGEST_EVALUATED:
                 method = "exact"
-        return cls(task, replace(asked, method=method, episodes=episodes), solution, typical)
+        return cls(task, replace(settings, method=method, episodes=episodes), solution, typical)
 
     @cached_property
     def optimum(self) -> float:

@@ -1,4 +1,4 @@
-"""Learning curves, returns at checkpoints with a row a seed, and measures of transfer and time.
+"""Learning curves, returns at checkpoints with a row per seed, and measures of transfer and time.
 
 Weak transfer ignores the steps in source tasks; strong transfer charges them (``charge_source``).
 """
@@ -32,17 +32,17 @@ SHARE_ROUNDING = 1e-9  # difference of a product of shares from the fraction tha
 
 @dataclass(frozen=True, eq=False)
 class Curve(Frozen):
-    """The learning curves of an arm, a row a seed, copied and frozen; SettingError on others.
+    """The learning curves of an arm, copied and frozen; SettingError on invalid arrays.
 
     Attributes
     ----------
     steps : (T,) int64
         Checkpoints in target steps, from 0 or later, increasing.
     values : (K, T) float64
-        Unshaped return at the checkpoints. A row may begin with NaN, where no episode of the seed
-        has ended yet: it reaches no threshold, and elsewhere the first measured value replaces it.
+        Unshaped return at the checkpoints. A seed's row is NaN before its first episode has ended:
+        NaN reaches no threshold, and elsewhere the first measured value replaces it.
     source_steps : (K,) int64
-        Steps in source tasks before the first target step; a single number is that of all seeds.
+        Steps in source tasks before the first target step; a single number holds for all seeds.
 
     Examples
     --------
@@ -139,8 +139,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
         for rows in (alone, transfer.filled())
     )
     first = np.broadcast_to(alone[:, :1], alone.shape)
-    # Where learning falls below its first value, that value is a gift: the baseline begun later
-    # has a larger area. Taken off, a source that teaches nothing gains nothing.
+    # Where learning falls below its first value, to hold that value is a gift: a baseline begun
+    # later has a larger area. The gift is taken off, so that a useless source gains nothing.
     gift = np.trapezoid(np.where(training, first, late) - alone, steps, axis=1).mean()
     if gift > 0:
         first = first - gift / np.trapezoid(1.0 * training, steps, axis=1).mean()
@@ -156,9 +156,9 @@ def require_pair(baseline: Curve, transfer: Curve, *, strong: bool = False) -> N
             f" got {ours} and {theirs} seeds"
         )
     if not np.array_equal(baseline.steps, transfer.steps):
-        got = [f"{curve.steps.size} ending at {curve.steps[-1]}" for curve in (baseline, transfer)]
+        ends = [f"{curve.steps.size} ending at {curve.steps[-1]}" for curve in (baseline, transfer)]
         raise SettingError(
-            f"baseline and transfer must share their checkpoints: got {' and '.join(got)}"
+            f"baseline and transfer must share their checkpoints: got {' and '.join(ends)}"
         )
     if strong and np.any(baseline.source_steps):
         raise SettingError(
@@ -241,7 +241,7 @@ def _whole(name: str, array: IntArray) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Times(Frozen):
-    """The steps of each seed to a threshold; SettingError on others.
+    """The steps of each seed to a threshold; SettingError on invalid arrays.
 
     A seed that never reaches it is censored, not dropped: its time is known only to exceed its
     observed steps. Leaving it out, or taking these steps as its time, would favour the arm.
@@ -333,7 +333,7 @@ class Times(Frozen):
 
         mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon
         (Royston and Parmar 2013), with bounds clipped to 0 and the horizon. Arms are comparable
-        only within the same one. Without a horizon a seed counts with its observed steps: a lower
+        only at the same horizon. Without a horizon a seed counts with its observed steps: a lower
         bound, with infinity as the upper bound, unless all seeds reached the threshold.
         SettingError unless a horizon is above 0 and at most the steps of any censored seed.
 

@@ -152,7 +152,7 @@ def _all_signs(seeds: int) -> FloatArray:
 
 
 def smallest_p(seeds: int, resamples: int = 10_000) -> float:
-    """Return the smallest p-value of :func:`sign_flip_test`: 2^(1 - K), or that of no draw."""
+    """Return the smallest p-value of :func:`sign_flip_test` that so many seeds can give."""
     return 2.0 ** (1 - seeds) if seeds <= EXACT else 1 / (resamples + 1)
 
 
@@ -310,7 +310,7 @@ def add_seeds(
     precision : float, optional
         Stop when the half-width is at most this, above 0, in the unit of the measure.
     difference : bool
-        Or when the adjusted p-value is below 1 - confidence. Give either this or `precision`.
+        Stop when the adjusted p-value is below 1 - confidence. Give either this or `precision`.
 
     Examples
     --------
@@ -324,7 +324,7 @@ def add_seeds(
     most = whole_number("most", most, first, SettingError)
     if difference == (precision is not None):
         raise SettingError(
-            "add_seeds stops at a precision or at a difference, one of them:"
+            "add_seeds needs either a precision or difference=True:"
             f" got precision={precision} and difference={difference}"
         )
     if precision is not None and number("precision", precision, SettingError) <= 0:

@@ -561,8 +561,8 @@ class Settings(Table):
 
     aggregate: Annotated[str, word(_AGGREGATE, AGGREGATES, function=True)] = Field(
         "mean",
-        description=f"How the potentials of several transfers are combined: {', '.join(AGGREGATES)}, or "
-        "a function (N, S, A) -> (S, A) as module:function.",
+        description="How the potentials of several transfers are combined: "
+        f"{', '.join(AGGREGATES)}, or a function (N, S, A) -> (S, A) as module:function.",
     )
     unknown_value: Number | None = None
     """The potential of pairs that all mappings leave unmapped; 0 by default."""

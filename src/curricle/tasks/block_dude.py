@@ -92,9 +92,9 @@ class BlockDude(DomainWithStart):
         One of BURLAP's levels, or a map, one line a row, the highest first: ``<`` or ``>`` the
         agent and where it faces, ``E`` exit, ``B`` block, ``#`` brick, ``.`` free.
     step_reward, exit_reward : float
-        Of a step that does not / does enter the exit.
+        Rewards of a step that does not / does enter the exit.
     start : {"map", "uniform"}
-        As drawn, or in any state, perhaps a dead end, that can be reached and is not the exit.
+        As drawn, or any reachable state but the exit, dead ends included.
     origin : (int, int)
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
@@ -122,16 +122,16 @@ class BlockDude(DomainWithStart):
             one_of("level", level, range(1, len(LEVELS) + 1), TaskError)
             level = LEVELS[level - 1]
         object.__setattr__(self, "level", read_map(level, CHARACTERS))
-        for thing, letters in (("agent < or >", "<>"), ("exit E", "E")):
+        for noun, letters in (("agent < or >", "<>"), ("exit E", "E")):
             count = sum(line.count(letter) for line in self.level for letter in letters)
             if count != 1:
-                raise TaskError(f"a map needs one {thing}: there are {count or 'none'}")
+                raise TaskError(f"a map needs one {noun}: there are {count or 'none'}")
         first = self._first
-        things = {first[:2]: "agent", **dict.fromkeys(first.blocks, "block")}
-        for (column, height), thing in things.items():
+        standing = {first[:2]: "agent", **dict.fromkeys(first.blocks, "block")}
+        for (column, height), noun in standing.items():
             if self._below(first, column, height - 1) < height - 1:
                 raise TaskError(
-                    f"the {thing} needs ground, a brick or a block below it: there is none below "
+                    f"the {noun} needs ground, a brick or a block below it: there is none below "
                     f"row {-height}, column {column}"
                 )
 
@@ -278,8 +278,8 @@ class BlockDude(DomainWithStart):
         top, left = self.origin
         first = min(top, int(self._cells[..., 0].min()))
         drawn = sorted(self._drawn.items())
-        bricks = [(-height, column) for (column, height), thing in drawn if thing == "#"]
-        exits = [(-height, column) for (column, height), thing in drawn if thing == "E"]
+        bricks = [(-height, column) for (column, height), symbol in drawn if symbol == "#"]
+        exits = [(-height, column) for (column, height), symbol in drawn if symbol == "E"]
         return GridLayout(
             cells=self._cells[:, 0],
             components=("row", "column"),
@@ -332,24 +332,24 @@ def part_of_level(
 
 def _block_mapping(target: FamilyMember, source: FamilyMember) -> ComponentsByName:
     """Return how a level reads another: by name, blocks in their order from the exit on."""
-    blocks, others = target.task.block_names, source.task.block_names
-    if len(others) > len(blocks):
+    blocks, source_blocks = target.task.block_names, source.task.block_names
+    if len(source_blocks) > len(blocks):
         raise TaskError(
             f"a level reads levels with at most its {len(blocks)} blocks: got {source}, which has "
-            f"{len(others)}"
+            f"{len(source_blocks)}"
         )
-    pairs = zip(others, blocks, strict=False)
-    return ComponentsByName(renaming={other: name for other, name in pairs if other != name})
+    pairs = zip(source_blocks, blocks, strict=False)
+    return ComponentsByName(renaming={theirs: ours for theirs, ours in pairs if theirs != ours})
 
 
 def _has_a_way(parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong with a part from which there is no way to the exit."""
-    known = PARTS[parameters["level"]]
-    if parameters["columns"] is None or parameters["columns"] in known:
+    """Return the mistake, a sentence, if a part has no way to the exit."""
+    valid = PARTS[parameters["level"]]
+    if parameters["columns"] is None or parameters["columns"] in valid:
         return None
     return (
         f"columns of level {parameters['level']} of block_dude must be one of "
-        f"{', '.join(map(str, known))}, as others have no block or no way to the exit"
+        f"{', '.join(map(str, valid))}, as other parts have no block or no way to the exit"
     )
 
 

@@ -1,4 +1,4 @@
-"""What the domains that come with the library share: a domain is one declaration.
+"""The base of the domains that come with the library: a domain is one declaration.
 
 The annotations of its fields (:class:`Rule`) say which values they take and which of these are
 harder; :class:`Domain` checks a task by them, and :func:`family_of` makes the parameters of its
@@ -71,21 +71,21 @@ class Domain(Frozen):
         """
         start = np.zeros(len(terminal))
         start[starting] = 1 / len(starting)
-        rest: Any = {"terminal": terminal, "start": start}
-        rest |= {"discount": self.discount, "time_limit": self.time_limit}
+        settings: Any = {"terminal": terminal, "start": start}
+        settings |= {"discount": self.discount, "time_limit": self.time_limit}
         spaces = self.states, self.actions
         if outcome_row is None:
             outcomes = np.broadcast_arrays(probability, next_state, reward)
-            return FiniteMDP.one_row_a_pair(*spaces, *outcomes, **rest)
-        return FiniteMDP(*spaces, outcome_row, probability, next_state, reward, **rest)
+            return FiniteMDP.one_row_a_pair(*spaces, *outcomes, **settings)
+        return FiniteMDP(*spaces, outcome_row, probability, next_state, reward, **settings)
 
 
 @cache
 def _checks(domain: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Return the checks of fields by annotations; kinds of several types check themselves."""
-    checks, known = list[tuple[str, Callable[[Any], Any]]](), rules_of(domain)
+    checks, rules = list[tuple[str, Callable[[Any], Any]]](), rules_of(domain)
     for name in domain.__dataclass_fields__:
-        kind, (low, high, *_), optional = known[name]
+        kind, (low, high, *_), optional = rules[name]
         if name in ("discount", "time_limit"):  # check_horizon has their limits
             continue
         if kind is float and (low, high) == (None, None):
@@ -111,12 +111,12 @@ def family_of(
     mapping: Any = None,
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> TaskFamily:
-    """Return the family of a domain, named after it; what is `declared` overrides annotations."""
+    """Return the family of a domain, named after it; `declared` parameters override annotations."""
     name = name_of(domain)
     if factory is not None:
-        taken = {parameter.name for parameter in complete_parameters((), factory, name)}
-        others = complete_parameters(declared, domain, name)
-        declared = tuple(parameter for parameter in others if parameter.name not in taken)
+        of_factory = {parameter.name for parameter in complete_parameters((), factory, name)}
+        of_domain = complete_parameters(declared, domain, name)
+        declared = tuple(parameter for parameter in of_domain if parameter.name not in of_factory)
     return TaskFamily(name, factory or domain, declared, mapping, constraint)
 
 
@@ -161,7 +161,7 @@ class GridDomain(DomainWithStart):
 
     @property
     def _grid(self) -> npt.NDArray[np.str_]:
-        """What lies in each cell, (rows, columns) characters."""
+        """The object in each cell, (rows, columns) characters."""
         raise NotImplementedError
 
     @property
@@ -251,23 +251,23 @@ class GridDomain(DomainWithStart):
             )
         return states
 
-    def _tables(self, *outcomes: Any, **rest: Any) -> FiniteMDP:
+    def _tables(self, *outcomes: Any, **settings: Any) -> FiniteMDP:
         """Return the tables; episodes end and start in the states of the cells that say so."""
         starting = self._start_states()
-        return super()._tables(*outcomes, terminal=self._ends, starting=starting, **rest)
+        return super()._tables(*outcomes, terminal=self._ends, starting=starting, **settings)
 
     def _states_of(self, row: IntArray, column: IntArray) -> IntArray:
         """Return the states in which episodes start in cells, `MISSING` where there is none."""
         return self._cell_space.encode(row=row, column=column)
 
     def _landing(self, moves: Mapping[str, Cell] = MOVES) -> IntArray:
-        """Return the cell that each move leads to from each, itself where it leads to none."""
+        """Return the cell that each move leads to from each cell: the same if there is none."""
         to = landing(self._cell_space, moves)
         return np.where(to == MISSING, np.arange(len(to))[:, None], to)
 
 
 class CellDomain(GridDomain):
-    """A domain with one state for each cell, whose number is that of the cell."""
+    """A domain with a state for each cell; state and cell have the same number."""
 
     def start_in(self, states: npt.ArrayLike) -> Self:
         """Return the same task with starts in these states, by number, equally likely."""
@@ -313,7 +313,7 @@ def cell_space(
 
 
 def landing(cells: Space, moves: Mapping[str, Cell] = MOVES) -> IntArray:
-    """Return the cell that each move leads to from each, (n, moves) int64; MISSING if none is."""
+    """Return the cell that each move leads to from each cell, (n, moves) int64, or MISSING."""
     row, column = (values[:, None] for values in cells.decode().values())
     down, right = np.array(list(moves.values())).T
     return frozen(cells.encode(row=row + down, column=column + right))
@@ -324,10 +324,10 @@ def numbered_names(kind: str, count: int) -> tuple[str, ...]:
     return (kind,) if count == 1 else tuple(f"{kind}_{i + 1}" for i in range(count))
 
 
-def in_proportion(values: IntArray, marks: list[int], others: list[int]) -> IntArray:
-    """Return values so that each of some marks becomes the other, in proportion between them."""
+def in_proportion(values: IntArray, marks: list[int], images: list[int]) -> IntArray:
+    """Return values moved so that each mark becomes its image, in proportion between them."""
     rising, first = np.unique(marks, return_index=True)
-    read = np.interp(values, rising, np.array(others)[first])
+    read = np.interp(values, rising, np.array(images)[first])
     return np.asarray(np.rint(read), dtype=np.int64)
 
 
@@ -398,7 +398,7 @@ MOST_STATES = 20_000_000  # states of a task whose cells are read off its compon
 
 @dataclass(frozen=True, eq=False)
 class GridLayout:
-    """The cell of each state of a task, and what lies in cells; a task offers it as `layout`."""
+    """The cell of each state of a task, and the objects in cells; a task offers it as `layout`."""
 
     cells: IntArray  # row and column of the agent in each state, (S, 2)
     components: tuple[str, ...]
@@ -406,12 +406,12 @@ class GridLayout:
     shape: tuple[int, int]  # rows and columns
     origin: Cell = (0, 0)  # row and column of the top-left cell
     objects: tuple[tuple[str, int, int, bool], ...] = ()
-    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of what lies in a cell,
+    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of an object in a cell,
     and whether entering it ends the episode."""
     walls: IntArray | None = None
     """Rows and columns of walls, (m, 2); None where all cells without a state are walls."""
     markers: Mapping[str, IntArray] = field(default_factory=dict)
-    """What else moves: name -> its row and column in each state, (S, 2)."""
+    """Other moving objects: name -> row and column in each state, (S, 2)."""
 
     def __post_init__(self) -> None:
         for name, *_ in self.objects:

@@ -49,10 +49,10 @@ class DeepSea(GridDomain):
         Probability that a move to the right goes straight down; 1/N in bsuite's stochastic version.
     noise : float
         Added to or taken from rewards in the last row's first and last column, with probability 1/2
-        each. Mean and variance of 1 are those of bsuite's noise, N(0, 1), and tables stay exact.
+        each. A noise of 1 has the mean and variance of bsuite's, N(0, 1), and tables stay exact.
     mapping_seed : int, optional
-        Of bsuite's random choice, cell by cell, of which action is right; by default 1 is right
-        everywhere and the moves have names, as with bsuite's ``randomize_actions=False``.
+        Seed of bsuite's random choice, for each cell, of the action that moves right. By default it
+        is 1 everywhere and the moves have names, as with bsuite's ``randomize_actions=False``.
     start : "surface", "uniform" or cells
         At the top left, in any cell that a dive can reach, or in one of these ``(row, column)``.
     origin : int
@@ -96,7 +96,7 @@ class DeepSea(GridDomain):
 
     @cached_property
     def _grid(self) -> npt.NDArray[np.str_]:
-        """The cells that a dive from the top left can reach, and those of the ground below."""
+        """The cells that a dive from the top left can reach, and the cells of the ground below."""
         n = self.size
         grid = np.where(np.tri(n + 1, n, dtype=bool), ".", "#")
         grid[n - 1, n - 1], grid[n] = "T", "_"
@@ -146,16 +146,16 @@ class DeepSea(GridDomain):
 
 
 def _from_the_ground(target: FamilyMember, source: FamilyMember) -> Any:
-    """Return how a sea reads another: counted from the ground and the right, right as right."""
+    """Return how a sea reads another: cells counted from the ground and the right, by move."""
     down = target["size"] - source["size"]
-    whole_sea, other = target.task, source.task
+    sea, part = target.task, source.task
 
     def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
         (action,) = actions.values()
         read = {name: value - down for name, value in states.items()}
-        is_right = action == whole_sea.right[whole_sea.states.encode(**states)]
-        right = other.right[np.maximum(other.states.encode(**read), 0)]
-        return read, {other.actions.names[0]: np.where(is_right, right, 1 - right)}
+        is_right = action == sea.right[sea.states.encode(**states)]
+        right = part.right[np.maximum(part.states.encode(**read), 0)]
+        return read, {part.actions.names[0]: np.where(is_right, right, 1 - right)}
 
     return function
 
@@ -192,7 +192,7 @@ class RiverSwim(DomainWithStart):
         Probabilities that swimming right leaves the left bank, else the swimmer stays, and that it
         stays at the right bank, else it is carried back.
     left_reward, right_reward : float
-        Of swimming left at the left bank, and of staying at the right bank by swimming right.
+        For swimming left at the left bank, and for staying at the right bank by swimming right.
     start : "uniform" or positions
         Where episodes start, equally likely; in the paper 1 and 2.
     origin : int

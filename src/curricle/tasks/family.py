@@ -27,24 +27,24 @@ Harder = Literal["larger", "smaller", "later"]
 class Parameter:
     """One declared parameter of a :class:`TaskFamily`.
 
-    The signature of the family's function says what is left out: the annotation the kind
-    (``Literal[...]`` gives `values`, ``| None`` makes it optional), and the default.
+    The signature of the family's function supplies the fields that are left out: the kind by its
+    annotation (``Literal[...]`` gives `values`, ``| None`` makes it optional), and the default.
 
     Parameters
     ----------
     name : str
-        Of the parameter in the function.
+        The name of the function's parameter.
     kind : {int, float, bool, str}, optional
     low, high : float, optional
         The smallest and the largest number, both included.
     values : sequence, optional
         The only values, instead of `kind`, `low` and `high`.
     default : optional
-        The value of members that do not give one; without it they must.
+        The value of members that give none; without a default they must give one.
     harder : {"larger", "smaller", "later"}, optional
         Which values make harder tasks; "later" is the order of `values`.
     optional : bool
-        Whether None is a value too, the hardest of ordered ones.
+        Whether None is a value too; it is the hardest of ordered values.
 
     Examples
     --------
@@ -108,9 +108,9 @@ class Parameter:
         if value is None and self.optional:
             return None
         if self.values is not None:
-            whole = isinstance(value, float) and value.is_integer()
-            keys = [_key(form) for form in ((value, int(value)) if whole else (value,))]
-            matching = [known for key in keys for known in self.values if _key(known) == key]
+            is_whole = isinstance(value, float) and value.is_integer()
+            keys = [_key(form) for form in ((value, int(value)) if is_whole else (value,))]
+            matching = [valid for key in keys for valid in self.values if _key(valid) == key]
             if not matching:
                 raise TaskError(f"{name} must be one of {self.listed()}: got {value!r}")
             return matching[0]
@@ -136,8 +136,8 @@ class Parameter:
         known = self._between(self.low, self.high)
         if known is None:
             raise TaskError(
-                f"{self.name} of {family} has too many values to list, {self.listed()}: give those "
-                "that are wanted"
+                f"{self.name} of {family} has too many values to list, {self.listed()}: give the "
+                "values"
             )
         return (*known, None) if self.optional else tuple(known)
 
@@ -162,12 +162,12 @@ class Parameter:
 
     def easier_than(self, value: Any) -> tuple[Any, ...]:
         """Return the values that are easier, in order; none where they cannot be listed."""
-        most = self.difficulty(value)
-        if most is None:
+        hardest = self.difficulty(value)
+        if hardest is None:
             return ()
         first, last = (self.high, self.low) if self.harder == "smaller" else (self.low, self.high)
-        known = self._between(first, last if value is None else value) or ()
-        return tuple(easier for easier in known if (self.difficulty(easier) or 0.0) < most)
+        values = self._between(first, last if value is None else value) or ()
+        return tuple(easier for easier in values if (self.difficulty(easier) or 0.0) < hardest)
 
     def listed(self) -> str:
         """Return the values in words, such as "2..9" or "True, False"."""
@@ -186,12 +186,12 @@ class Parameter:
 
 
 def _key(value: Any) -> tuple[type, Any]:
-    """Return what tells a value from others: True is not 1."""
+    """Return a key that differs for different values: True is not 1."""
     return type(value), value
 
 
 class Rule(NamedTuple):
-    """What an annotation says of a value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``."""
+    """An annotation's rule for a value: ``size: Annotated[int, Rule(2, 9, "larger")] = 4``."""
 
     low: float | None = None
     high: float | None = None
@@ -202,27 +202,27 @@ class Rule(NamedTuple):
 
 def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
     """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
-    known = dict[str, tuple[Any, Rule, bool]]()
+    rules = dict[str, tuple[Any, Rule, bool]]()
     for name, hint in get_type_hints(function, include_extras=True).items():
         kind, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         rule = next((extra for extra in extras if isinstance(extra, Rule)), Rule())
         members = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-        others = [member for member in members if member is not NoneType]
-        known[name] = (others[0] if len(others) == 1 else kind), rule, len(others) < len(members)
-    return known
+        kinds = [member for member in members if member is not NoneType]
+        rules[name] = (kinds[0] if len(kinds) == 1 else kind), rule, len(kinds) < len(members)
+    return rules
 
 
 def complete_parameters(
     declared: tuple[Parameter, ...], function: Callable[..., Any], family: str
 ) -> tuple[Parameter, ...]:
-    """Return the parameters of a family's function, in its order, with what annotations say."""
+    """Return the parameters of a family's function, in its order, annotations included."""
     signature, rules = inspect.signature(function).parameters, rules_of(function)
     by_name = {parameter.name: parameter for parameter in declared}
     variadic = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
     free = any(entry.kind is variadic[0] for entry in signature.values())
     if len(by_name) < len(declared) or not (free or by_name.keys() <= signature.keys()):
         raise TaskError(
-            f"the parameters of {family} must be different ones of its function, "
+            f"the parameters of {family} must be different parameters of its function, "
             f"{', '.join(signature)}: got {', '.join(parameter.name for parameter in declared)}"
         )
     parameters = list[Parameter]()
@@ -277,8 +277,8 @@ class ComponentsByName:
     Parameters
     ----------
     unequal : {"unmapped", "clip", "scale"}
-        Numbers that the source lacks have no counterpart, as in :func:`project`, or become its
-        nearest; or the target's range is spread over it: low' + floor((v - low) size' / size).
+        Numbers that the source lacks have no counterpart, as in :func:`project`, or become the
+        nearest number; or the target's range is scaled: low' + floor((v - low) size' / size).
     renaming : dict of str to str
         Source component -> target component, where the names differ.
 
@@ -317,17 +317,17 @@ class TaskFamily(Frozen):
     Parameters
     ----------
     name : str
-        What messages and printed members call it.
+        The family's name in messages and printed members.
     factory : callable
         Returns the task; called with every parameter by name.
     parameters : sequence of Parameter
-        What the signature of `factory` does not say.
+        The declarations that the signature of `factory` does not make.
     mapping : ComponentsByName or callable
         How members map onto each other (:func:`family_mappings`); a function of target and source,
         both :class:`FamilyMember`, returns a :class:`ComponentsByName`, a function for
         :func:`from_function` or a mapping, or several in a list.
     constraint : callable, optional
-        From a dict of parameters to what is wrong with them together, a sentence, or None.
+        Takes a dict of parameters and returns why they do not fit together, a sentence, or None.
 
     Raises
     ------
@@ -385,8 +385,8 @@ class TaskFamily(Frozen):
                     f"{parameter.name} of {self.name} must be given: it has no default, and is "
                     f"{parameter.listed()}"
                 )
-        values = {known.name: known.default for known in self.parameters} | values
-        checked = [known.checked(values[known.name], self.name) for known in self.parameters]
+        values = {p.name: p.default for p in self.parameters} | values
+        checked = [p.checked(values[p.name], self.name) for p in self.parameters]
         member = FamilyMember(self, tuple(checked))
         if refused := member.refusal():
             raise TaskError(f"{refused}: got {member}")
@@ -403,9 +403,9 @@ class TaskFamily(Frozen):
         columns = list[tuple[Any, ...]]()
         for parameter in self.parameters:
             if parameter.name in values:
-                wanted = values[parameter.name]
-                several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
-                listed = wanted if several else (wanted,)
+                chosen = values[parameter.name]
+                several = isinstance(chosen, Iterable) and not isinstance(chosen, str)
+                listed = chosen if several else (chosen,)
                 columns.append(tuple(parameter.checked(value, self.name) for value in listed))
             else:
                 required, default = parameter.required, parameter.default
@@ -419,7 +419,7 @@ class TaskFamily(Frozen):
         """
         instance("the member that others are easier than", member, FamilyMember, TaskError)
         if member.family.factory is not self.factory:
-            raise TaskError(f"{self.name} has only members of its own: got {member}")
+            raise TaskError(f"{self.name}.easier needs a member of {self.name}: got {member}")
         pairs = zip(self.parameters, member.values, strict=True)
         columns = [(*parameter.easier_than(value), value) for parameter, value in pairs]
         yield from (easier for easier in self._allowed(columns) if easier.values != member.values)
@@ -430,26 +430,26 @@ class TaskFamily(Frozen):
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name; TaskError lists the names otherwise."""
-        known: dict[str, Parameter] = {known.name: known for known in self.parameters}
-        if name in known:
-            return known[name]
-        close = get_close_matches(str(name), known, n=1)
+        parameters: dict[str, Parameter] = {p.name: p for p in self.parameters}
+        if name in parameters:
+            return parameters[name]
+        close = get_close_matches(str(name), parameters, n=1)
         meant = f", did you mean {close[0]!r}?" if close else ""
         raise TaskError(
-            f"a parameter of {self.name} must be one of {', '.join(known) or 'none'}: got "
+            f"a parameter of {self.name} must be one of {', '.join(parameters) or 'none'}: got "
             f"{name!r}{meant}"
         )
 
     def __str__(self) -> str:
         lines = [f"{self.name}, a family of tasks"]
-        for known in self.parameters:
-            default = "must be given" if known.required else f"{known.default} by default"
-            order = "" if known.harder is None else f", {known.harder} is harder"
-            lines.append(f"  {known.name}: {known.listed()}; {default}{order}")
+        for parameter in self.parameters:
+            default = "must be given" if parameter.required else f"{parameter.default} by default"
+            order = "" if parameter.harder is None else f", {parameter.harder} is harder"
+            lines.append(f"  {parameter.name}: {parameter.listed()}; {default}{order}")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        return f"TaskFamily({self.name}: {', '.join(known.name for known in self.parameters)})"
+        return f"TaskFamily({self.name}: {', '.join(p.name for p in self.parameters)})"
 
     def __reduce__(self) -> Any:
         """Pickle a decorated function by its name, which now leads to the family."""
@@ -464,8 +464,8 @@ class TaskFamily(Frozen):
 class FamilyMember(Frozen):
     """The address of one task of a family: the family and the value of each of its parameters.
 
-    The task is built when it is first asked for. Printed are the parameters that differ from the
-    function's defaults, and those that have none.
+    The task is built on first access. A member prints the parameters that have no default or differ
+    from it.
 
     Examples
     --------
@@ -498,18 +498,18 @@ class FamilyMember(Frozen):
         refused = None if constraint is None else constraint(self.parameters)
         if not (refused is None or isinstance(refused, str)):
             raise TaskError(
-                f"the constraint of {self.family.name} must return None or what is wrong as a "
-                f"sentence: got {refused!r} for {self}"
+                f"the constraint of {self.family.name} must return None or, as a sentence, "
+                f"the mistake: got {refused!r} for {self}"
             )
         return refused
 
     @cached_property
     def task(self) -> Any:
         """The task; TaskError if the family's function returns none."""
-        made = self.family.factory(**self.parameters)
-        if not is_observation_task(made):
-            generative_model(made)
-        return made
+        task = self.family.factory(**self.parameters)
+        if not is_observation_task(task):
+            generative_model(task)
+        return task
 
     def __repr__(self) -> str:
         shown = [
@@ -531,7 +531,7 @@ def task_family(
     Parameters
     ----------
     *parameters : Parameter
-        What annotations and defaults of the function do not say.
+        The declarations that the function's annotations and defaults do not make.
     name, mapping, constraint
         As in :class:`TaskFamily`; by default it has the function's name.
 
@@ -561,7 +561,7 @@ def task_family(
 
 
 def _named(module: str, name: str) -> Any:
-    """Return what a module has under a dotted name; None if there is nothing."""
+    """Return the object of a module under a dotted name; None if there is none."""
     try:
         value: Any = importlib.import_module(module)
         for part in name.split("."):

@@ -33,7 +33,7 @@ OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
 
 @dataclass(frozen=True)
 class Rewards:
-    """The rewards of a step, by what the entered cell holds (return units).
+    """The rewards of a step, by the object in the entered cell (return units).
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Rewards:
 class GridWorld(MapDomain, CellDomain):
     """A maze drawn as a text map, in which the agent moves one cell north, east, south or west.
 
-    A move off the grid or into a wall leaves it where it is. The reward depends on the cell
+    A move off the grid or into a wall leaves the agent where it is. The reward depends on the cell
     entered; an agent that stays enters its cell again.
 
     Parameters
@@ -216,7 +216,7 @@ def random_maze(
     size : int
         Cells per side, 2 to 200.
     walls, pits, fires : float
-        Chances that a cell becomes one, together at most 1; fewer remain where they are many.
+        Chances that a cell becomes a wall, pit or fire, together at most 1; of many fewer remain.
     seed : int
         At least 0. Mazes with different seeds are independent.
     corner : {"north-west", "north-east", "south-west", "south-east"}
@@ -272,7 +272,7 @@ def random_maze(
 def _grow(cells: dict[Cell, str], n: int, chances: dict[str, float], seed: int) -> None:
     """Add the cells at distance n, the larger of the distances in rows and columns."""
     # Each borders on one at distance n - 1, of which at least one is free and has a way to the
-    # treasure. So if all objects were taken away, all would have one.
+    # treasure. So if all objects were taken away, all cells would have a way.
     shell = [(n, column) for column in range(n)] + [(row, n) for row in range(n + 1)]
     states = count(stream_start(seed, f"maze/{n}"), int(STRIDE))
     draws = (uniform(splitmix64(state % 2**64)) for state in states)
@@ -306,7 +306,7 @@ def _joined(cells: dict[Cell, str], shell: list[Cell], n: int) -> bool:
 
 
 def _chances_sum(parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong where the chances of objects sum to more than 1."""
+    """Return the mistake, a sentence, if the chances of objects sum to more than 1."""
     total = sum(parameters[name] for name in ("walls", "pits", "fires"))
     return None if total <= 1 else "walls, pits and fires of a maze must sum to at most 1"
 

@@ -27,8 +27,7 @@ from curricle.errors import SettingError, TaskError
 
 if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is imported
     raise SettingError(
-        "loops must be compiled, as what Python would make of them gives no results: unset "
-        "NUMBA_DISABLE_JIT"
+        "loops must be compiled, as plain Python cannot run them: unset NUMBA_DISABLE_JIT"
     )
 
 # -- machine code on disk --------------------------------------------------------------------------
@@ -80,7 +79,7 @@ class LoopCache(FunctionCache):
         self._cache_file = index(self._cache_path, self._impl.filename_base, code_digest())
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write what was compiled for a signature."""
+        """Write the machine code that was compiled for a signature."""
         numbas: Any = super()
         with suppress(OSError):  # a full disk: it is compiled again in the next process
             numbas.save_overload(sig, data)
@@ -230,7 +229,7 @@ def _mixed(number):
 def splitmix64(number: int) -> int:
     """Return a 64-bit number whose bits all depend on all bits of `number`, one to one.
 
-    Compiled code may call it as Python does, and uniform, integers and bernoulli, too.
+    Compiled code may call it as Python does; also uniform, integers and bernoulli.
 
     Examples
     --------
@@ -324,7 +323,7 @@ WORDS = ir.VectorType(WORD, LANES)
 
 
 def lowered(typed: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator of what builds the code of a function for loops, in LLVM's terms.
+    """Return a decorator of a builder of LLVM code, which makes it a function for loops.
 
     `typed` takes the types of the arguments and returns the signature.
     """
@@ -369,7 +368,7 @@ def ones(context, builder, signature, args):
 
 @lowered(lambda bits, n: types.uint64(types.uint64, types.uint64))
 def nth_one(context, builder, signature, args):
-    """Return the position of the n-th bit, counted from 0, of those set in a 64-bit number."""
+    """Return the position of the n-th set bit, counted from 0, of a 64-bit number."""
     if "+bmi2" in context.codegen().magic_tuple()[2]:
         kind = ir.FunctionType(LONG, [LONG, LONG])
         deposit = builder.module.declare_intrinsic("llvm.x86.bmi.pdep.64", (), kind)

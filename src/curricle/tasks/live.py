@@ -31,27 +31,27 @@ from curricle.tasks.models import (
 from curricle.tasks.spaces import MISSING, Space, action_name, state_name
 
 RESET = -1  # sent instead of an action to start an episode
-RUNNING, TRUNCATED, FAILED = range(3)  # what the last step led to, termination apart
+RUNNING, TRUNCATED, FAILED = range(3)  # the status after a step; it does not say termination
 
 
 class Live(NamedTuple):
     """Two environments of one task: the one that is learnt in, and one to evaluate policies in."""
 
-    asked: npt.NDArray[np.uint64]  # (2,) the addresses of the callables of :func:`answer`
-    status: npt.NDArray[np.int8]  # (2,) what the last step of each led to
-    which: np.uint64  # which of the two is used
+    address: npt.NDArray[np.uint64]  # (2,) of the callables of :func:`answer`
+    status: npt.NDArray[np.int8]  # (2,) of each after its last step
+    which: np.uint64  # the index of the environment that is used
 
 
 first_states.body(Live)(lambda model, bits: _ask(model, RESET)[0])
 transitions.body(Live)(lambda model, state, action, bits: _ask(model, np.int64(action)))
 truncations.body(Live)(lambda model: model.status[model.which] == TRUNCATED)
 failures.body(Live)(lambda model: max(model.status[0], model.status[1]) == FAILED)
-evaluation_models.body(Live)(lambda model: Live(model.asked, model.status, np.uint64(1)))
+evaluation_models.body(Live)(lambda model: Live(model.address, model.status, np.uint64(1)))
 
 
 @inlined
 def _ask(model, action):
-    state, reward, terminated, truncated = answer(model.asked[model.which], action)
+    state, reward, terminated, truncated = answer(model.address[model.which], action)
     if state < 0:
         model.status[model.which] = FAILED
         return np.uint64(0), 0.0, True
@@ -64,9 +64,9 @@ PARTS = types.Tuple((types.int64, types.float64, types.boolean, types.boolean))
 
 @lowered(lambda address, action: PARTS(types.uint64, types.int64))
 def answer(context, builder, signature, args):
-    """Return what the Python callable at an address returns for a number, an :data:`Answer`.
+    """Return the :data:`Answer` of the Python callable at an address to a number.
 
-    It must keep its exceptions and return that it failed: those that pass leak its memory.
+    The callable must keep its exceptions and return that it failed: a raised one leaks memory.
     """
     api, flag = context.get_python_api(builder), ir.IntType(32)
     slots = [cgutils.alloca_once(builder, kind) for kind in (api.longlong, api.double, flag, flag)]
@@ -99,7 +99,7 @@ RETURNED = {
     "reset": ("observation", "info"),
     "step": ("observation", "reward", "terminated", "truncated", "info"),
 }
-"""What the methods of an environment return."""
+"""The parts that the methods of an environment return."""
 BROKEN_DOWN: Answer = (-1, 0.0, True, False)
 
 
@@ -125,7 +125,7 @@ class LiveMDP:
         and ``close()`` of a ``gymnasium.Env``. Learners bootstrap where it truncates.
     encode : callable, optional
         ``encode(observation)`` is the number of a state or the tuple of its components' values; by
-        default an observation itself is.
+        default the observation itself.
     act : callable
         ``act(a)`` is the environment's action for action a; by default the number.
     discount, time_limit
@@ -135,7 +135,7 @@ class LiveMDP:
     Raises
     ------
     TaskError
-        While learning, when an observation encodes to no state. Exceptions of an environment pass.
+        While learning, when an observation encodes to no state. An environment's exceptions pass.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def reset_state(task: LiveMDP) -> int:
 
 
 def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
-    """Return a context with a task's model, which at its end raises what an environment raised."""
+    """Return a context with a task's model; at its end it raises an environment's exception."""
     if is_live(task):
         return _Opened(task, start)
     return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
@@ -208,10 +208,10 @@ class _Opened:
         players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
         for player in players:
             next(player)
-        self.asked = [player.send for player in players]  # they must outlive their addresses
+        self.callables = [player.send for player in players]  # they must outlive their addresses
 
     def __enter__(self) -> Live:
-        addresses = np.array([id(send) for send in self.asked], dtype=np.uint64)
+        addresses = np.array([id(send) for send in self.callables], dtype=np.uint64)
         return Live(addresses, np.zeros(2, np.int8), np.uint64(0))
 
     def __exit__(self, *_: object) -> None:
@@ -261,7 +261,7 @@ def _player(
 
 
 def _observed(begun: Any) -> Any:
-    """Return the observation of what a reset returned."""
+    """Return the observation in the pair that a reset returned."""
     try:
         observation, _ = begun
     except (TypeError, ValueError):

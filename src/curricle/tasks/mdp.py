@@ -1,4 +1,4 @@
-"""Finite MDPs as frozen tables, and what learning and planning need of a task.
+"""Finite MDPs as frozen tables, and the interfaces of tasks that learning and planning read.
 
 Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, a]`` is one of Y
 rows of up to O outcomes. A maze has Y = 2 S, a pursuit Y = S, an arbitrary MDP Y = S A.
@@ -43,7 +43,7 @@ class FiniteMDP(Frozen):
     states, actions : Space
         S states and A actions.
     outcome_row : (S, A) int32
-        The outcome row of each pair, in 0 .. Y-1; those of terminal states are never used.
+        The outcome row of each pair, in 0 .. Y-1; rows of terminal states are never used.
     probability : (Y, O) float64
         Outcome probabilities. Rows (pad short ones with probability 0) sum to 1, within 1e-8, or
         within 1e-6, as float32 does, and are divided by their sums.
@@ -227,9 +227,9 @@ class FiniteMDP(Frozen):
         begins = start_distribution(start, len(lists))
         if terminal is None:
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
-        rest: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
-        rest["terminal"] = np.asarray(terminal)
-        return cls.one_row_a_pair(states, actions, *tables, **rest)
+        settings: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
+        settings["terminal"] = np.asarray(terminal)
+        return cls.one_row_a_pair(states, actions, *tables, **settings)
 
     @classmethod
     def one_row_a_pair(
@@ -239,7 +239,7 @@ class FiniteMDP(Frozen):
         probability: Any,
         next_state: Any,
         reward: Any,
-        **rest: Any,
+        **settings: Any,
     ) -> Self:
         """Return the MDP in which every pair has an outcome row to itself; tables are (S, A, O)."""
         n_states, n_actions, width = probability.shape
@@ -248,7 +248,7 @@ class FiniteMDP(Frozen):
             actions or Space([Component("action", n_actions)]),
             np.arange(n_states * n_actions).reshape(n_states, n_actions),
             *(array.reshape(-1, width) for array in (probability, next_state, reward)),
-            **rest,
+            **settings,
         )
 
     @property
@@ -443,7 +443,7 @@ class Task(Protocol):
 
 
 class GenerativeModel(Protocol):
-    """What learning needs of a task: spaces, horizon, and a generative model for compiled loops."""
+    """A task as learning reads it: spaces, horizon, and a generative model for compiled loops."""
 
     @property
     def states(self) -> Space: ...  # noqa: D102
@@ -472,7 +472,7 @@ def has_tables(task: Any) -> bool:
 
 
 def tables(task: Any) -> FiniteMDP:
-    """Return the tables of a task, or raise TaskError, with what was probably meant."""
+    """Return the tables of a task, or raise TaskError with the probable intention."""
     mdp = getattr(task, "mdp", None)
     if isinstance(mdp, FiniteMDP):
         return mdp
@@ -486,7 +486,7 @@ def tables(task: Any) -> FiniteMDP:
     elif isinstance(task, str) or (hasattr(task, "reset") and hasattr(task, "step")):
         advice = "; from_gymnasium makes a task of an environment or of its id"
     elif hasattr(kind, "observations") and hasattr(kind, "environment"):
-        advice = "; what is seen through observations is learnt by a network, a deep.DeepLearner"
+        advice = "; a task seen through observations is learnt by a network, a deep.DeepLearner"
     raise TaskError(f"a task must be a FiniteMDP or have its tables as .mdp: got {task!r}{advice}")
 
 

@@ -68,7 +68,7 @@ def transition(model, state, action, bits):
 
 
 def truncated(model):
-    """Return whether the task itself truncated the episode just now; only live ones do."""
+    """Return whether the task itself truncated the episode just now; only live tasks do."""
 
 
 def has_failed(model):
@@ -184,7 +184,7 @@ def cumulated(probability: FloatArray) -> FloatArray:
 
 # All move at the same time on one map of cells, and the moves of each do not depend on where the
 # others are. So the expectation over the prey's moves and the maximum over the predators' are taken
-# one after the other, and planning (planning/factored_backups.py) needs no table of joint moves.
+# one after the other, and planning (planning/models.py) needs no table of joint moves.
 
 CellArray = npt.NDArray[np.int32]
 
@@ -232,7 +232,7 @@ LARGEST = 2**62  # the most states: larger numbers do not fit the arrays that li
 class ComputedMDP:
     """An MDP whose successors are computed by a function, for tasks too large for tables.
 
-    It can be learnt, a source and a target of transfer, but :func:`solve` needs tables. Compiling
+    It can be learnt and take part in transfer, but :func:`solve` needs tables. Compiling
     takes some seconds in each process, as a user's code is not cached on disk.
 
     Parameters
@@ -247,7 +247,7 @@ class ComputedMDP:
         depend on the next state alone. Both functions are Python that numba compiles, take state
         and action as uint64, and must not change `data`. Each step is checked.
     data : Any
-        What the functions read: a number, an array, a NamedTuple of such.
+        The data that the functions read: a number, an array, or a NamedTuple of such.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
@@ -331,9 +331,9 @@ def _compiled(name: str, function: Callable[..., Any], kinds: Any, wanted: str) 
     try:
         template: Any = compiled.get_call_template(kinds, {})[0]
     except NumbaError as error:
-        said = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())
+        reason = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())
         raise TaskError(
-            f"{name} of a computed task must be Python that numba compiles: {said[:400]}"
+            f"{name} of a computed task must be Python that numba compiles: {reason[:400]}"
         ) from error
     kind = template.cases[0].return_type
     parts = (kind,) if name == "start" else tuple(getattr(kind, "types", ()))
@@ -343,8 +343,8 @@ def _compiled(name: str, function: Callable[..., Any], kinds: Any, wanted: str) 
     return compiled
 
 
-# What a user's functions return is checked at every step: a state that does not exist would be a
-# place outside of every table. From the first mistake on, episodes end at once.
+# The results of a user's functions are checked at every step: a state that does not exist would lie
+# outside of every table. From the first mistake on, episodes end at once.
 class Functions(NamedTuple):
     """The compiled functions of a :class:`ComputedMDP`, the data they read, their first mistake."""
 
@@ -363,7 +363,7 @@ START, STEP = 1, 2  # the function that made it; 0 is none
 
 
 def state_number(returned, n_states):
-    """Return what a user's function returned for a state as uint64; `n_states` if it is none."""
+    """Return a state that a user's function returned as uint64; `n_states` if it is no state."""
 
 
 def _number_of_float(returned, n_states):
@@ -418,18 +418,16 @@ def opened(task: ComputedMDP) -> Iterator[Functions]:
 
 
 def check_answers(task: ComputedMDP, model: Functions) -> None:
-    """Raise TaskError if a function of the task has returned what makes no sense."""
+    """Raise TaskError if a function of the task returned an invalid value."""
     failure = model.failure[0]
     if not failure["by"]:
         return
     last, returned = task.states.size - 1, float(failure["next_state"])
-    asked = "start of a computed task"
+    call = "start of a computed task"
     if failure["by"] == STEP:
         state = state_name(task.states, int(failure["state"]))
         action = action_name(task.actions, int(failure["action"]))
-        asked = f"step of a computed task for action {action} in {state}"
+        call = f"step of a computed task for action {action} in {state}"
     if returned.is_integer() and 0 <= returned <= last:
-        raise TaskError(f"{REWARD_RULE}: {asked} returned {failure['reward']:g}")
-    raise TaskError(
-        f"a state must be a whole number in 0..{last}: {asked} returned {returned:.20g}"
-    )
+        raise TaskError(f"{REWARD_RULE}: {call} returned {failure['reward']:g}")
+    raise TaskError(f"a state must be a whole number in 0..{last}: {call} returned {returned:.20g}")

@@ -19,7 +19,7 @@ from curricle.tasks.models import check_horizon
 
 @dataclass(frozen=True)
 class EnvironmentMaker:
-    """Makes an environment; equal to another that makes the same one."""
+    """Makes an environment; two makers of the same environment are equal."""
 
     what: Any = field(hash=False)  # what ``gymnasium.make`` takes, or a function that makes one
     arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)  # copied for each
@@ -32,12 +32,12 @@ class EnvironmentMaker:
     def __call__(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment."""
         make = self.what if callable(self.what) else partial(gymnasium.make, self.what)
-        made: Any = make(**deepcopy(dict(self.arguments)))
+        environment: Any = make(**deepcopy(dict(self.arguments)))
         if self.encode is None:
-            return made  # type: ignore[no-any-return]
+            return environment  # type: ignore[no-any-return]
         rule = "encode must take an environment and return it wrapped"
         try:
-            encoded = self.encode(made)
+            encoded = self.encode(environment)
         except CurricleError:
             raise
         except Exception as error:
@@ -52,8 +52,8 @@ class EnvironmentMaker:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EnvironmentMaker):
             return NotImplemented
-        mine, yours = ((maker.what, maker.arguments, maker.encode) for maker in (self, other))
-        return _alike(mine, yours)
+        left, right = ((maker.what, maker.arguments, maker.encode) for maker in (self, other))
+        return _alike(left, right)
 
     def __str__(self) -> str:
         what = _text(self.what) if callable(self.what) else getattr(self.what, "id", self.what)
@@ -80,11 +80,11 @@ class ObservationTask:
     Parameters
     ----------
     make : callable
-        Returns a new Gymnasium environment; called for each that is needed.
+        Returns a new Gymnasium environment; called for each environment that is needed.
     discount : float
         gamma, in [0, 1].
     time_limit : int, optional
-        Steps after which an episode is cut off; by default those of the environment.
+        Steps after which an episode is cut off; by default the environment's limit.
 
     Examples
     --------
@@ -149,10 +149,10 @@ class ObservationTask:
 
     def environment(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment, cut off at the task's time limit."""
-        made = self.make()
+        environment = self.make()
         if self.time_limit is None:
-            return made
-        return gymnasium.wrappers.TimeLimit(made, self.time_limit)
+            return environment
+        return gymnasium.wrappers.TimeLimit(environment, self.time_limit)
 
     @property
     def shapes(self) -> str:
@@ -164,12 +164,12 @@ class ObservationTask:
 
     def __repr__(self) -> str:
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
-        made = made_by(self.make)
-        return f"ObservationTask({made}, discount {self.discount:g}{limit}, {self.shapes})"
+        maker = made_by(self.make)
+        return f"ObservationTask({maker}, discount {self.discount:g}{limit}, {self.shapes})"
 
 
 def made_by(make: Any) -> str:
-    """Return what makes an environment in words, the same in every process."""
+    """Return the name of a maker of environments, the same in every process."""
     if isinstance(make, partial):
         arguments = [*map(repr, make.args)]
         arguments += [f"{name}={value!r}" for name, value in make.keywords.items()]
@@ -190,17 +190,17 @@ def _text(function: Callable[..., Any]) -> str:
     return str(function) if is_dataclass(type(function)) else named(function)
 
 
-def _alike(mine: Any, yours: Any) -> bool:
+def _alike(left: Any, right: Any) -> bool:
     """Return whether two arguments are equal, including arrays in them."""
-    if isinstance(mine, EnvSpec) and isinstance(yours, EnvSpec):
-        mine, yours = vars(mine), vars(yours)
-    if isinstance(mine, Mapping) and isinstance(yours, Mapping):
-        return mine.keys() == yours.keys() and all(_alike(mine[key], yours[key]) for key in mine)
-    if isinstance(mine, list | tuple) and isinstance(yours, list | tuple):
-        return len(mine) == len(yours) and all(map(_alike, mine, yours))
-    if isinstance(mine, np.ndarray) or isinstance(yours, np.ndarray):
-        return np.array_equal(mine, yours)
-    return bool(mine == yours)
+    if isinstance(left, EnvSpec) and isinstance(right, EnvSpec):
+        left, right = vars(left), vars(right)
+    if isinstance(left, Mapping) and isinstance(right, Mapping):
+        return left.keys() == right.keys() and all(_alike(left[key], right[key]) for key in left)
+    if isinstance(left, list | tuple) and isinstance(right, list | tuple):
+        return len(left) == len(right) and all(map(_alike, left, right))
+    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+        return np.array_equal(left, right)
+    return bool(left == right)
 
 
 def space_text(space: gymnasium.Space[Any]) -> str:

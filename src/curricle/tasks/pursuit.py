@@ -43,8 +43,8 @@ Capture = Annotated[Named | int, Rule(values=(*get_args(Named), *range(1, MOST_P
 class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
-    A state is the cell of the prey and of each predator, who may share one, an action a move for
-    each predator. Episodes start uniformly in the states without a caught prey.
+    A state holds the cells of the prey and of each predator, which may share a cell. An action is a
+    move for each predator. Episodes start uniformly in the states without a caught prey.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class Pursuit(Domain):
     torus : bool
         Whether the grid wraps round; otherwise a move beyond its edge is staying.
     capture : {"all", "any", "as_published"} or int
-        How many predators on the prey's cell end the episode with the capture reward. As published
-        one ends it, but the reward needs all of them.
+        How many predators on the prey's cell end the episode with the capture reward. By
+        "as_published" the first predator ends it, but only all of them earn the reward.
     prey : "uniform", array or callable
         The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
         function from the decoded states (name -> (S,) cells) to (S, moves).
     step_reward, capture_reward : float
-        Of a step that does not / does catch the prey.
+        Rewards of a step that does not / does catch the prey.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
@@ -194,16 +194,16 @@ class Pursuit(Domain):
                 f"a task's tables may hold at most {LARGEST_TABLE:,} state-action pairs: this "
                 f"pursuit has {n_states:,} states x {n_actions} actions"
             )
-        policy, others = self._prey_policy(), np.int32(self.cells**self.predators)
+        policy, positions = self._prey_policy(), np.int32(self.cells**self.predators)
         landing = self.landing.astype(np.int32)
-        # States are (prey, predators): `others` of them for each cell of the prey.
-        base = np.arange(self.cells, dtype=np.int32) * others
+        # States are (prey, predators): `positions` of them for each cell of the prey.
+        base = np.arange(self.cells, dtype=np.int32) * positions
         outcome_row = base[:, None, None] + joint_landing(landing, self.predators)
-        next_state = base[landing][:, None, :] + np.arange(others, dtype=np.int32)[:, None]
+        next_state = base[landing][:, None, :] + np.arange(positions, dtype=np.int32)[:, None]
         outcome_row = outcome_row.reshape(n_states, n_actions)
         next_state = next_state.reshape(n_states, self.moves)
         if len(policy) == self.cells:
-            probability = np.repeat(policy, others, axis=0)
+            probability = np.repeat(policy, positions, axis=0)
         else:  # the prey reacts to the predators: every pair has a row of its own
             probability = np.repeat(policy, n_actions, axis=0)
             next_state = next_state[outcome_row.ravel()]
@@ -342,10 +342,10 @@ def _pursuit_mappings(target: FamilyMember, source: FamilyMember) -> list[Any]:
         )
     # A group of predators stands for the source's: each predator and those after it, in a circle
     # (paper E7: f_1 and f_2 of two predators from one).
-    names, others = target.task.predator_names, source.task.predator_names
+    names, source_names = target.task.predator_names, source.task.predator_names
     groups = [
-        {name: names[(first + i) % len(names)] for i, name in enumerate(others)}
-        for first in range(len(names) if len(names) > len(others) else 1)
+        {name: names[(first + i) % len(names)] for i, name in enumerate(source_names)}
+        for first in range(len(names) if len(names) > len(source_names) else 1)
     ]
     if target["size"] == source["size"]:
         return [ComponentsByName(renaming=group) for group in groups]

@@ -43,8 +43,8 @@ class FourRooms(GridDomain):
     reinforcement learning", section 3 and figure 2, has the defaults and other goals besides: 104
     cells on a 13x13 grid, walls included. A move into a wall leaves the agent where it is.
 
-    All sizes have the same plan: the wall between west and east in the middle, that between north
-    and south there in the west and one row further south in the east, a hallway in each.
+    All sizes have the same plan: the wall between west and east is in the middle; the wall between
+    north and south is there in the west and one row further south in the east; each has a hallway.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class FourRooms(GridDomain):
     goal : {"north", "east", "south", "west"} or (int, int)
         A hallway (that between the two rooms in the north, and so on), or a row and a column.
     step_reward, goal_reward : float
-        Of a step that does not / does enter the goal.
+        Rewards of a step that does not / does enter the goal.
     start : "corner", "uniform" or cells
         In the first free cell, in any cell but the goal, or in one of these ``(row, column)``.
     rows, columns : (int, int), optional
@@ -168,13 +168,13 @@ class FourRooms(GridDomain):
 
 def _hallways_as_hallways(target: FamilyMember, source: FamilyMember) -> Any:
     """Return how four rooms read others: hallways as hallways, the cells of rooms in proportion."""
-    marks, others = (_marks(member.task) for member in (target, source))
+    marks, images = (_marks(member.task) for member in (target, source))
 
     def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
         row, column = states["row"], states["column"]
-        west, east = (in_proportion(row, marks[side], others[side]) for side in ("west", "east"))
+        west, east = (in_proportion(row, marks[side], images[side]) for side in ("west", "east"))
         rows = np.where(column < target["size"] // 2, west, east)
-        columns = in_proportion(column, marks["columns"], others["columns"])
+        columns = in_proportion(column, marks["columns"], images["columns"])
         return {"row": rows, "column": columns}, actions
 
     return function
@@ -284,11 +284,11 @@ class KeyLockPit(MapDomain):
                     )
                 needs[i] = tuple(sorted(set(numbers.tolist())))
             object.__setattr__(self, "needs", tuple(needs))
-        things = keys + locks
-        if 2**things * len(self.cells) > LARGEST_SPACE:
+        objects = keys + locks
+        if 2**objects * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
                 f"a map may have at most {LARGEST_SPACE:,} states: {len(self.cells):,} cells and "
-                f"{things} keys and locks make up to 2^{things} times as many"
+                f"{objects} keys and locks make up to 2^{objects} times as many"
             )
         super()._check()
 
@@ -308,15 +308,15 @@ class KeyLockPit(MapDomain):
         """
         part = cut(self.map, self.origin, rows, columns)
 
-        def kept(cells: IntArray) -> list[int]:
+        def remaining(cells: IntArray) -> list[int]:
             inside = (cells >= (rows[0], columns[0])) & (cells < (rows[1], columns[1]))
             return np.flatnonzero(inside.all(axis=1)).tolist()
 
-        keys, needs = kept(self._keys), self.needs
+        keys, needs = remaining(self._keys), self.needs
         if needs != "all":
             needs = tuple(
                 tuple(keys.index(key - 1) + 1 for key in needs[lock] if key - 1 in keys)
-                for lock in kept(self._locks)
+                for lock in remaining(self._locks)
             )
         return replace(self, map=part, needs=needs, start=start, origin=(rows[0], columns[0]))
 
@@ -364,9 +364,9 @@ class KeyLockPit(MapDomain):
     def mdp(self) -> FiniteMDP:
         """The task as tables: a row for entering each state by a move, one for using its object."""
         states, values, here = self.states, self.states.decode(), np.arange(self.states.size)
-        others = {name: values[name][:, None] for name in states.names[2:]}
+        inventory = {name: values[name][:, None] for name in states.names[2:]}
         row, column = self.cells[self._landing()[self._cell]].transpose(2, 0, 1)
-        entered = states.encode(row=row, column=column, **others)
+        entered = states.encode(row=row, column=column, **inventory)
         entered = np.where(entered == MISSING, here[:, None], entered)  # of states that ended
         used, paid = here.copy(), np.full(len(here), self.step_reward)
         picks, opens = np.zeros((2, len(here)), bool)

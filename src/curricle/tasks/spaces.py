@@ -16,9 +16,9 @@ from curricle.errors import TaskError
 from curricle.text import counted
 
 Decoded = dict[str, IntArray]
-"""Component name -> integer values, one per point (what :meth:`Space.decode` returns)."""
+"""Component name -> integer values, one per point, as :meth:`Space.decode` returns them."""
 
-MISSING = -1  # what :meth:`Space.encode` gives for values that are no point of the space
+MISSING = -1  # the number in :meth:`Space.encode` of values that are no point of the space
 
 
 def whole(values: npt.ArrayLike, name: str) -> IntArray:
@@ -50,11 +50,11 @@ class Component:
     size : int
         Number of values, at least 1.
     low : int
-        Smallest value; all of them fit 64 bits.
+        Smallest value; all values must fit 64 bits.
     labels : tuple of str, optional
         How each value prints, `size` of them.
     arbitrary : bool
-        Whether values are numbered as a search found them; then no mapping by name reads it.
+        Whether a search numbered the values as it found them; no mapping by name reads these.
 
     Examples
     --------
@@ -179,7 +179,7 @@ class Space(Frozen):
 
     @property
     def strides(self) -> tuple[int, ...]:
-        """What an offset of 1 in each component adds to the number of a point of a whole box."""
+        """The increase of a point's number, in a whole box, by an offset of 1 in each component."""
         shape = self.shape
         return tuple(math.prod(shape[i + 1 :]) for i in range(len(shape)))
 
@@ -256,7 +256,7 @@ class Space(Frozen):
         return np.where(inside, number, MISSING)
 
     def encode_one(self, values: tuple[Any, ...]) -> int:
-        """Return what :meth:`encode` does, for one point given as a tuple; much faster."""
+        """Return the number of a point given as a tuple, as :meth:`encode` does; much faster."""
         if self.points is not None:
             return self._numbers.get(values, MISSING)
         if len(values) != len(self.components):
@@ -281,8 +281,8 @@ class Space(Frozen):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Space):
             return NotImplemented
-        mine, theirs = self.points, other.points
-        alike = mine is theirs if mine is None or theirs is None else np.array_equal(mine, theirs)
+        ours, theirs = self.points, other.points
+        alike = ours is theirs if ours is None or theirs is None else np.array_equal(ours, theirs)
         return alike and self.components == other.components
 
     def __hash__(self) -> int:

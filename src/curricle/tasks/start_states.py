@@ -29,7 +29,7 @@ class GoalDistance:
     Parameters
     ----------
     low, high : int
-        Steps, both included; without `high` exactly `low`.
+        Steps, both included; `high` is `low` by default.
     goal : optional
         As in :func:`goal_distance`.
 
@@ -105,12 +105,12 @@ def with_start(task: Any, start: Any) -> Any:
     ----------
     task : Task
         Any task with tables.
-    start
+    start : str, GoalDistance, int or array
         - ``"uniform"``: in any state that does not end the episode;
-        - ``"reachable"``: in any of those that the task's start can reach;
+        - ``"reachable"``: in any such state that the task's start can reach;
         - :class:`GoalDistance`: in a ring around the goal;
         - a whole number, or an array of them: in these states, equally likely;
-        - (S,) float array: with these probabilities, such as those of :func:`visit_distribution`.
+        - (S,) float array: with these probabilities, for example from :func:`visit_distribution`.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     task : Task
         Any task with tables.
     goal : optional
-        Its states: a (S,) bool array, an array of their numbers, or a dict from components to a
+        The goal's states: a (S,) bool array, an array of numbers, or a dict from components to a
         value, a label or a list of them. By default the terminal states that are entered with the
         largest reward: the treasure and not the pits.
 
@@ -214,7 +214,7 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
 
 
 def goal_states(task: Any, goal: Goal = None) -> BoolArray:
-    """Return which states are the goal, (S,) bool; the parameters are those of goal_distance."""
+    """Return which states are the goal, (S,) bool, for the parameters of goal_distance."""
     mdp = tables(task)
     n_states, states = len(mdp.terminal), np.asarray(goal)
     if goal is None:  # the terminal states that are entered with the largest reward of all

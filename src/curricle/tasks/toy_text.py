@@ -38,7 +38,7 @@ class _SlipperyDomain(CellDomain):
         return self._holds("G")
 
     def _slipping(self, to: IntArray) -> IntArray:
-        """Return where moves may land, (S, A, O): as the one before, itself, the one after it."""
+        """Return where moves may land, (S, A, O): by the move before, the move, the move after."""
         turns = (1, 0, -1) if self.slippery else (0,)
         return np.stack([np.roll(to, turn, axis=1) for turn in turns], axis=2)
 
@@ -68,7 +68,7 @@ class FrozenLake(MapDomain, _SlipperyDomain):
     success_rate : float
         Probability that a move on slippery ice goes where it was meant to.
     goal_reward, hole_reward, step_reward : float
-        Of entering the goal, a hole, any other cell.
+        Rewards of entering the goal, a hole, any other cell.
     start : "map", "uniform" or cells
         At an ``S``, on any cell that does not end the episode, or in one of these cells.
     origin : (int, int)
@@ -136,7 +136,7 @@ def _part_of_lake(
 
 
 def _parts_of_maps(parameters: dict[str, Any]) -> str | None:
-    """Return what is wrong with the size of a map or of its part."""
+    """Return the mistake, a sentence, in the size of a map or of its part."""
     drawn = MAPS.get(parameters["map"])
     if drawn is not None and parameters["size"] != 8:
         return "size of frozen_lake is of random lakes: leave it out with other maps"
@@ -174,7 +174,7 @@ class CliffWalking(_SlipperyDomain):
     slippery : bool
         Whether a move goes to either side with probability 1/3 each.
     step_reward, cliff_reward : float
-        Of a step, and of a step into the cliff.
+        Rewards of a step, and of a step into the cliff.
     start : "map", "uniform" or cells
         At the bottom left, in any cell but the cliff and the goal, or in one of these cells.
     discount, time_limit
@@ -246,15 +246,15 @@ LARGEST_TOWN = 50
 class Taxi(Domain):
     """A taxi fetches a passenger from one stand and takes them to another (Dietterich 2000).
 
-    Gymnasium's ``Taxi-v4``, whose town has 5 x 5 cells and 4 stands; its table has no fickle
-    passengers, who change their mind once, either. Picking up and dropping off where it makes no
-    sense costs 10, every other step 1, and dropping off at the destination ends the episode with
-    20. In the rain a move that is not blocked may go to its left or right, where walls may stop it.
+    Gymnasium's ``Taxi-v4``, whose town has 5 x 5 cells and 4 stands; like its table, it has no
+    fickle passengers, who change their destination once. A pick-up or drop-off that is not possible
+    costs 10, every other step 1, and dropping off at the destination ends the episode with 20. In
+    the rain a move that is not blocked may go to its left or right, where walls may stop it.
 
     Parameters
     ----------
     size : int
-        Cells per side, 3 to 50. The stands are in the corners, the blue one a column from its
+        Cells per side, 3 to 50. The stands are in the corners, the blue stand one column from its
         corner. Walls stand as in Gymnasium's town, in proportion.
     stands : int
         2 to 4: the first of red, green, yellow and blue.

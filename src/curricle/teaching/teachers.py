@@ -1,7 +1,7 @@
 """Teachers: the probabilities of several tasks for the next episode, and its draws.
 
-A teacher is a frozen value with three pure functions. Its memory of the episodes so far is what
-`update` returns, so that a teacher serves many seeds at once.
+A teacher is a frozen value with three pure functions. `update` returns its memory of the
+episodes so far, so that a teacher serves many seeds at once.
 """
 
 from dataclasses import dataclass, field
@@ -25,12 +25,12 @@ class Episode:
     Attributes
     ----------
     task : int
-        Its task, 0 .. M-1 in their order.
+        The index of its task, 0 .. M-1.
     rewards : (L,) float64
-        Of its L steps.
+        The rewards of its L steps.
     td_errors : (L,) float64
         delta_t = r_t + gamma V(s_t+1) - V(s_t), where V(s) = max_a Q(s, a) when the step was taken,
-        0 in terminal states. Of tables above 32 KB, V may lack the latest updates.
+        0 in terminal states. V may lack the latest updates of tables above 32 KB.
     success : bool
         Whether it ended in the goal (:func:`teach`).
     discount : float
@@ -125,8 +125,8 @@ class TSCL:
     """Teacher-student curriculum learning, algorithm "Online" (Matiisen et al. 2017).
 
     After an episode with discounted return x in task i, where the episode before returned x':
-    Q_i += learning_rate ((x - x') - Q_i). The next task is that of the largest learning progress
-    ``|Q_i|``, ties at random, and any task with probability epsilon. The first return in a task
+    Q_i += learning_rate ((x - x') - Q_i). The next task has the largest learning progress
+    ``|Q_i|``, ties at random, and is any task with probability epsilon. The first return in a task
     only sets x': the paper's scores begin at 0, returns need not. Both settings are in [0, 1].
 
     Examples
@@ -155,7 +155,7 @@ class TSCL:
         return Progress(progress, last)
 
     def probabilities(self, memory: Progress) -> FloatArray:
-        """Return epsilon / M for all tasks, and the rest for those of the largest progress."""
+        """Return epsilon / M for all tasks, and the rest for tasks of the largest progress."""
         size = np.abs(memory.progress)
         return mixed(equally(size == size.max()), self.epsilon)
 
@@ -195,7 +195,7 @@ class Learnability(_BySuccess):
     """Sampling for learnability (SFL; Rutherford et al. 2024).
 
     With probability rho it draws one of the `top` tasks whose learnability p_i (1 - p_i) is
-    highest (all tasks that equal the last of them), else any. p_i is the share of successes in the
+    highest (and ties with the last), else any task. p_i is the share of successes in the
     last `window` episodes in task i; the paper estimates it by episodes of its own.
 
     Parameters
@@ -203,7 +203,7 @@ class Learnability(_BySuccess):
     rho : float
         In [0, 1].
     top, window : int
-        Chosen for few tasks; the paper's numbers are for thousands of levels.
+        The defaults are for few tasks; the paper's numbers are for thousands of levels.
 
     Examples
     --------
@@ -308,9 +308,9 @@ class ReverseCurriculum(_BySuccess):
 
     Tasks are in order from the goal outwards; p_i is the share of successes in the last `window`
     episodes in task i, 0 before the first. New starts are tasks that are not mastered, p_i <=
-    r_max, and whose predecessor is good, p_(i-1) >= r_min (that of the first task is the goal).
+    r_max, and whose predecessor is good, p_(i-1) >= r_min (the first task's is the goal).
     Old starts are the tasks with p_i >= r_min. With probability `replay` an old start is drawn,
-    else a new start, all equally likely; where there are none of a sort, one of the other. In the
+    else a new start, all equally likely; a kind without starts is replaced by the other. In the
     paper new starts are reached by Brownian motion from good starts.
 
     Parameters
@@ -372,7 +372,7 @@ def mixed(distribution: FloatArray, epsilon: float) -> FloatArray:
 
 @dataclass
 class TaskSampler:
-    """Draws the tasks of a seed's episodes from a random stream for this alone."""
+    """Draws the tasks of a seed's episodes from a random stream of its own."""
 
     teacher: Teacher
     n_tasks: int

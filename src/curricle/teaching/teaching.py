@@ -46,16 +46,16 @@ class TeachingResult(Frozen):
     Attributes
     ----------
     learning : LearningResult
-        Greedy returns are those in the target; steps, episodes and training returns of all tasks.
+        Greedy returns are in the target; steps, episodes and training returns are of all tasks.
     tasks : tuple of str
         The names of the M tasks, in their order.
     teacher : Teacher
     drawn : tuple of K (E,) int64 arrays
-        The tasks of the episodes that were begun, as places in `tasks`.
+        The tasks of the episodes that were begun, as indices into `tasks`.
     begun_at : tuple of K (E,) int64 arrays
         Steps in all tasks before these episodes.
     probabilities : (K, T, M) float64
-        Of the tasks, in the last draw before a checkpoint; repeated after a seed's end.
+        The teacher's, in the last draw before a checkpoint; repeated after a seed's end.
     steps_per_task : (K, M) int64
 
     Examples
@@ -121,13 +121,13 @@ def teach(
 ) -> TeachingResult:
     """Return the result of learning a target by episodes in several tasks of one space.
 
-    A teacher draws the task of every episode from a random stream for this alone. A single learner
-    learns all tasks in the same table as :func:`learn` does, and with a single task bit for bit so.
+    A teacher draws the task of every episode from a random stream of its own. A single learner
+    learns all tasks in one table; with a single task the result is that of :func:`learn`.
 
     Parameters
     ----------
     tasks : dict from str to Task
-        M of them, with tables, the same states and actions, discount and time limit. They may
+        M tasks with tables and the same states, actions, discount and time limit. They may
         differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals;
         a component of the states must tell different goals apart.
     teacher : Teacher
@@ -174,7 +174,7 @@ def teach(
     learner = given_or_default("learner", learner, Learner, QLearning)
     if isinstance(learner, OptimisticQLearning):
         raise SettingError(
-            "a teacher's learner must explore by epsilon or softmax, not by a start: got "
+            "a teacher's learner must explore by epsilon or softmax, not by optimism: got "
             f"{learner!r}"
         )
     evaluation = given_or_default("evaluation", evaluation, GreedyEvaluation)
@@ -300,9 +300,9 @@ class EpisodeRecord(NamedTuple):
 
 
 class TaughtModel(NamedTuple):
-    """Several tasks, a record of the present episode, and the address of who draws the next."""
+    """Several tasks, a record of the present episode, and the address of the draw of the next."""
 
-    asked: npt.NDArray[np.uint64]  # (1,) the address of the callable of :func:`answer`
+    address: npt.NDArray[np.uint64]  # (1,) of the callable of :func:`answer`
     failed: BoolArray  # (1,) whether the callable has failed
     tables: SharedTables
     q: FloatTable  # (n, S, A) the learner's n tables
@@ -311,7 +311,7 @@ class TaughtModel(NamedTuple):
 
 @first_states.body(TaughtModel)
 def _taught_start(model, bits):
-    state = answer(model.asked[0], np.int64(bits))[0]
+    state = answer(model.address[0], np.int64(bits))[0]
     model.episode.length[0] = 0  # after a failure too: a loop may take one more step
     if state < 0:
         model.failed[0] = True
@@ -430,8 +430,8 @@ class _TaughtRun(Run):
         record = EpisodeRecord(np.full(1, -1), n, steps, steps.copy(), last, ended)
         lesson = self._lesson(settings.seed, record, raised)
         next(lesson)
-        asked = lesson.send  # it must outlive its address
-        address = np.array([id(asked)], dtype=np.uint64)
+        send = lesson.send  # it must outlive its address
+        address = np.array([id(send)], dtype=np.uint64)
         try:
             yield TaughtModel(address, np.zeros(1, np.bool_), self.task_set.shared, q, record)
         finally:

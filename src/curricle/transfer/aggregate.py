@@ -1,8 +1,9 @@
 """Aggregates of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6).
 
-A source that knows nothing of a pair (its mapping leaves it unmapped) has NaN there, which an
-aggregate skips. Where none knows anything phi is one stated value. A new aggregate is a function
-here and a line of ``BUILT_IN``, by which study files know it; forecasts compare ``COMPARED``.
+A source whose mapping leaves a pair unmapped knows nothing of it and has NaN there, which an
+aggregate skips. Where no source knows anything, phi is one stated value. A new aggregate is a
+function here and a line of ``BUILT_IN``, by which study files know it; forecasts compare
+``COMPARED``.
 """
 
 import math
@@ -75,7 +76,7 @@ def total(potentials: FloatArray) -> FloatArray:
 
 
 class BuiltIn(NamedTuple):
-    """An aggregate of the library's own; that of a single potential must be the potential."""
+    """An aggregate of the library's own; of a single potential it must be the potential."""
 
     function: Aggregate
     code: int | None = None  # by which compiled loops know it; None if they do not
@@ -94,7 +95,7 @@ COMPARED = (minimum, mean, maximum, total)
 
 
 def built_in(function: Aggregate) -> BuiltIn | None:
-    """Return what the library knows of one of its own aggregates; None of any other function."""
+    """Return the entry of an aggregate in ``BUILT_IN``; None for any other function."""
     # By identity: an aggregate may be any object that can be called, also one without a hash.
     return next((known for known in BUILT_IN.values() if known.function is function), None)
 
@@ -112,7 +113,7 @@ def _checked(values: FloatArray) -> FloatArray:
 def aggregate(
     function: Aggregate, potentials: FloatArray, unknown_value: float = 0.0
 ) -> FloatArray:
-    """Return the aggregate of potentials, (N, S, A) -> (S, A), and where all are NaN one value."""
+    """Return the aggregate, (N, S, A) -> (S, A), of potentials; `unknown_value` if all are NaN."""
     unknown = np.isnan(potentials)
     nowhere = unknown.all(axis=0)
     if nowhere.any():
@@ -126,14 +127,14 @@ def aggregate(
     bad = ~np.isfinite(result) & ~nowhere
     if bad.any():
         state, action = np.argwhere(bad)[0]
-        asked = f"{name} returned {result[state, action]} at state {state}, action {action}"
+        returned = f"{name} returned {result[state, action]} at state {state}, action {action}"
         if skipped := int(unknown[:, state, action].sum()):
             raise CurriculumError(
                 "an aggregate must skip NaN, which stands for a source that knows nothing of a "
-                f"pair: {asked}, of which {skipped} of {len(potentials)} sources know nothing; "
+                f"pair: {returned}, of which {skipped} of {len(potentials)} sources know nothing; "
                 "numpy.nanmean skips NaN, and mappings with an unmapped_value have none"
             )
-        raise CurriculumError(f"an aggregate must return finite values: {asked}")
+        raise CurriculumError(f"an aggregate must return finite values: {returned}")
     return np.where(nowhere, unknown_value, result) if nowhere.any() else result
 
 

@@ -32,7 +32,7 @@ PRECISION = 1e-9  # numbers no further apart than this, in units of the largest,
 
 
 class Model(NamedTuple):
-    """What refinement reads of a task."""
+    """The tables of a task that refinement reads."""
 
     outcome_row: npt.NDArray[np.integer[Any]]  # (S, A)
     probability: FloatArray  # (Y, O)
@@ -50,7 +50,7 @@ class Blocks:
 
 
 def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Model:
-    """Return what refinement reads of a FiniteMDP; `mean_reward`, (Y,), may replace its own."""
+    """Return the Model of a FiniteMDP; `mean_reward`, (Y,), may replace the MDP's."""
     rewards = (mdp.probability * mdp.reward).sum(axis=1) if mean_reward is None else mean_reward
     return Model(mdp.outcome_row, mdp.probability, mdp.next_state, rewards, mdp.terminal)
 
@@ -158,14 +158,14 @@ LARGEST_REFINED = 20_000_000  # state-action pairs of both tasks up to which the
 def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
 
-    Equivalent pairs have the same Q*, as closely as both are known. A target state reads an
-    equivalent source state, if there is one; else its pairs read pairs from which both tasks go on
-    alike. Of several the first is taken.
+    Equivalent pairs have the same Q*, up to rounding. A target state reads the first equivalent
+    source state. If there is none, each of its pairs reads the first source pair with the same
+    reward and equivalent next states.
 
     Raises
     ------
     MappingError
-        When no pair has an equivalent one, or the tasks have more than 20 million pairs.
+        When no pair has an equivalent, or the tasks have more than 20 million pairs.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     live = ~tasks.target_mdp.terminal
     share = float((index[live] >= 0).mean())
     if share == 0:
-        raise MappingError("no pair of the target is equivalent to one of the source")
+        raise MappingError("no pair of the target is equivalent to a pair of the source")
     how = f"exact homomorphism: {share:.0%} of pairs have a source pair of the same Q*"
     yield tasks.proposal(index, how)
 
@@ -302,7 +302,7 @@ def _north_west(p, q, parent, order):
 
 @compiled_once
 def flows_of(p, q, parent, order, perturbation, flow):
-    """Write what each node but the root sends or gets along the edge to its parent."""
+    """Write the flow of each node but the root along the edge to its parent."""
     n, nodes = len(p), len(p) + len(q)
     for i in range(n):
         flow[i] = p[i] + perturbation
@@ -495,28 +495,28 @@ def back_up_states(target_pairs, source_pairs, pairs, states, rests_on):
 
 
 @compiled_once
-def hausdorff(some, others, pairs, least):
-    """Return the largest of all min_b and min_a over the pairs of two states, and where it is."""
+def hausdorff(rows, columns, pairs, nearest):
+    """Return the largest of all min_b and min_a over two states' `rows` and `columns` of pairs."""
     largest, row, column = -1.0, 0, 0
-    least[:] = np.inf
-    for y in some:
+    nearest[:] = np.inf
+    for y in rows:
         if y < 0:
             break
         smallest, at = np.inf, 0
-        for b in range(len(others)):
-            z = others[b]
+        for b in range(len(columns)):
+            z = columns[b]
             if z < 0:
                 break
             value = pairs[y, z]
             if value < smallest:
                 smallest, at = value, z
-            least[b] = min(least[b], value)
+            nearest[b] = min(nearest[b], value)
         if smallest > largest:
             largest, row, column = smallest, y, at
-    for b in range(len(others)):
-        if others[b] >= 0 and least[b] > largest:
-            largest, column = least[b], others[b]
-            for y in some:
+    for b in range(len(columns)):
+        if columns[b] >= 0 and nearest[b] > largest:
+            largest, column = nearest[b], columns[b]
+            for y in rows:
                 if y >= 0 and pairs[y, column] == largest:
                     row = y
                     break
@@ -596,7 +596,7 @@ def lax_bisimulation(
     solves the equation of the target's discount.
 
     Iteration ends at most `tolerance` below the fixed point, in units of the largest distance, and
-    after some minutes at most; what is missing is added, so that the bounds hold in any case.
+    after some minutes at most; the remaining error is added, so that the bounds hold in any case.
     `progress` counts the rounds if it is True; a function is called after each with the error.
 
     Raises
@@ -616,7 +616,7 @@ def lax_bisimulation(
     tasks = TaskPair(target, source)
     if 1 in (tables(target).discount, tables(source).discount):
         raise MappingError(
-            "distances need a discount below 1 in both tasks, at which they have a bound: got 1; "
+            "distances are bounded only at a discount below 1 in both tasks: got 1; "
             "FoundMapping.bound of find_mappings holds at 1 too"
         )
     with shown(progress) as bars:
@@ -624,7 +624,7 @@ def lax_bisimulation(
 
 
 def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mapping to the nearest pair, and that to the nearest state and its nearest pair.
+    """Yield the mappings to the nearest pair, and to the nearest pair of the nearest state.
 
     Examples
     --------

@@ -32,7 +32,7 @@ from curricle.transfer.scores import total_variation
 
 LARGEST_INDEX = 500_000_000  # target pairs for which an index array is made (4 GB)
 UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
-"""What becomes of values that the source lacks, in words."""
+"""The treatment of values that the source lacks, in words."""
 
 
 class ComponentMapping(StateActionMapping):
@@ -78,7 +78,7 @@ class ComponentMapping(StateActionMapping):
         vars(self).update(unmapped_value=unmapped_value, unequal=unequal)
 
     def __reduce__(self) -> Any:
-        """Pickle what the mapping was made from: names, and no index array."""
+        """Pickle the names that the mapping was made from, and no index array."""
         made_from = self.target, self.source, self.renaming, self.unmapped_value, self.unequal
         return ComponentMapping, made_from
 
@@ -197,7 +197,7 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
     origin = target.component(name)
     if component.arbitrary or origin.arbitrary:
         raise MappingError(
-            f"a component that numbers states as they were found is not read by name: got {name!r} "
+            f"a component that numbers states as found cannot be read by name: got {name!r} "
             f"for {component.name!r}; give the environment numbers or words that tell states apart"
         )
     return origin
@@ -267,12 +267,12 @@ def _difference(kind: str, target: Space, source: Space) -> str:
     if len(target.components) != len(source.components):
         return f"the target's {kind} have {names}, the source's {other_names}"
     for ours, theirs in zip(target.components, source.components, strict=True):
-        mine, yours = (
+        target_range, source_range = (
             f"{part.name}[{part.size}{f' from {part.low}' if part.low else ''}]"
             for part in (ours, theirs)
         )
         if (ours.size, ours.low) != (theirs.size, theirs.low):
-            return f"the target's {kind} have {mine}, the source's {yours}"
+            return f"the target's {kind} have {target_range}, the source's {source_range}"
         labels, other_labels = ours.labels or (), theirs.labels or ()
         if labels != other_labels and set(labels) == set(other_labels):
             return (
@@ -281,12 +281,12 @@ def _difference(kind: str, target: Space, source: Space) -> str:
             )
     if target.is_box and source.is_box:
         return ""
-    points, others = (np.stack([*space.decode().values()]) for space in (target, source))
-    if np.array_equal(points, others):
+    points, source_points = (np.stack([*space.decode().values()]) for space in (target, source))
+    if np.array_equal(points, source_points):
         return ""
     return (
         f"{kind} of {names} are {target.size:,} in the target and {source.size:,} in the source, "
-        "not the same ones in the same order"
+        "not the same points in the same order"
     )
 
 
@@ -294,16 +294,16 @@ def check_same_observations(target: ObservationTask, source: Any) -> None:
     """Raise MappingError where a source is seen through observations of another shape."""
     if not isinstance(source, ObservationTask):
         return
-    mine, yours = target.observations, source.observations
-    if _form(mine) != _form(yours):
+    target_space, source_space = target.observations, source.observations
+    if _form(target_space) != _form(source_space):
         raise MappingError(
-            f"{IDENTITY}: the target's observations are {space_text(mine)}, the source's "
-            f"{space_text(yours)}; a function of observations maps others"
+            f"{IDENTITY}: the target's observations are {space_text(target_space)}, the source's "
+            f"{space_text(source_space)}; a function of observations maps others"
         )
 
 
 def _form(space: gym.Space[Any]) -> Any:
-    """Return what must agree of two spaces of observations: their parts and shapes."""
+    """Return the parts and shapes of a space of observations, which must agree."""
     if isinstance(space, gym.spaces.Dict):
         return {key: _form(part) for key, part in space.spaces.items()}
     if isinstance(space, gym.spaces.Tuple):
@@ -320,13 +320,13 @@ def family_mappings(
 ) -> tuple[Any, ...]:
     """Return how a member of a family maps onto another, as the family declares it.
 
-    Several mappings stand for several transfers: each predator of a pursuit can read the only one
-    of its source. Mappings that the family's function made itself keep their `unmapped_value`.
+    Several mappings stand for several transfers: each predator of a pursuit can read its source's
+    only predator. Mappings that the family's function made itself keep their `unmapped_value`.
 
     Raises
     ------
     MappingError
-        When the members are of two families, or what the family declares does not fit them.
+        When the members are of two families, or the family's declaration does not fit them.
 
     Examples
     --------
@@ -390,7 +390,7 @@ def same_position(
 ) -> StateActionMapping:
     """Return the mapping of each cell of a maze to the same cell of another (paper F2, F3).
 
-    Cells are compared in map coordinates, which a crop keeps.
+    Cells are compared in map coordinates, which a crop keeps. MappingError for other tasks.
 
     Examples
     --------
@@ -411,7 +411,7 @@ def relative_objects(
 
     A target state matches a source state if every object of the source lies, relative to the agent,
     where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
-    the source's map that fit, the smallest (upwards, then to the left) is taken.
+    the source's map that fit, the smallest (up, then left) is taken. MappingError for other tasks.
 
     Examples
     --------
@@ -480,7 +480,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
     """
     spaces = (target.states, source.states), (target.actions, source.actions)
-    n_assignments = prod(len(mine.names) ** len(other.names) for mine, other in spaces)
+    n_assignments = prod(len(space.names) ** len(read.names) for space, read in spaces)
     if n_assignments > MAX_ASSIGNMENTS:
         raise MappingError(
             f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
@@ -492,8 +492,8 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
     drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
     s, a = np.divmod(drawn, mdp.actions.size)
     choices = [
-        product([c.name for c in mine.components if not c.arbitrary], repeat=len(other.names))
-        for mine, other in spaces
+        product([c.name for c in space.components if not c.arbitrary], repeat=len(read.names))
+        for space, read in spaces
     ]
     projections = []
     for state_names, action_names in product(*choices):

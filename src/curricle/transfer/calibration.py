@@ -38,7 +38,7 @@ class Calibration:
     Attributes
     ----------
     potential : StateActionPotential, MappedPotential or ObservationPotential
-        scale phi; phi itself where nothing could be fitted.
+        The potential scale phi, or phi itself where no scale could be fitted.
     scale : float
     predicted, return_to_go : float
         Means over all steps: of phi(s_t, a_t), and of the discounted return from t on.
@@ -47,11 +47,11 @@ class Calibration:
     episodes, ended : int
         Greedy episodes, and how many of them terminated.
     warm_up : WarmUp
-        Their lengths and returns, to be charged to the target.
+        The episodes' lengths and returns, to be charged to the target.
     refusal : str
-        Why nothing could be fitted; empty if it could.
+        Why no scale could be fitted; empty if one was fitted.
     stopped : bool
-        Whether its cap of steps ended it.
+        Whether `max_steps` ended the calibration.
 
     Examples
     --------
@@ -112,8 +112,8 @@ def calibrate(
     CalibrationError
         When the episodes carry no information (phi was 0 in most of their steps, they reached
         nothing, or `max_steps` ended the first); when no positive scale explains the returns; or
-        when it would raise values of phi well above those it was fitted to, which is common where
-        rewards have both signs, and is not judged for observations.
+        when the scale would raise values of phi well above the values it was fitted to: common
+        where rewards have both signs, not checked for observations.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def calibrate(
 def fit_calibration(
     potential: AnyPotential, settings: Calibrate, *, seed: int = 0, stream: str = "calibrate"
 ) -> Calibration:
-    """Return a calibration; where nothing can be fitted, one with a refusal and phi unchanged."""
+    """Return a calibration; if no scale can be fitted, it has a refusal and phi unchanged."""
     if not isinstance(potential, PairPotential | ObservationPotential):
         raise PotentialError(
             "a potential to be calibrated must be a StateActionPotential, a MappedPotential or an "
@@ -238,7 +238,7 @@ def _poor_fit(
         return (
             "a calibration must not raise values of phi that its episodes did not come near: a "
             f"factor of {scale:.3g}, fitted where phi was {highest_seen:.3g} at most, would raise "
-            f"one of {highest:.3g}"
+            f"a phi of {highest:.3g}"
         )
     means = (
         f"phi was {rollouts.predicted.mean():.3g} on average and the return to go "

@@ -1,9 +1,9 @@
 """The common part of two deterministic tasks, grown from a transition that is rare in both.
 
 A maze and a crop of it do not correspond exactly: at the crop's edge a move that goes on in the
-maze stays. What both have in common is found as a common subgraph is: from one pair of states that
-stand for each other, along transitions with equal rewards, each state once. Moves to states that
-the part knows are settled first, then the one whose next states have the most rewards in common.
+maze stays. The search grows a common subgraph from one pair of states that stand for each other,
+along transitions with equal rewards; each state is used once. It first matches moves to states of
+the part, then the move whose next states have the most rewards in common.
 """
 
 from collections import Counter
@@ -60,9 +60,9 @@ class Part:
         self.state[s], self.of[u] = u, s
         unsettled = [(s, u)]
         while unsettled:
-            met = self._settle(unsettled, guess=False)
+            met = self._match(unsettled, guess=False)
             if met is None:
-                met = self._settle(unsettled, guess=True)
+                met = self._match(unsettled, guess=True)
             if met is None:
                 met = self._enclosed()
             for to, there in met:
@@ -75,10 +75,8 @@ class Part:
         )
         self.size = len(self.move) - wrong
 
-    def _settle(
-        self, unsettled: list[tuple[int, int]], guess: bool
-    ) -> list[tuple[int, int]] | None:
-        """Settle a move to a known state, or a guess; return the new pairs, None if nothing is."""
+    def _match(self, unsettled: list[tuple[int, int]], guess: bool) -> list[tuple[int, int]] | None:
+        """Match a move to a known state, or a guess; return the new pairs, or None."""
         best = None
         for s, u in list(unsettled):
             open_moves = False
@@ -141,7 +139,7 @@ class Part:
         return shared + TIES * self.rng.random()
 
     def _take(self, s: int, a: int, u: int, b: int) -> list[tuple[int, int]]:
-        """Settle a move; return the states that it leads to, if they are new."""
+        """Match a move; return the states that it leads to, if they are new."""
         self.move[s, a] = b
         self.taken.add((u, b))
         to, there = int(self.target.after[s, a]), int(self.source.after[u, b])
@@ -149,10 +147,10 @@ class Part:
 
 
 def by_common_part(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mappings of the largest common parts that are found of two deterministic tasks.
+    """Yield the mappings of the largest common parts found in two deterministic tasks.
 
-    In its states the moves without a counterpart, such as those over the edge of a crop, read the
-    source's moves that are left.
+    In the states of a part, target moves without a counterpart, such as moves over the edge of a
+    crop, read the source's moves that no other move reads.
 
     Raises
     ------
@@ -225,11 +223,11 @@ def _beginnings(target: Moves, source: Moves) -> list[tuple[int, int]]:
     common = sorted(set(counts) & set(other_counts), key=lambda r: counts[r] * other_counts[r])
     pairs: dict[tuple[int, int], None] = {}
     for reward in common:
-        states, others = (
+        states, source_states = (
             np.flatnonzero(((task.reward == reward) & moves).any(axis=1)).tolist()
             for task, moves in zip((target, source), going, strict=True)
         )
-        pairs |= dict.fromkeys(product(states, others))
+        pairs |= dict.fromkeys(product(states, source_states))
         if len(pairs) >= MOST_BEGINNINGS:
             break
     return list(pairs)[:MOST_BEGINNINGS]

@@ -27,7 +27,7 @@ from curricle.text import brief_repr, counted
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
 UNMAPPED = -1
-"""Entry of a mapping for a target pair without a source pair: of it the source knows nothing."""
+"""Entry of a mapping for a target pair without a source pair."""
 ENDED = -2
 """Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
 MOST_LISTED = 1_000_000_000
@@ -41,7 +41,7 @@ class ValueSource(Protocol):
     """The values of a task, of n observations at once.
 
     Observations are stacked as the task's space stacks them: an array (n, ...), or a dict or tuple
-    of such. Those of a task with tables are its states' numbers, (n,) int64.
+    of such. Observations of a task with tables are its states' numbers, (n,) int64.
     """
 
     @property
@@ -110,9 +110,9 @@ class FunctionValues:
 
     def __post_init__(self) -> None:
         if self.state_values is None and (self.action_values is None or self.actions is None):
-            got = "neither" if self.action_values is None else "action_values without actions"
+            args = "neither" if self.action_values is None else "action_values without actions"
             raise PotentialError(
-                f"values need state_values, or action_values and the number of actions: got {got}"
+                f"values need state_values, or action_values and the number of actions: got {args}"
             )
 
     @property
@@ -136,7 +136,7 @@ class FunctionValues:
 
 
 def no_actions(values: Any) -> PotentialError:
-    """Return the error that these are state values, without action values."""
+    """Return the error that a source has state values and no action values."""
     return PotentialError(
         "state values cannot tell actions apart, as QInitialisation and LookAheadAdvice need: "
         f"{type(values).__name__} has no action values; use StateShaping"
@@ -173,7 +173,7 @@ class TaskMapping(ABC):
     @property
     @abstractmethod
     def parts(self) -> tuple[Any, ...]:
-        """What tells the mapping from others of the same kind."""
+        """The parts by which the mapping differs from others of its kind."""
 
     @property
     def countable(self) -> bool:
@@ -196,10 +196,10 @@ class StateActionMapping(Frozen, TaskMapping):
         ``s' * A' + a'`` of the source pair, `UNMAPPED`, or `ENDED`. Rows of terminal target
         states do not count.
     unmapped_value : float, optional
-        What the source states of unmapped pairs. By default nothing: they are NaN, which
-        aggregates skip. 0 is optimistic where rewards are negative.
+        phi of unmapped pairs. By default NaN, which aggregates skip: the source knows nothing. 0 is
+        optimistic where rewards are negative.
     how : str
-        How a search found it.
+        How a search found the mapping.
     steps : int
         Steps that the search took in tasks without tables.
 
@@ -306,7 +306,7 @@ class StateActionMapping(Frozen, TaskMapping):
         return block(repr(self), self.countable and coverage_table({"": self.coverage()}))
 
     def coverage(self) -> "Coverage":
-        """Return how much of the target is reached, and of the source used."""
+        """Return how much of the target is mapped, and how much of the source is read."""
         index = self.index[~terminal_states(self.target)]
         available = np.repeat(~terminal_states(self.source), self.source.actions.size)
         readers = np.bincount(index[index >= 0], minlength=available.size)
@@ -402,7 +402,7 @@ def from_function(
 
 
 class _Components(dict[str, IntArray]):
-    """The values of components by name, which tells the names that there are."""
+    """The values of components by name; a missing name raises an error that lists the names."""
 
     def __init__(self, values: Decoded, points: str):
         super().__init__(values)
@@ -419,7 +419,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
     The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
-    unmapped, with the value of `first`.
+    unmapped, with the value of `first`. MappingError if the tasks do not fit.
 
     Examples
     --------
@@ -475,7 +475,7 @@ class ObservationMapping(TaskMapping):
     source : ObservationTask or Task
     observations : callable, optional
         The target's stacked observations -> the source's, as many; of a source with tables its
-        states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default the same.
+        states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default unchanged.
     actions : (A,) int array or callable, optional
         The source's action for each of the target's, `UNMAPPED` where none; or observations ->
         (n, A) of them. By default the same numbers.
@@ -589,7 +589,7 @@ class ObservationMapping(TaskMapping):
 
     @cached_property
     def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The source's action for each of the target's; those to read, (1, n); their columns."""
+        """The source's action for each of the target's; the mapped ones, (1, n); their columns."""
         table = self._actions(None, 1)[0]
         distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
         return table, distinct[None], column
@@ -602,7 +602,7 @@ class ObservationMapping(TaskMapping):
         return self._transferred("V", values.v(counterparts), status, scale, shift)
 
     def coverage(self, observations: Any) -> "ObservationCoverage":
-        """Return how much of a sample of n stacked observations is reached."""
+        """Return how much of a sample of n stacked observations is mapped."""
         counterparts, status = self._counterparts(observations)
         n = batch_size(observations)
         status = np.zeros(n, np.int64) if status is None else status
@@ -613,7 +613,7 @@ class ObservationMapping(TaskMapping):
         outside = float("nan")
         if is_observation_task(self.source) and mapped.any():
             space = self.source.observations
-            inside = [space.contains(seen) for seen in iterate(batch_space(space, n), counterparts)]
+            inside = [*map(space.contains, iterate(batch_space(space, n), counterparts))]
             outside = 1.0 - float(np.mean(np.asarray(inside)[mapped]))
         return ObservationCoverage(
             observations=n,
@@ -626,7 +626,7 @@ class ObservationMapping(TaskMapping):
     def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
         """Return a source observation or state for each, and the status: None if all are mapped."""
         n = batch_size(observations)
-        seen = observations if self.observations is None else self.observations(observations)
+        images = observations if self.observations is None else self.observations(observations)
         status = None
         if self.status is not None:
             status = np.asarray(self.status(observations))
@@ -634,24 +634,24 @@ class ObservationMapping(TaskMapping):
                 status = np.where(status, 0, UNMAPPED)
             status = _integers("status", status)
         if not is_observation_task(self.source):
-            seen = _integers("states", seen)
+            images = _integers("states", images)
             n_states = self.source.states.size
-            if not (seen.view(np.uint64) < n_states).all():  # both bounds at once
-                bad = np.flatnonzero((seen < ENDED) | (seen >= n_states))
+            if not (images.view(np.uint64) < n_states).all():  # both bounds at once
+                bad = np.flatnonzero((images < ENDED) | (images >= n_states))
                 if bad.size:
                     raise MappingError(
                         f"a mapping's states must lie in 0..{n_states - 1}, or be UNMAPPED or "
-                        f"ENDED: observation {bad[0]} gives {seen[bad[0]]}"
+                        f"ENDED: observation {bad[0]} gives {images[bad[0]]}"
                     )
-                status = seen if status is None else np.where(seen < 0, seen, status)
-                seen = np.maximum(seen, 0)
-        if batch_size(seen) != n or (status is not None and status.shape != (n,)):
+                status = images if status is None else np.where(images < 0, images, status)
+                images = np.maximum(images, 0)
+        if batch_size(images) != n or (status is not None and status.shape != (n,)):
             shape = (n,) if status is None else status.shape
             raise MappingError(
-                f"a mapping must return as many as it was given, {n}: got {batch_size(seen)} "
-                f"counterparts and status of shape {shape}"
+                f"a mapping must return {n} counterparts, as many as observations: got "
+                f"{batch_size(images)}, and status of shape {shape}"
             )
-        return seen, status
+        return images, status
 
     def _actions(self, observations: Any, n: int) -> IntArray:
         """Return the source's action for each pair, (n, A)."""
@@ -679,7 +679,7 @@ class ObservationMapping(TaskMapping):
     def _transferred(
         self, name: str, values: FloatArray, status: IntArray | None, scale: float, shift: float
     ) -> FloatArray:
-        """Return what source values, (n,) or (n, m), are for the target."""
+        """Return source values, (n,) or (n, m), as the target reads them."""
         if not np.isfinite(values).all():
             place = np.argwhere(~np.isfinite(values))[0]
             raise MappingError(

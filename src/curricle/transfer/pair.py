@@ -1,4 +1,4 @@
-"""What searches for mappings read, two tasks with their exact values, and what they propose."""
+"""Two tasks with their exact values, which searches for mappings read, and their proposals."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -31,7 +31,7 @@ ENDLESS = 1_000  # steps that stand for the horizon of a task with discount 1 an
 
 @dataclass(frozen=True, eq=False)
 class TaskPair:
-    """A target and a source with tables; what searches need of them is computed once.
+    """A target and a source with tables; the values that searches need are computed once.
 
     A discount of 1 is taken as 1 - 1/L, L the time limit (1,000 steps without one), so that values
     are bounded and distances between states contract. Tables of a task that has none are estimated
@@ -124,7 +124,7 @@ class TaskPair:
         return of_target, of_source
 
     def bound(self, index: IntArray) -> float:
-        """Return a bound of how far Q* of a mapped pair is from what it reads; or `NOT_PROVEN`."""
+        """Return a bound of abs(Q* - Q* of the pair read) over mapped pairs; or `NOT_PROVEN`."""
         mapped = (index != UNMAPPED) & ~self.target_mdp.terminal[:, None]
         if self.own_solutions is None or not mapped.any():
             return NOT_PROVEN
@@ -160,7 +160,7 @@ class Proposal(NamedTuple):
 
     mapping: StateActionMapping
     how: str  # how it was found
-    bound: float = NOT_PROVEN  # as of :class:`FoundMapping`, which works it out itself
+    bound: float = NOT_PROVEN  # as in :class:`FoundMapping`, which computes it itself
 
 
 def search_steps(transfers: Iterable[Any]) -> int:
@@ -180,7 +180,7 @@ LONGEST = 1_000  # steps of an episode where the task has no time limit
 
 @dataclass(frozen=True, eq=False)
 class SampledTables:
-    """What random steps show of a task."""
+    """Tables estimated from random steps in a task."""
 
     mdp: FiniteMDP  # outcomes by their frequencies; an untried pair stays, at the lowest reward
     tried: BoolArray  # (S,) states in which every action was taken at least once

@@ -48,9 +48,9 @@ MOST_SOURCES = 64  # sources of a lookup, at most: each has a bit of a number
 class MappedPotential(PairPotential):
     """phi(s, a) computed from the sources' values one state at a time, without an array.
 
-    :class:`Curriculum` makes it of transfers whose mappings go by name (:func:`project`) and an
-    aggregate of the library's own. The lookup holds the sources' values and how states and actions
-    of the task are looked up in them.
+    :class:`Curriculum` makes it from transfers with mappings by name (:func:`project`) and an
+    aggregate of the library's own. The lookup holds the sources' values and the tables by which
+    states and actions of the task are looked up in them.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class MappedPotential(PairPotential):
     def __post_init__(self) -> None:
         generative = generative_model(self.task)
         if not fits_task(self.lookup, generative.states, generative.actions.size):
-            raise PotentialError(f"a lookup must be one for its task: {self.task} has another")
+            raise PotentialError(f"a lookup must be made for its task: {self.task} needs another")
         values = self.lookup.values
         largest = abs(self.lookup.scale) * max(
             values.max(initial=0.0), -values.min(initial=0.0)

@@ -175,7 +175,7 @@ def acting_view(potential: PairPotential) -> LookedUp | Values:
 
 
 def _predict(view, discount, steps, ends, predicted, following):
-    """Fill in phi of each step and what followed it; arrays as in :class:`GreedyRollouts`."""
+    """Fill in phi and the later return of each step; arrays as in :class:`GreedyRollouts`."""
     return_to_go, bootstrap_discount, bootstrapped_value = following
     row, first = np.empty((1, view.values.shape[1])), 0
     for episode in range(ends.lengths.shape[0]):
@@ -253,7 +253,7 @@ def episode_returns(episodes: Sequence[ObservationEpisode], discount: float) -> 
 
 
 def mean_episode_return(episodes: Sequence[ObservationEpisode], discount: float) -> float:
-    """Return the mean of these."""
+    """Return the mean discounted return of episodes."""
     return float(episode_returns(episodes, discount).mean())
 
 
@@ -314,11 +314,11 @@ def _episodes(
 
 
 def _of_episodes(
-    potential: ObservationPotential, seen: Sequence[ObservationEpisode]
+    potential: ObservationPotential, episodes: Sequence[ObservationEpisode]
 ) -> GreedyRollouts:
-    """Return what is known of greedy episodes."""
+    """Return greedy episodes with their predictions and returns to go."""
     task, columns = potential.task, []
-    for episode in seen:
+    for episode in episodes:
         n, total, value = len(episode.rewards), 0.0, 0.0
         return_to_go, bootstrap_discount = np.empty(n), np.zeros(n)
         for t in range(n - 1, -1, -1):
@@ -330,17 +330,17 @@ def _of_episodes(
         columns.append((return_to_go, bootstrap_discount, np.full(n, value)))
     joined = map(np.concatenate, zip(*columns, strict=True))
     return_to_go, bootstrap_discount, bootstrapped_value = joined
-    rewards = np.concatenate([episode.rewards for episode in seen])
+    rewards = np.concatenate([episode.rewards for episode in episodes])
     return GreedyRollouts(
         states=np.zeros(0, np.int64),
         actions=np.zeros(0, np.int64),
-        predicted=np.concatenate([episode.predicted for episode in seen]),
+        predicted=np.concatenate([episode.predicted for episode in episodes]),
         return_to_go=return_to_go,
         bootstrap_discount=bootstrap_discount,
         bootstrapped_value=bootstrapped_value,
-        lengths=np.array([len(episode.rewards) for episode in seen]),
-        ended=np.array([episode.terminated for episode in seen]),
-        returns=np.array([episode.rewards.sum() for episode in seen]),
+        lengths=np.array([len(episode.rewards) for episode in episodes]),
+        ended=np.array([episode.terminated for episode in episodes]),
+        returns=np.array([episode.rewards.sum() for episode in episodes]),
         one_reward=bool((rewards == rewards[0]).all()),
     )
 
@@ -382,7 +382,7 @@ class ObservationTarget:
         return self.evaluation.episodes or OBSERVATION_ROLLOUTS
 
     def observations(self, potential: ObservationPotential) -> Any:
-        """Return stacked observations of greedy rollouts, of random ones without action values."""
+        """Return stacked observations of greedy rollouts, or random ones without action values."""
         if potential.of_actions:
             rolled = greedy_episodes(potential, COVERAGE_EPISODES)
         else:
@@ -394,7 +394,7 @@ class ObservationTarget:
 def target_of(
     task: Any, evaluation: GreedyEvaluation | None = None, *, episodes: int | None = None
 ) -> Target | ObservationTarget:
-    """Return a task of either kind as a target."""
+    """Return the target of a task with tables or with observations."""
     if not is_observation_task(task):
         return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
     number = OBSERVATION_ROLLOUTS if episodes is None else episodes

@@ -60,7 +60,7 @@ class MappingScores:
 
     @property
     def worth(self) -> float:
-        """What is regained, times the share explained if that is a gain; NaN where unknown."""
+        """`regained`, times the share explained if that is a gain; NaN where unknown."""
         return self.regained * (max(0.0, 1 - self.unexplained) if self.regained > 0 else 1.0)
 
     def __str__(self) -> str:
@@ -109,7 +109,7 @@ def score_mapping(
 
 
 def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
-    """Return the mean of abs(T phi - phi), and what share it is of abs(T phi - its median)."""
+    """Return the mean of abs(T phi - phi), and its share of that of abs(T phi - its median)."""
     mdp = tasks.target_mdp
     best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
     best[np.isneginf(best)] = np.nan
@@ -127,7 +127,7 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
 
 
 def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, float]:
-    """Return the start value of phi's greedy policy, what it regains, and that where known."""
+    """Return the start value of phi's greedy policy, the share it regains, and that where known."""
     filled = np.where(np.isnan(phi), 0.0, phi)
     policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
     of_policy = evaluate(tasks.target_mdp, policy)
@@ -171,7 +171,7 @@ def _dynamics_error(
 def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
     """Return the mean total variation distance of the next states of n rows of two tasks.
 
-    What counts as the same next state has the same number in the last array of both, (S,).
+    Next states that count as the same have the same number in the last array of both, (S,).
     """
     outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
     (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
@@ -215,9 +215,9 @@ def fitted_unmapped_value(
 
     It is the constant u at which the expectile of max_a (T phi)(s, a) - max_a phi(s, a), over the
     target's reachable states, is 0. T is the target's Bellman operator, phi the source's exact
-    values where the mapping has any and u elsewhere. It is not below what the worst reward for ever
-    is worth. It is None where all is mapped, where u would not be below 0, and where no way leads
-    from some state to what is mapped.
+    values where the mapping has any and u elsewhere. It is at least the value of the worst reward
+    for ever. It is None where all is mapped, where u would not be below 0, and where some state has
+    no way to a mapped state.
 
     `scale` and `shift` are the transfer's; `tasks` as in :func:`score_mapping`.
 

@@ -1,4 +1,4 @@
-"""Mappings between two tasks that searches find, scored and ranked; and the best of them."""
+"""Mappings between two tasks that searches find, scored and ranked; and the best mapping."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ SAME = 1e-7  # two mappings are one if phi differs by less, in units of the larg
 
 @dataclass(frozen=True, eq=False)
 class FoundMapping:
-    """A mapping that was found."""
+    """A mapping that a search found, and how well it fits."""
 
     mapping: StateActionMapping
     how: str
@@ -56,7 +56,7 @@ class FoundMapping:
     # source pair that it reads, or from 0 at the source's end, in return units, each task with its
     # own discount. NaN where nothing is mapped, a task was sampled, or has no finite Q*.
     bound: float = NOT_PROVEN
-    # What fits where it maps nothing; the mapping has it if the curriculum finds the mapping.
+    # The value that fits unmapped pairs; the mapping has it if a curriculum finds the mapping.
     unmapped_value: float | None = None
 
     __repr__ = brief_repr
@@ -70,14 +70,14 @@ class FoundMapping:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FoundMappings:
-    """The mappings that were found, best first, and what the other searches said."""
+    """The mappings that were found, best first, and why other searches found none."""
 
     candidates: tuple[FoundMapping, ...]
     refused: dict[str, str]  # each search that found nothing -> why
-    steps: int = 0  # in tasks without tables; a curriculum charges them to whoever reads a mapping
+    steps: int = 0  # in tasks without tables; a curriculum charges them to the mapping's user
 
-    def __getitem__(self, which: Any) -> Any:
-        return self.candidates[which]
+    def __getitem__(self, place: Any) -> Any:
+        return self.candidates[place]
 
     def __iter__(self) -> Iterator[FoundMapping]:
         return iter(self.candidates)
@@ -119,10 +119,10 @@ def find_mappings(
     """Return mappings between two tasks, best first.
 
     Candidates of all searches are scored by :func:`score_mapping` from the tables of both tasks.
-    Those that clear the bar of :func:`auto_mapping` come first, and of these the ones that are as
-    good as exact where they know anything and have a value that fits elsewhere. Then they are
-    ordered by their worth, which is what the greedy policy of the source's values regains of the
-    optimum, times the share that the values explain; by the dynamics error; and by the Bellman
+    Candidates that clear the bar of :func:`auto_mapping` come first; among them, candidates as
+    good as exact where they map anything and have a value that fits elsewhere. Then come larger
+    ``scores.worth`` (the share of the optimum that the greedy policy of the source's values
+    regains, times the share that the values explain), smaller dynamics error and smaller Bellman
     inconsistency. Of candidates that read the source's values alike, the first is kept.
 
     Parameters
@@ -131,11 +131,11 @@ def find_mappings(
     searches : sequence of callable
         Each takes a :class:`TaskPair` and yields a :class:`Proposal` for each mapping.
     keep : int
-        Most candidates to return.
+        Candidates to return, at most.
     seed : int
-        Of samples of pairs.
+        Seed of the samples of pairs.
     unmapped_value : float, optional
-        Of the mappings.
+        phi of unmapped pairs, in all mappings.
     samples : int, optional
         Steps of the random policy in each task that has no tables, to estimate them, over the
         states in which every action was tried; nothing is proven. A curriculum charges them.
@@ -188,7 +188,7 @@ def proposed(
     refused: dict[str, str],
     bars: Bars,
 ) -> Iterator[tuple[StateActionMapping, str]]:
-    """Yield the mappings of searches; the reasons of those that do not apply go to `refused`."""
+    """Yield the mappings of searches; reasons why searches do not apply go to `refused`."""
     grow = bars.bar("searches", len(searches))
     for search in searches:
         name = getattr(search, "__name__", repr(search))
@@ -220,13 +220,13 @@ def proposed(
 
 def clears_bar(scores: MappingScores) -> bool:
     """Return whether a mapping fits well enough to be used unseen."""
-    # Either alone does not do: two tasks may look alike nearly everywhere and have goals in
-    # different places, and a policy that follows wrong values may gain by avoiding what costs most.
+    # Neither score suffices alone: two tasks may look alike nearly everywhere and have goals in
+    # different places, and a policy that follows wrong values may gain by avoiding the worst.
     return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
 
 
 def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
-    """Return what candidates are ordered by, the best first."""
+    """Return the sort key of a candidate, lowest for the best."""
     # Second come those that are as good as exact where they know anything, and fit elsewhere. Where
     # steps cost, pairs that were tried fall below the value that fits, so that a learner goes on to
     # others. Without such a value it walks at random until it meets a mapped state: then a rough
@@ -258,27 +258,27 @@ def auto_mapping(
 ) -> FoundMapping:
     """Return the best mapping of :func:`find_mappings`, if it fits well enough to be used unseen.
 
-    Where it knows anything its greedy policy must regain at least 25 % of the way to the optimum,
-    and its values may leave unexplained at most 75 % of what a constant does
-    (:func:`score_mapping`). The scores are of what it maps alone.
+    In mapped states its greedy policy must regain at least 25 % of the way to the optimum, and its
+    values may leave unexplained at most 75 % of the variation that a constant leaves unexplained
+    (:func:`score_mapping`). The scores do not use the value that fits unmapped pairs.
 
     Parameters
     ----------
     target, source : Task
     unmapped_value : float, optional
-        Of the mapping.
+        phi of unmapped pairs.
     fit_unmapped : bool
         Whether unmapped pairs are given their :func:`fitted_unmapped_value`, unless
-        `unmapped_value` is given. Not where an aggregate of several transfers is to skip them.
+        `unmapped_value` is given. False lets an aggregate of several transfers skip them.
     scale, shift : float
-        Of the transfer, for that fit.
+        Scale and shift of the transfer, for that fit.
     progress : bool or callable, optional
-        As in :func:`find_mappings`; what was found before is taken from memory.
+        As in :func:`find_mappings`; earlier results for the same tasks are taken from memory.
 
     Raises
     ------
     MappingError
-        When no mapping that is found clears that bar.
+        When no mapping that is found clears this bar.
 
     Examples
     --------
@@ -316,7 +316,7 @@ def auto_mapping(
 def with_mapping(
     transfer: Transfer, target: Any, source: Any, *, fit_unmapped: bool = True
 ) -> Transfer:
-    """Return a transfer as it is, or with the mapping that is found; what is found is printed."""
+    """Return a transfer with its mapping, or with the mapping that is found, which is printed."""
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
@@ -344,7 +344,7 @@ def announced(
     say: Callable[[str], Any] = print,
     **settings: Any,
 ) -> FoundMapping:
-    """Return the mapping that is found for an edge, and say what it is, and the runner-up."""
+    """Return the mapping that is found for an edge; print it and the runner-up."""
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
             raise MappingError(
@@ -361,7 +361,7 @@ def announced(
 def _remembered(
     target: Any, source: Any, unmapped_value: float | None, progress: Progress = None
 ) -> FoundMappings:
-    """Return what is found, from memory where the same tasks were asked for."""
+    """Return the mappings found, from memory for tasks that were searched before."""
     try:
         memory = _memory(target, source, unmapped_value)
     except TypeError:  # of a user's own task, which has no hash
@@ -374,5 +374,5 @@ def _remembered(
 
 @lru_cache(maxsize=REMEMBERED)
 def _memory(target: Any, source: Any, unmapped_value: float | None) -> list[FoundMappings]:
-    """Return the list for what is found between two tasks, which is empty at first."""
+    """Return the list of the mappings found between two tasks, which is empty at first."""
     return []

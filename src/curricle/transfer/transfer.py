@@ -18,18 +18,18 @@ from curricle.transfer.mapping import TaskMapping
 
 CALIBRATION_EPISODES = 200  # greedy episodes of a calibration, unless another number is given
 CALIBRATION_SHARE = 20
-"""A calibration takes one part in so many of its target's budget at most by default: 5 %."""
+"""A calibration takes 1/20 of its target's budget by default, at most: 5 %."""
 LARGEST_SHARE = 4  # a calibration that states its steps gets at most a quarter of that budget
 
 
 @dataclass(frozen=True)
 class Calibrate:
-    """How to calibrate; what ``Transfer(..., calibrate=...)`` takes.
+    """The settings of a calibration, for ``Transfer(..., calibrate=...)``.
 
     Parameters
     ----------
     episodes : int
-        Most greedy episodes in the target. Their steps are charged to it.
+        Greedy episodes in the target, at most. Their steps are charged to the target.
     max_steps : int, optional
         Steps in the target after which the episodes stop, the last of them truncated. In a
         curriculum a twentieth of the target's budget by default, and at most a quarter of it.
@@ -49,7 +49,7 @@ class Calibrate:
             whole_number("max_steps of a calibration", self.max_steps, 1, SettingError)
 
     def within(self, steps: int, episodes: int) -> "Calibrate":
-        """Return the calibration of a target that has so many steps and episodes to learn in."""
+        """Return the calibration for a target with a budget of `steps` and `episodes`."""
         most = max(1, steps // (CALIBRATION_SHARE if self.max_steps is None else LARGEST_SHARE))
         few = min(self.episodes, max(1, episodes // CALIBRATION_SHARE))
         return Calibrate(few, most if self.max_steps is None else min(self.max_steps, most))
@@ -67,8 +67,8 @@ class Transfer:
         From the target to the source. By default a curriculum finds it when it is made
         (:func:`auto_mapping`), and prints its scores and the runner-up's.
     scale, shift : float
-        Of mapped and of ended pairs (whose value is 0). Neither changes the optimum, both change
-        learning strongly.
+        Applied to mapped pairs and to ended pairs (whose value is 0). Neither changes the optimum;
+        both change learning strongly.
     calibrate : bool or Calibrate
         Whether to fit the target's potential to the returns of its own greedy policy before the
         target is learnt (:func:`calibrate`). Transfers into one task must agree.
@@ -128,7 +128,7 @@ class Transfer:
         if self.mapping is None:
             raise CurriculumError(
                 f"the mapping of {self.source} -> {self.target} is found when a curriculum is made "
-                "of it: it has none yet"
+                "with the transfer: it has none yet"
             )
         return np.asarray(self.mapping.read(source_values, self.scale, self.shift))
 

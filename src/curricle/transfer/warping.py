@@ -118,7 +118,7 @@ class Assigned(NamedTuple):
     paths: tuple[Path, ...]  # for each of the source's paths, the right way round
     actions: tuple[int, ...]  # for each of the source's components of actions, the target's
     moves: tuple[IntArray, ...]  # and the source's value for each of its values; MISSING if none
-    cost: float  # how much what the moves change differs
+    cost: float  # how much the changes that the moves make differ
 
 
 class Laid(NamedTuple):
@@ -133,9 +133,9 @@ class Laid(NamedTuple):
 def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mappings that lay components whose values lie on paths beside the source's.
 
-    Of all assignments of the source's components to some of the target's, whichever way round,
-    those whose moves change the same. What is outside a window is unmapped. Warped paths are
-    proposed only where they fit better than every window.
+    The search assigns the source's components to target components in either direction and keeps
+    the assignments whose moves make the same changes. Target pairs outside a window are unmapped.
+    Warped paths are proposed only where they fit better than every window.
 
     Raises
     ------
@@ -213,19 +213,19 @@ def _assignments(
     """Yield every assignment of components, with the moves that agree best."""
     from scipy.optimize import linear_sum_assignment  # takes time, and few need it
 
-    mine = _shares(target_paths, tasks.target_mdp.actions)
-    theirs = _shares(source_paths, tasks.source_mdp.actions)
+    shares = _shares(target_paths, tasks.target_mdp.actions)
+    source_shares = _shares(source_paths, tasks.source_mdp.actions)
     for chosen in permutations(range(len(target_paths)), len(source_paths)):
         for turned in product((False, True), repeat=len(source_paths)):
-            ways = list(zip(chosen, turned, strict=True))
+            turns = list(zip(chosen, turned, strict=True))
             laid = tuple(
-                target_paths[i].reversed() if turn else target_paths[i] for i, turn in ways
+                target_paths[i].reversed() if turn else target_paths[i] for i, turn in turns
             )
-            for actions in permutations(range(len(mine)), len(theirs)):
+            for actions in permutations(range(len(shares)), len(source_shares)):
                 cost, moves = 0.0, []
-                for c, there in zip(actions, theirs, strict=True):
-                    here = np.stack([mine[c][i][::-1] if turn else mine[c][i] for i, turn in ways])
-                    table = abs(here[..., :, None] - there[..., None, :]).sum(axis=(0, 1))
+                for c, theirs in zip(actions, source_shares, strict=True):
+                    ours = np.stack([shares[c][i][:: -1 if turn else 1] for i, turn in turns])
+                    table = abs(ours[..., :, None] - theirs[..., None, :]).sum(axis=(0, 1))
                     matched = linear_sum_assignment(table)
                     moves.append(np.full(len(table), MISSING))
                     moves[-1][matched[0]] = matched[1]
@@ -238,9 +238,9 @@ def _shares(on_paths: list[Path], actions: Space) -> list[FloatArray]:
     shares = []
     for values, component in zip(numbered(actions), actions.components, strict=True):
         moves = [(path.up.sum(axis=0), path.down.sum(axis=0)) for path in on_paths]
-        made = np.array([[np.bincount(values, m, component.size) for m in both] for both in moves])
-        total = made.sum(axis=2, keepdims=True)
-        shares.append(np.divide(made, total, out=np.zeros_like(made), where=total > 0))
+        sums = np.array([[np.bincount(values, m, component.size) for m in pair] for pair in moves])
+        total = sums.sum(axis=2, keepdims=True)
+        shares.append(np.divide(sums, total, out=np.zeros_like(sums), where=total > 0))
     return shares
 
 
@@ -302,7 +302,7 @@ class _Match:
         return fits
 
     def _mismatch(self, rows: list[IntArray], states: Any = slice(None)) -> FloatArray:
-        """Return how much what each pair does differs from what its source pair does, (S, A)."""
+        """Return how much the effects of each pair differ from those of its source pair, (S, A)."""
         state = self.state[tuple(r[at[states]] for r, at in zip(rows, self.position, strict=True))]
         mismatch = abs(self.mine[states] - self.theirs[np.maximum(state, 0)]).sum(axis=2)
         mismatch[state < 0] = NOWHERE
@@ -338,7 +338,7 @@ def warp(costs: FloatArray, step: float) -> IntArray:
 
 
 def _described(mdp: FiniteMDP, laid: Sequence[Path], scale: float) -> npt.NDArray[np.float32]:
-    """Return what each pair does, (S, A, 2 + C): ends, pays, and leads along each path."""
+    """Return the effects of each pair, (S, A, 2 + C): end, reward, and moves along each path."""
     ends = (mdp.probability * mdp.terminal[mdp.next_state]).sum(axis=1)[mdp.outcome_row]
     along = [path.up - path.down for path in laid]
     return np.stack([ends, _rewards(mdp) / scale, *along], axis=2).astype(np.float32)

@@ -381,7 +381,7 @@ def test_states_in_the_order_of_discovery_are_never_mapped_by_name():
 
     small, large = (cr.tabulate(square(n, of_reals, private=False), discount=0.9) for n in (3, 5))
     assert small.states.names == ("state",)
-    said = "numbers states as they were found is not read by name: got 'state' for 'state'"
+    said = "numbers states as found cannot be read by name: got 'state' for 'state'"
     with pytest.raises(MappingError, match=said):
         cr.project(large, small)
     plain = cr.FiniteMDP.from_dense(np.eye(9)[:, None], np.zeros(9), terminal=np.zeros(9, bool),
@@ -390,7 +390,7 @@ def test_states_in_the_order_of_discovery_are_never_mapped_by_name():
         with pytest.raises(MappingError, match=said):
             cr.project(target, source, action="action")
     named = cr.tabulate(square(3, of_reals, private=False), discount=0.9, names=["cell"])
-    with pytest.raises(MappingError, match="not read by name"):
+    with pytest.raises(MappingError, match="cannot be read by name"):
         cr.project(large, named, cell="state")
 
 

@@ -89,9 +89,7 @@ def test_what_is_no_action_is_refused(rule, said):
 
 def test_a_model_needs_a_task_that_knows_its_observations():
     model = Rule(lambda seen: 1)
-    with pytest.raises(
-        SettingError, match=r"knows what is observed in each state.*: got GridWorld"
-    ):
+    with pytest.raises(SettingError, match=r"knows the observation of each state.*: got GridWorld"):
         cr.evaluate(cr.GridWorld("S.T"), model)
 
     def outcomes(state, action):
