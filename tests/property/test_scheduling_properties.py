@@ -5,8 +5,9 @@ from concurrent.futures import Future
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle.comparison import plan as running
-from curricle.comparison.plan import AHEAD, Failures, Scheduler, Unit
+from curricle.comparison.plan import Failures, Unit
+from curricle.study import running
+from curricle.study.running import AHEAD, Scheduler
 
 SEEDS = range(5)
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison import plan as running
 from curricle.curriculum.result import StoredValues
 from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study import StudyResults, read_study, run_study
+from curricle.study import StudyResults, read_study, run_study, running
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
 from curricle.study.store import RUN

@@ -3,19 +3,15 @@
 All arms have one target and spend the same total of steps, sources included. Each task of each arm
 has a key. Equal keys mean equal results, which arms then share. A unit is a task of an arm for some
 seeds; it is trained after its sources, and an arm that fails is given up. A comparison trains its
-units in turn in memory (`Memory`); a study sends them to workers and stores them (`Scheduler`).
+units in turn in memory (`Memory`); a study sends them to workers and stores them (`study.running`).
 """
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import BrokenExecutor
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
-from graphlib import TopologicalSorter
-from heapq import heappop, heappush
-from itertools import groupby, product
-from math import inf
-from time import monotonic
+from itertools import groupby
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -27,7 +23,7 @@ from curricle.comparison.task_differences import differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import OF_TARGETS, SETTINGS, Node
 from curricle.curriculum.result import SourceValues
-from curricle.errors import CurriculumError, LostStoreError, SettingError
+from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult
 from curricle.progress import Bars
 from curricle.statistics.curves import SCRATCH
@@ -352,100 +348,7 @@ def train(
     return Trained(trained[task], trained.source_steps(task), *entered)
 
 
-# -- The order of units ----------------------------------------------------------------------------
-
-AHEAD = 2  # units submitted for each worker, so that none is idle between two
-ASKED_AGAIN = 2.0
-"""Seconds after which the number of workers is asked again: it may grow, and a cluster's answer
-takes about as long as a small unit."""
-
-
-class Queue:
-    """Units that are still to be sent, in order, as soon as their sources are trained."""
-
-    def __init__(self, units: Iterable[Unit]):
-        self.units = list(units)
-        numbers = enumerate(self.units)
-        self._numbers = {(unit.key, seed): n for n, unit in numbers for seed in unit.seeds}
-        self._order = TopologicalSorter[int]()
-        for number, unit in enumerate(self.units):
-            read = self._numbers.keys() & product(unit.sources.values(), unit.seeds)
-            self._order.add(number, *{self._numbers[pair] for pair in read})
-        self._order.prepare()
-        self.ready = sorted(self._order.get_ready())  # a heap of the units that can be sent
-
-    def pop(self) -> Unit:
-        """Return the next unit to be sent."""
-        return self.units[heappop(self.ready)]
-
-    def trained(self, unit: Unit) -> None:
-        """Release the units that waited for a unit, which is stored now."""
-        self._order.done(self._numbers[unit.key, unit.seeds[0]])
-        for number in self._order.get_ready():
-            heappush(self.ready, number)
-
-
-@dataclass
-class Scheduler:
-    """Sends units to workers, each after its sources, and has their results stored."""
-
-    # `holder` takes results by add and stores them by write, which it may put off for some seconds
-    # while it holds any (bool). `workers` tell their number, and why a unit is lost that nobody
-    # here cancelled.
-
-    send: Callable[[Unit], "Future[Any]"]  # its sources must be stored
-    holder: Any
-    workers: Any
-    failures: "Failures"
-    _number: int = field(default=0, init=False)
-    _asked: float = field(default=-inf, init=False)
-
-    def number(self) -> int:
-        """Return the number of workers, now or a moment ago."""
-        if monotonic() - self._asked >= ASKED_AGAIN:
-            self._number, self._asked = self.workers.number(), monotonic()
-        return self._number
-
-    def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, Any]]:
-        """Yield each unit with its result when it is stored."""
-        # When one fails, no more are started that only arms with a failure need.
-        queue, running = Queue(units), dict[Future[Any], Unit]()
-        try:
-            while queue.ready or running or self.holder:
-                # at least for one worker: some clusters start workers when there is work
-                ahead = AHEAD * max(1, self.number())
-                while queue.ready and len(running) < ahead:
-                    unit = queue.pop()
-                    if self.failures.keeps(unit):
-                        running[self.send(unit)] = unit
-                idle = not queue.ready  # others may wait for what was trained
-                limit = self.holder.seconds if self.holder else ASKED_AGAIN
-                ended, _ = wait(running, min(limit, ASKED_AGAIN), FIRST_COMPLETED)
-                for future in [future for future in running if future in ended]:
-                    if future in running:  # not cancelled, since one before it failed
-                        self._end(future, running)
-                if idle or not self.holder.seconds:
-                    for unit, result in self.holder.write():
-                        queue.trained(unit)
-                        yield unit, result
-        finally:
-            for future in running:
-                future.cancel()
-            self.holder.write()
-
-    def _end(self, future: "Future[Any]", running: dict["Future[Any]", Unit]) -> None:
-        """Take the result of a unit that has ended, or cancel what needs it."""
-        unit = running.pop(future)
-        error = self.workers.lost() if future.cancelled() else future.exception()
-        if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
-            raise error  # a lost store, or an interrupt
-        if error is None:
-            self.holder.add(unit, future.result())
-            return
-        self.failures.add(unit, error)
-        for other, waiting in [*running.items()]:
-            if not self.failures.keeps(waiting) and other.cancel():
-                del running[other]
+# -- Units that failed ----------------------------------------------------------------------------
 
 
 @dataclass

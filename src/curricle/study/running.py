@@ -5,20 +5,24 @@ import os
 import platform
 import subprocess
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from graphlib import TopologicalSorter
+from heapq import heappop, heappush
 from importlib import metadata
-from itertools import chain
+from itertools import chain, product
+from math import inf
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
-from curricle.comparison.plan import Failures, Scheduler, Unit, numbered_seeds
+from curricle.comparison.plan import Failures, Unit, numbered_seeds
 from curricle.curriculum.result import StoredValues, sources_read
-from curricle.errors import SettingError, StoreError
+from curricle.errors import LostStoreError, SettingError, StoreError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
@@ -139,6 +143,102 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
         why = "; ".join(changes_of(units, depends[key]))
         remarks.append(f"{label}, is stale and {fate}: {why}")
     return done, remarks
+
+
+# -- The order of units ----------------------------------------------------------------------------
+
+AHEAD = 2  # units submitted for each worker, so that none is idle between two
+ASKED_AGAIN = 2.0
+"""Seconds after which the number of workers is asked again: it may grow, and a cluster's answer
+takes about as long as a small unit."""
+
+
+class Queue:
+    """Units that are still to be sent, in order, as soon as their sources are trained."""
+
+    def __init__(self, units: Iterable[Unit]):
+        self.units = list(units)
+        numbers = enumerate(self.units)
+        self._numbers = {(unit.key, seed): n for n, unit in numbers for seed in unit.seeds}
+        self._order = TopologicalSorter[int]()
+        for number, unit in enumerate(self.units):
+            read = self._numbers.keys() & product(unit.sources.values(), unit.seeds)
+            self._order.add(number, *{self._numbers[pair] for pair in read})
+        self._order.prepare()
+        self.ready = sorted(self._order.get_ready())  # a heap of the units that can be sent
+
+    def pop(self) -> Unit:
+        """Return the next unit to be sent."""
+        return self.units[heappop(self.ready)]
+
+    def trained(self, unit: Unit) -> None:
+        """Release the units that waited for a unit, which is stored now."""
+        self._order.done(self._numbers[unit.key, unit.seeds[0]])
+        for number in self._order.get_ready():
+            heappush(self.ready, number)
+
+
+@dataclass
+class Scheduler:
+    """Sends units to workers, each after its sources, and has their results stored."""
+
+    # `holder` takes results by add and stores them by write, which it may put off for some seconds
+    # while it holds any (bool). `workers` tell their number, and why a unit is lost that nobody
+    # here cancelled.
+
+    send: Callable[[Unit], Future[Any]]  # its sources must be stored
+    holder: Any
+    workers: Any
+    failures: Failures
+    _number: int = field(default=0, init=False)
+    _asked: float = field(default=-inf, init=False)
+
+    def number(self) -> int:
+        """Return the number of workers, now or a moment ago."""
+        if monotonic() - self._asked >= ASKED_AGAIN:
+            self._number, self._asked = self.workers.number(), monotonic()
+        return self._number
+
+    def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, Any]]:
+        """Yield each unit with its result when it is stored."""
+        # When one fails, no more are started that only arms with a failure need.
+        queue, running = Queue(units), dict[Future[Any], Unit]()
+        try:
+            while queue.ready or running or self.holder:
+                # at least for one worker: some clusters start workers when there is work
+                ahead = AHEAD * max(1, self.number())
+                while queue.ready and len(running) < ahead:
+                    unit = queue.pop()
+                    if self.failures.keeps(unit):
+                        running[self.send(unit)] = unit
+                idle = not queue.ready  # others may wait for what was trained
+                limit = self.holder.seconds if self.holder else ASKED_AGAIN
+                ended, _ = wait(running, min(limit, ASKED_AGAIN), FIRST_COMPLETED)
+                for future in [future for future in running if future in ended]:
+                    if future in running:  # not cancelled, since one before it failed
+                        self._end(future, running)
+                if idle or not self.holder.seconds:
+                    for unit, result in self.holder.write():
+                        queue.trained(unit)
+                        yield unit, result
+        finally:
+            for future in running:
+                future.cancel()
+            self.holder.write()
+
+    def _end(self, future: Future[Any], running: dict[Future[Any], Unit]) -> None:
+        """Take the result of a unit that has ended, or cancel what needs it."""
+        unit = running.pop(future)
+        error = self.workers.lost() if future.cancelled() else future.exception()
+        if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
+            raise error  # a lost store, or an interrupt
+        if error is None:
+            self.holder.add(unit, future.result())
+            return
+        self.failures.add(unit, error)
+        for other, waiting in [*running.items()]:
+            if not self.failures.keeps(waiting) and other.cancel():
+                del running[other]
 
 
 # -- Running a study: its units on any executor, each stored as soon as it is trained --------------
@@ -297,7 +397,7 @@ class Training:
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
         seen = workers.see(store.path)  # then they read and write large files themselves
 
-        def send(unit: Unit) -> "Future[Any]":
+        def send(unit: Unit) -> Future[Any]:
             curriculum = arms.curricula[unit.arm]
             values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
             read = sources_read(curriculum, unit.task)
