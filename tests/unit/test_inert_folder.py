@@ -164,7 +164,7 @@ def test_members_that_share_their_bytes_are_refused(folder):
     tail = content[end : end + 8] + sizes + content[end + 16 :]
     content = content[:directory] + len(more) * entries + tail
     unit.write_bytes(sealed_archive(content, directory))
-    refuses(folder, "its members must differ, and have their own bytes")
+    refuses(folder, "its members must have different names and bytes")
 
 
 def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatch):
@@ -207,7 +207,7 @@ def test_arrays_of_other_shapes_or_without_sense_are_refused(folder):
         ("greedy_return", changed["greedy_return"] / 0.0, "finite"),
         ("greedy_return", changed["greedy_return"].astype(np.int8), "must be an array of float64"),
         ("source_steps", changed["source_steps"].astype(np.int8), "must be an array of int64"),
-        ("seeds", changed["seeds"][::-1], "seeds must be those of its unit"),
+        ("seeds", changed["seeds"][::-1], "seeds must be the seeds of its unit"),
     ):
         unit.write_bytes(whole)
         put(unit, **{f"{name}__npy": npy(np.ascontiguousarray(array))})

@@ -281,7 +281,7 @@ def test_sparse_values_are_found_by_state():
     assert met.at([9, 2, 9])[:, 0].tolist() == [5, 1, 5]
     assert met.at([[2], [5]]).shape == (2, 1, 2)
     for state in (0, 3, 10):
-        with pytest.raises(SettingError, match=f"visited states only: {state} is not one"):
+        with pytest.raises(SettingError, match=f"visited states only: {state} was not visited"):
             met.at([2, state])
 
 

@@ -157,7 +157,7 @@ def test_what_needs_tables_is_refused():
     ):
         with pytest.raises(cr.errors.TaskError, match="played live has no tables"):
             work()
-    with pytest.raises(cr.errors.SettingError, match="starts where its episodes do: start was 3"):
+    with pytest.raises(cr.errors.SettingError, match="environment chooses the start: got start 3"):
         cr.planning.rollout(live, np.zeros(16, int), start=3)
     with pytest.raises(
         cr.errors.SettingError, match="budget in episodes needs a task with a time limit"
