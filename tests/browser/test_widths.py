@@ -84,6 +84,8 @@ def test_a_table_in_a_notebook_says_that_it_scrolls(browser, viewport):
     shown = block("wide and narrow", table(heads, [range(6)]), table(["a"], [[1]]))
     page = browser.new_page(viewport=viewport)
     page.set_content(shown)
+    # A line is shown by an animation that scrolling drives: it has its height in the next frame.
+    page.evaluate("() => new Promise(f => requestAnimationFrame(() => requestAnimationFrame(f)))")
     heights = page.eval_on_selector_all(
         ".wide", 'all => all.map(e => parseFloat(getComputedStyle(e, "::before").height))'
     )

@@ -7,7 +7,6 @@ import pytest
 
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import run_with_bars
-from curricle.comparison import plan as scheduling
 from curricle.errors import (
     ConfigError,
     EngineError,
@@ -18,7 +17,7 @@ from curricle.errors import (
 )
 from curricle.files import RemotePath
 from curricle.interop.trackers import Tracker
-from curricle.study import read_study, run_study, running, store
+from curricle.study import read_study, run_study, running, running as scheduling, store
 from curricle.study.arms import Arms, UnitInput
 from curricle.study.engines import engine
 from curricle.study.engines.engine import (

@@ -343,7 +343,7 @@ def read_outcomes(outcomes: Any) -> tuple[list[list[Any]], FloatArray, IntArray,
                 try:
                     p[s, a, o], successor[s, a, o], r[s, a, o] = outcome[:3]
                     fits = len(outcome) in (3, 4) and outcome[1] == successor[s, a, o]
-                except (TypeError, ValueError, OverflowError):
+                except (TypeError, ValueError, OverflowError, IndexError):
                     fits = False
                 if not fits:
                     raise TaskError(
@@ -390,7 +390,8 @@ def number_of(reward: Any) -> float:
 
 def normalised(rows: FloatArray) -> FloatArray:
     """Return rows that sum to 1 within the rounding of float32 divided by their sums."""
-    sums = rows.sum(axis=-1, keepdims=True)
+    with np.errstate(over="ignore"):  # an infinite sum is left as it is, and refused
+        sums = rows.sum(axis=-1, keepdims=True)
     error = abs(sums - 1)
     rounded = (error > PROBABILITY_TOLERANCE) & (error <= SINGLE_PRECISION)
     return rows / np.where(rounded, sums, 1.0) if rounded.any() else rows

@@ -248,9 +248,9 @@ class Pursuit(Domain):
                 f"the prey's policy must have shape ({self.cells}, {self.moves}) or "
                 f"({self.states.size}, {self.moves}): got {policy.shape}"
             )
-        bad = np.flatnonzero(
-            (policy < 0).any(1) | ~(abs(policy.sum(1) - 1) < PROBABILITY_TOLERANCE)
-        )
+        with np.errstate(over="ignore"):
+            wrong_sum = ~(abs(policy.sum(1) - 1) < PROBABILITY_TOLERANCE)
+        bad = np.flatnonzero((policy < 0).any(1) | wrong_sum)
         if bad.size:
             raise TaskError(
                 "the prey's probabilities must not be negative and sum to 1: row "
