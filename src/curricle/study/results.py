@@ -346,7 +346,7 @@ class StudyResults:
         return self.store.records(RUNS, RunRecord)
 
     def level(self, arm: str) -> Level | None:
-        """Return the constants of a control without knowledge (:class:`Level`); None for others."""
+        """Return the constants of a control without knowledge (`Level`); None for others."""
         if not self.record.arms[arm].control_of:
             return None
         levels, seeds = list[Level](), list[int]()
