@@ -144,7 +144,7 @@ class MiniGridState:
         instance("copies", self.copies, bool, SettingError)
 
     def open(self) -> StateAccess:
-        """Return the :class:`StateAccess` that saves and restores the states."""
+        """Return the `StateAccess` that saves and restores the states."""
         if self.copies:
             return Copies(frozenset()) if self.own_reward else _TimelessCopies()
         return MiniGridAccess(own_reward=self.own_reward)

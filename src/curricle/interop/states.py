@@ -282,7 +282,7 @@ class DeepCopy:
         object.__setattr__(self, "ignore", tuple(map(str, names)))
 
     def open(self) -> StateAccess:
-        """Return the :class:`StateAccess` that saves and restores by copies."""
+        """Return the `StateAccess` that saves and restores by copies."""
         return Copies(frozenset(self.ignore))
 
 
