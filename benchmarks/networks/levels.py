@@ -14,17 +14,17 @@ def walk(env):
 
 
 def opens(env):
-    """Return one in which it also opens doors."""
+    """Return an environment in which the agent also opens doors."""
     return some_actions(env, 0, 1, 2, 5)
 
 
 def fetch(env):
-    """Return one in which it also picks things up."""
+    """Return an environment in which the agent also picks things up."""
     return some_actions(env, 0, 1, 2, 3, 5)
 
 
 def carry(env):
-    """Return one in which it also lays them down."""
+    """Return an environment in which the agent also lays down what it carries."""
     return some_actions(env, 0, 1, 2, 3, 4, 5)
 
 

@@ -65,18 +65,17 @@ class Studies:
         if name not in self._run:
             study = self.read(file, *changes)
             place = self.folder / f"{len(study.seeds)} seeds" / name
-            show = partial(self._show, name, {})
-            how: Any = {"workers": self.workers, "progress": show}
+            how: Any = {"workers": self.workers, "progress": partial(self._show, name)}
             self._run[name] = run_study(study, place, resume=True, **how)
             self.say(name)
         return self._run[name]
 
-    def _show(self, name: str, grow: dict[str, Callable[[], None]], progress: Any) -> None:
+    def _show(self, name: str, progress: Any) -> None:
         """Show how many units of a study are stored."""
-        if progress.stored is None:
-            grow[name] = self.bars.bar(name, len(progress.units))
-        else:
-            grow[name]()
+        begins = progress.stored is None
+        grow = self.bars.bar(name, len(progress.units) if begins else None)
+        if not begins:
+            grow()
 
 
 @dataclass(frozen=True)
