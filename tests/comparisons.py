@@ -1,5 +1,7 @@
 """Curricula that the tests of comparisons share, and a record of what is trained."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from tests.tasks import predator_edges
 MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 HERE = cr.same_position(MAZE, CORNER)
+alone = partial(cr.compare, opponents=())  # against the target's own learner and no other
 ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
 
 
@@ -63,11 +66,11 @@ def arm_of(rows, spent=0, eval_freq=10, **kind):
     return Arm(Curve(steps, values, sources), values, values, **kind)
 
 
-def flat(returns, control=False, **kind):
+def flat(returns, curriculum="", **kind):
     """Return an arm whose seeds have constant curves of these heights."""
     values = np.repeat(np.asarray(returns, dtype=float)[:, None], 2, axis=1)
     curve = Curve(np.array([0, 10]), values)
-    return Arm(curve, values, np.full_like(values, np.nan), control, **kind)
+    return Arm(curve, values, np.full_like(values, np.nan), curriculum=curriculum, **kind)
 
 
 @pytest.fixture
@@ -97,4 +100,4 @@ def assert_same(one, other):
     np.testing.assert_array_equal(one.curve.source_steps, other.curve.source_steps)
     np.testing.assert_array_equal(one.training_return, other.training_return)
     np.testing.assert_array_equal(one.guard_share, other.guard_share)
-    assert one.control == other.control
+    assert (one.scratch, one.curriculum) == (other.scratch, other.curriculum)

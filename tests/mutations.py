@@ -219,11 +219,18 @@ MUTATIONS = [
         ("tests/unit/test_verdicts.py",),
     ),
     Mutation(
-        "a fifth of a gain is nothing beside the rest",
-        "comparison/verdicts.py",
-        "SHARE = 0.1",
-        "SHARE = 0.2",
-        ("tests/unit/test_verdicts.py",),
+        "a constant that learns with its curriculum's shaping and guard",
+        "comparison/opponents.py",
+        "curriculum.replace(target, shaping=QInitialisation())",
+        "curriculum",
+        ("tests/unit/test_opponents.py",),
+    ),
+    Mutation(
+        "constants of one curriculum are opponents of another",
+        "comparison/comparison.py",
+        "if self.arms[rival].curriculum in shared)",
+        "if shared)",
+        ("tests/unit/test_opponents.py::test_arms_with_one_potential_share_their_constants",),
     ),
     Mutation(
         "free steps saved are charged in the report",

@@ -16,7 +16,7 @@ BY_HAND = Comparison(
     arms={
         "scratch": arm_of([[0, 0, 1, 2, 3], [0, 0, 1, 2, 3]]),
         "helped": arm_of([[2, 4, 4, 4, 4], [2, 4, 4, 4, 4]], 20),
-        "misled": arm_of([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], 10, control=True),
+        "misled": arm_of([[-2, -2, 0, 0, 1], [-2, 0, 2, 2, 2]], 10, curriculum="helped"),
     },
     budget=20,
     total=40,

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import SARSA, QLearning, compare
+from curricle import SARSA, QLearning
 from curricle.comparison import Comparison
 from curricle.errors import ConfigError, CurriculumError, SettingError
 from curricle.study import StudyConfig, run_study
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
 from curricle.study.record import StudyRecord, plain, read_record
-from tests.comparisons import MAZE, assert_same, copied, corner, flat, pursuit
+from tests.comparisons import MAZE, alone as compare, assert_same, copied, corner, flat, pursuit
 from tests.studies import CORNER, reader
 
 FURTHER = """
@@ -23,7 +23,13 @@ type = "SARSA"
 """
 NAMES = ("scratch", "scratch, optimistic", "scratch, sarsa")
 SET = [
-    *("seeds=2", "window=1", "learner.learning_rate=0.2", "tasks.maze.time_limit=50"),
+    *(
+        "seeds=2",
+        "window=1",
+        "opponents=[]",
+        "learner.learning_rate=0.2",
+        "tasks.maze.time_limit=50",
+    ),
     *("tasks.maze.budget=1_000", "tasks.corner.budget=200"),
 ]
 
@@ -93,18 +99,18 @@ CONTROLS = 'controls=["placebo", "constant", "pretraining"]'
 def test_controls_of_a_study_are_those_of_compare(tmp_path):
     checked = study(tmp_path, changes=["seeds=7", CONTROLS])
     results = run_study(checked, tmp_path / "out", progress=False)
-    stored, compared = results.comparison, compare(checked)
+    stored, compared = results.comparison, cr.compare(checked)
     assert list(stored.arms) == list(compared.arms)
     assert str(stored) == str(compared)
     for name, arm in compared.arms.items():
         there = stored.arms[name]
         np.testing.assert_array_equal(there.curve.values, arm.curve.values)
         np.testing.assert_array_equal(there.curve.source_steps, arm.curve.source_steps)
-        assert (there.control, there.level is None) == (arm.control, arm.level is None)
-        if arm.level is not None:
-            np.testing.assert_array_equal(there.level.values, arm.level.values)
-            assert there.initial_value == arm.initial_value
-    sources = {arms.keys["corner"] for arms in Arms.of(checked).arms.values() if arms.control}
+        assert (there.scratch, there.curriculum) == (arm.scratch, arm.curriculum)
+        assert (there.initial_values is None) == (arm.initial_values is None)
+        if arm.initial_values is not None:
+            np.testing.assert_array_equal(there.initial_values, arm.initial_values)
+    sources = {arms.keys["corner"] for arms in Arms.of(checked).arms.values() if arms.of}
     assert sources == {Arms.of(checked).keys["transfer", "corner"]}  # trained once
     assert results.record.groups() == [("transfer",)]
 
@@ -171,7 +177,7 @@ def test_the_shaping_of_a_target_does_not_change_what_others_learn_from_scratch(
 
 def test_the_verdict_is_against_the_best():
     comparison = by_hand(5.0, 3.0, 8.0, 1.0)
-    assert comparison.best_scratch == "scratch, 1"
+    assert comparison.best_opponent("mine") == "scratch, 1"
     verdict, contrast = comparison.verdicts["mine"], comparison.contrasts["mine"]
     assert (verdict.rival, verdict.rivals) == ("scratch, 1", 4)
     assert contrast.verdict == "costs more than it brings"

@@ -93,7 +93,7 @@ def print_preview(study: StudyConfig) -> None:
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
     """Return the text that a study has too few seeds for any verdict; empty if it has enough."""
-    curricula = sum(not (arm.scratch or arm.control) for arm in arms.arms.values())
+    curricula = sum(not (arm.scratch or arm.of) for arm in arms.arms.values())
     if SCRATCH not in arms.curricula or not curricula:
         return ""
     return too_few_seeds(len(study.seeds), seeds_needed(curricula))

@@ -4,7 +4,7 @@ All arms spend the same total of steps, source steps included. Seed k of every a
 same random stream in the target. Arms with different targets are refused.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
@@ -15,17 +15,16 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
-from curricle.comparison.controls import CONTROLS, Control, Level, check_fit
-from curricle.comparison.plan import (
-    Failures,
+from curricle.comparison.controls import CONTROLS, PLACEBO, UNGUARDED, Control, check_fit
+from curricle.comparison.opponents import (
+    OPPONENTS,
     Learners,
-    Memory,
-    Plan,
-    Trained,
-    check_comparable,
+    Opponent,
+    check_opponents,
     from_scratch,
     scratch_curricula,
 )
+from curricle.comparison.plan import Failures, Memory, Plan, Trained, check_comparable
 from curricle.comparison.verdicts import (
     ONE_LOOK,
     Reason,
@@ -83,10 +82,12 @@ class Arm:
         Greedy return (K, T), with the source steps of each seed.
     training_return, guard_share : (K, T) float64
         As in :class:`LearningResult`.
-    control, scratch : bool
-        Whether it is a control of another arm, or learns from scratch with a learner of its own.
-    level : Level or None
-        The constant that a control without knowledge of the task adds to every value.
+    scratch : bool
+        Whether it is an opponent: it learns the target without sources, for all steps.
+    curriculum : str
+        The curriculum that it is a control of, or whose potential gives its constant.
+    initial_values : (K,) float64 or None
+        The value at which Q starts in every state, of an opponent that starts at a constant.
     unlearnt : dict of str to (K,) bool
         For each source, which seeds did not learn it by its stopping rule.
 
@@ -101,9 +102,9 @@ class Arm:
     curve: Curve
     training_return: FloatArray = field(repr=False)
     guard_share: FloatArray = field(repr=False)
-    control: bool = False
     scratch: bool = False
-    level: Level | None = field(default=None, repr=False)
+    curriculum: str = ""
+    initial_values: FloatArray | None = field(default=None, repr=False)
     unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
 
     __repr__ = brief_repr
@@ -134,9 +135,9 @@ class Arm:
         return cls(curve, training, guard_share, **kind)
 
     @property
-    def initial_value(self) -> float | None:
-        """The initial value that equals this control, mean over seeds; None if there is none."""
-        return None if self.level is None else self.level.initial_value
+    def control(self) -> bool:
+        """Whether it is a control, which is charged what its curriculum is."""
+        return bool(self.curriculum) and not self.scratch
 
     def charged(self, scratch: "Arm") -> Curve:
         """Return the curve over total steps, source steps included (``charge_source``)."""
@@ -156,10 +157,8 @@ class Arm:
 
 def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate) -> Arm:
     """Return several batches of seeds of an arm as one arm; `join` joins their arrays."""
-    first, levels = arms[0], [arm.level for arm in arms if arm.level is not None]
-    level = None
-    if levels:
-        level = replace(levels[0], values=join([level.values for level in levels]))
+    first = arms[0]
+    initial = [arm.initial_values for arm in arms if arm.initial_values is not None]
     values, spent = (
         join([getattr(arm.curve, x) for arm in arms]) for x in ("values", "source_steps")
     )
@@ -168,21 +167,9 @@ def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate
         curve=Curve(first.curve.steps, values, spent),
         training_return=join([arm.training_return for arm in arms]),
         guard_share=join([arm.guard_share for arm in arms]),
-        level=level,
+        initial_values=join(initial) if initial else None,
         unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
     )
-
-
-def best_from_scratch(arms: Mapping[str, Arm], failed: Collection[str] = ()) -> str:
-    """Return the name of the arm that learns from scratch with the highest mean return."""
-    scratch = arms[SCRATCH]
-    names = [name for name in scratch_names(arms) if name not in failed]
-    return max(names, key=lambda name: float(mean_return(arms[name].charged(scratch)).mean()))
-
-
-def scratch_names(arms: Mapping[str, Arm]) -> tuple[str, ...]:
-    """Return the names of the arms that learn from scratch."""
-    return tuple(name for name, arm in arms.items() if name == SCRATCH or arm.scratch)
 
 
 NAN = float("nan")
@@ -193,9 +180,10 @@ UNKNOWN = Interval(NAN, NAN, NAN, 0.95, 0)
 class Contrast:
     """An arm against learning from scratch, over K seeds.
 
-    If several arms learn from scratch, gains are over the best of them, and the strong gain is an
-    interval for the smallest of the true gains. Weak transfer ignores the source steps, over the
-    target's own budget. Strong transfer charges them, over the total budget. Gains are returns.
+    Gains are over the best opponent, which learns the target without sources; of several, the
+    strong gain is an interval for the smallest of the true gains. Weak transfer ignores the source
+    steps, over the target's own budget. Strong transfer charges them, over the total budget. Gains
+    are returns.
 
     Attributes
     ----------
@@ -295,13 +283,38 @@ class Comparison:
 
     @cached_property
     def scratches(self) -> tuple[str, ...]:
-        """The arms that learn the target from scratch."""
-        return scratch_names(self.arms)
+        """The opponents: the arms that learn the target without sources, scratch first."""
+        return tuple(name for name, arm in self.arms.items() if name == SCRATCH or arm.scratch)
+
+    def opponents(self, name: str) -> tuple[str, ...]:
+        """Return the opponents of an arm: all but the constants of other curricula."""
+        curriculum = self.arms[name].curriculum or name
+        return tuple(
+            rival for rival in self.scratches if self.arms[rival].curriculum in ("", curriculum)
+        )
+
+    def best_opponent(self, name: str) -> str:
+        """Return the opponent of an arm with the highest mean return."""
+        return max(self.opponents(name), key=lambda rival: float(self.returns[rival].mean()))
 
     @cached_property
-    def best_scratch(self) -> str:
-        """The arm from scratch with the highest mean return."""
-        return best_from_scratch(self.arms)
+    def best_opponents(self) -> tuple[str, ...]:
+        """The opponents that are the best of some curriculum."""
+        best = {self.best_opponent(name) for name in self.controls}
+        return tuple(name for name in self.scratches if name in best)
+
+    @cached_property
+    def drawn(self) -> tuple[str, ...]:
+        """The arms in figures: of the opponents, scratch and those that are the best of an arm."""
+        kept = {SCRATCH, *self.best_opponents}
+        return tuple(name for name in self.arms if name in kept or name not in self.scratches)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The arms in printed tables: without constants that are not the best of an arm."""
+        return tuple(
+            name for name, arm in self.arms.items() if name in self.drawn or not arm.curriculum
+        )
 
     @property
     def seeds(self) -> int:
@@ -315,26 +328,26 @@ class Comparison:
 
     @cached_property
     def controls(self) -> dict[str, tuple[str, ...]]:
-        """The controls of each curriculum, which follow it among the arms."""
-        controls: dict[str, tuple[str, ...]] = {}
-        for name, arm in self.arms.items():
-            if arm.control:
-                curriculum = next(reversed(controls))
-                controls[curriculum] = (*controls[curriculum], name)
-            elif name not in self.scratches:
-                controls[name] = ()
-        return controls
+        """The controls of each curriculum."""
+        return {
+            name: tuple(
+                other for other, arm in self.arms.items() if arm.curriculum == name and arm.control
+            )
+            for name, arm in self.arms.items()
+            if not (name in self.scratches or arm.curriculum)
+        }
 
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
-        """The controls of each curriculum that know nothing of the task, if one is a constant."""
-        # None without a constant one: learning from a placebo's values at random is slower.
+        """The placebos and constants of each curriculum; none if either are missing."""
+        # Both are needed: values at random are learnt from more slowly than a single value.
         know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
-            levels = {control: self[control].level for control in controls}
-            asked = any(level is not None and level.constant for level in levels.values())
-            known = (control for control, level in levels.items() if level is not None)
-            know_nothing[name] = tuple(known) if asked else ()
+            labels = (f"{name}, {label}" for label in (PLACEBO, UNGUARDED))
+            placebos = [label for label in labels if label in controls]
+            constants = [rival for rival in self.scratches if self.arms[rival].curriculum == name]
+            asked = placebos and constants
+            know_nothing[name] = (*placebos, *constants) if asked else ()
         return know_nothing
 
     @cached_property
@@ -353,8 +366,8 @@ class Comparison:
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
-        """Whether each curriculum pays: gains more than each learner from scratch."""
-        return self._verdicts(dict.fromkeys(self.controls, self.scratches))
+        """Whether each curriculum pays: gains more than each of its opponents."""
+        return self._verdicts({name: self.opponents(name) for name in self.controls})
 
     @property
     def withheld(self) -> str:
@@ -368,18 +381,16 @@ class Comparison:
 
     @cached_property
     def knowledge_verdicts(self) -> dict[str, Verdict]:
-        """Whether each curriculum gains more than all of its controls that know nothing."""
+        """Whether each curriculum gains more than all of its placebos and constants."""
         return self._verdicts(self.know_nothing)
 
     @cached_property
     def reasons(self) -> dict[str, Reason]:
-        """Why each curriculum pays: by what it knows, or by its optimism alone."""
-        reasons = {}
-        for name, pays in self.verdicts.items():
-            over = self.knowledge_verdicts.get(name)
-            level = None if over is None else self.arms[over.rival].level
-            reasons[name] = Reason(pays, over, 0.0 if level is None else level.mean)
-        return reasons
+        """Whether each curriculum pays by what it knows."""
+        return {
+            name: Reason(pays, self.knowledge_verdicts.get(name))
+            for name, pays in self.verdicts.items()
+        }
 
     def times(self, name: str, *, strong: bool = True) -> Times:
         """Return an arm's steps to the threshold; seeds that never reach it are censored."""
@@ -401,7 +412,7 @@ class Comparison:
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
-        """Each arm against learning from scratch."""
+        """Each arm against its best opponent."""
         return {name: self._contrast(name) for name in self.arms if name not in self.scratches}
 
     def _weak(self, name: str) -> Curve:
@@ -411,10 +422,11 @@ class Comparison:
         return Curve(curve.steps[:n], curve.values[:, :n])
 
     def _contrast(self, name: str) -> Contrast:
-        arm, scratch = self[name], self[self.best_scratch]
-        alone = self._verdicts({name: self.scratches})[name]
+        rival = self.best_opponent(name)
+        arm, scratch = self[name], self[rival]
+        alone = self._verdicts({name: self.opponents(name)})[name]
         verdict, reason = self.verdicts.get(name), self.reasons.get(name)
-        weak, base = self._weak(name), self._weak(self.best_scratch)
+        weak, base = self._weak(name), self._weak(rival)
         strong, whole = arm.charged(self.scratch), scratch.curve
         saved = partial(steps_saved, threshold=self._level, window=self.window)
         of_mean, of_difference, of_improvement = (
@@ -466,11 +478,13 @@ class Comparison:
             for part in ("p", "adjusted_p", "verdict", "reason"):
                 row[part] = getattr(contrast, part)
             row["unlearnt"] = self.unlearnt(name)
-            row["against"] = self.best_scratch if name in self.contrasts else ""
+            row["against"] = self.best_opponent(name) if name in self.contrasts else ""
             row["strongest_control"] = "" if over is None else over.rival
             row["beats_controls"] = "" if over is None else over.answer
             row["beats_controls_p"] = NAN if over is None else over.adjusted_p
-            row["level"] = NAN if arm.level is None else arm.level.mean
+            row["initial_value"] = NAN
+            if arm.initial_values is not None:
+                row["initial_value"] = float(arm.initial_values.mean())
             rows.append(row)
         return rows
 
@@ -482,7 +496,7 @@ class Comparison:
         return "\n".join(
             [
                 folded(self._title, width),
-                *text_table(HEADS, [self._cells(name) for name in self.arms], width, prose=True),
+                *text_table(HEADS, [self._cells(name) for name in self.shown], width, prose=True),
                 *(folded(line, width) for line in self._below),
             ]
         )
@@ -499,7 +513,7 @@ class Comparison:
         return block(
             self._title,
             curves(_lines(self), "target and source steps", "greedy return"),
-            table(HEADS, [self._cells(name) for name in self.arms], wide=[HEADS[-1]]),
+            table(HEADS, [self._cells(name) for name in self.shown], wide=[HEADS[-1]]),
             *self._below,
         )
 
@@ -532,42 +546,41 @@ class Comparison:
             if name in self.verdicts and not self.withheld:
                 verdict += f" (p = {contrast.adjusted_p:.2g})"
             verdict += f", {contrast.reason}" if contrast.reason else ""
-        elif name == self.best_scratch and len(self.scratches) > 1:
-            verdict = "the best from scratch: gains are over it"
+        elif name in self.best_opponents and len(self.scratches) > 1:
+            over = [arm for arm in self.controls if self.best_opponent(arm) == name]
+            of = "" if len(over) == len(self.controls) else f" of {', '.join(over)}"
+            verdict = f"the best opponent{of}: gains are over it"
         measured = (short(measure.of(self, name)) for measure in ARM_MEASURES.values())
-        return name, steps, *measured, strong, weak, verdict
+        return f"{name}{self._started(name)}", steps, *measured, strong, weak, verdict
 
     @property
     def sentences(self) -> list[str]:
-        """Sentences about controls, a cheaper way, clusters of seeds and sources not learnt."""
-        lines = [self.cluster_sentence(name) for name in self.arms]
+        """Sentences on other opponents, controls, clusters of seeds and sources not learnt."""
+        lines = [self.other_opponents]
+        lines += [self.cluster_sentence(name) for name in self.shown]
         lines += [self.control_sentence(name) for name in self.control_verdicts]
         lines += [
-            _sentence(name, verdict, "controls that know nothing")
+            _sentence(name, verdict, "placebos and constants")
             for name, verdict in self.knowledge_verdicts.items()
-            if self.know_nothing[name] != self.controls[name]
+            if self.verdicts[name].direction > 0
         ]
-        lines += [self.cheaper_way(name) for name in self.controls]
         lines += [self.unlearnt(name) for name in self.controls]
         return [line for line in (*lines, not_asked(list(self.reasons.values()))) if line]
 
-    def cheaper_way(self, name: str) -> str:
-        """Return a sentence on an initial value that gains as much without any source, or ''."""
-        controls = self.know_nothing[name]
-        ways = [control for control in controls if self[control].initial_value is not None]
-        if self.reasons[name].why not in ("level", "mostly level", "not shown") or not ways:
-            return ""
-        best = max(ways, key=lambda control: float(self.returns[control].mean()))
-        gain = self.contrasts[best].strong_gain
-        if not float(gain.low) > 0:
-            return ""
-        sign = "+" * (float(gain.estimate) > 0)
-        guarded = " under its guard" * bool(np.isfinite(self[best].guard_share).any())
-        return (
-            f"cheaper than {name}: initial_value={self[best].initial_value:.4g} without any "
-            f"source, which is its {best.removeprefix(f'{name}, ')} and gains {sign}{short(gain)}"
-            f"{guarded}"
-        )
+    @property
+    def other_opponents(self) -> str:
+        """A sentence on the constants that are not shown; empty if there are none."""
+        others = [
+            f"{name}{self._started(name)} {self.returns[name].mean():.4g}"
+            for name in self.scratches
+            if name not in self.shown
+        ]
+        return f"mean return of other constants: {'; '.join(others)}" if others else ""
+
+    def _started(self, name: str) -> str:
+        """Return the initial value of an opponent that starts at a constant, as text."""
+        values = self[name].initial_values
+        return "" if values is None else f" (initial_value={values.mean():.4g})"
 
     def cluster_sentence(self, name: str) -> str:
         """Return a sentence on two clusters of an arm's seeds; empty if there are none."""
@@ -633,11 +646,12 @@ def short(interval: Interval) -> str:
 
 def _lines(comparison: Comparison) -> list[Any]:
     """Return the charged curve of each arm; a control's looks like its curriculum's, but dashed."""
-    number, colour, lines = -1, "currentColor", []
-    for name, arm in comparison.arms.items():
-        scratch = name in comparison.scratches
-        if not (scratch or arm.control):
-            number += 1
+    curricula = list(comparison.controls)
+    lines = []
+    for name in comparison.drawn:
+        arm, colour = comparison[name], "currentColor"
+        if not arm.scratch and name != SCRATCH:
+            number = curricula.index(arm.curriculum or name)
             colour = COLOURS[OWN_COLOURS[number % len(OWN_COLOURS)]]
         curve = arm.charged(comparison.scratch)
         lines.append(
@@ -645,8 +659,8 @@ def _lines(comparison: Comparison) -> list[Any]:
                 name,
                 curve.steps,
                 curve.filled(),
-                "currentColor" if scratch else colour,
-                dashed=arm.control or (scratch and name != SCRATCH),
+                colour,
+                dashed=arm.control or (arm.scratch and name != SCRATCH),
                 confidence=comparison.confidence,
             )
         )
@@ -661,6 +675,7 @@ def compare(
     *,
     seeds: int | Sequence[int] = 30,
     controls: Sequence[Control] = (),
+    opponents: Sequence[Opponent] = OPPONENTS,
     scratch: Learners = (),
     threshold: float | None = None,
     window: int = 5,
@@ -670,13 +685,14 @@ def compare(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Comparison:
-    """Train curricula and learners from scratch, and return their comparison.
+    """Train curricula and their opponents, and return their comparison.
 
     All arms have the same total budget: the target's, plus the steps that the most expensive arm
-    spends on its sources (or can spend at most, if a source's budget is in episodes). The learner
-    from scratch spends all of it in the target; every other arm spends there what its sources
-    leave, seed by seed. An arm that fails is listed in :attr:`Comparison.failed`; an error of
-    scratch, or of all arms, is raised.
+    spends on its sources (or can spend at most, if a source's budget is in episodes). Opponents
+    learn the target without sources and spend all of it there; every other arm spends there what
+    its sources leave, seed by seed. A curriculum pays if it gains more than each opponent.
+    An arm that fails is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms,
+    is raised.
 
     Parameters
     ----------
@@ -686,10 +702,13 @@ def compare(
     seeds : int or sequence of int
         With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
-        Any of ``random_start``, ``pretraining``, ``placebo``, ``constant``, ``scaled`` and
-        ``negated``, run for each curriculum (``curricle.comparison.controls`` explains them).
+        Any of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``, run
+        for each curriculum (``curricle.comparison.controls`` explains them).
+    opponents : sequence of str
+        Any of ``constant``, ``bounds`` and ``optimistic``: the learners from scratch that play
+        unasked beside the target's own (``curricle.comparison.opponents`` explains them).
     scratch : sequence of learners, or dict of str to learner
-        Further learners that learn the target from scratch, besides its own.
+        Further learners that learn the target from scratch.
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from the random policy's
         return to the optimum; midway up the curve of scratch if there is no such optimum.
@@ -726,7 +745,7 @@ def compare(
     """
     check_progress(progress)
     memory = Memory()
-    plan = comparison_plan(arms, memory, controls, scratch)
+    plan = comparison_plan(arms, memory, controls, opponents, scratch)
     window = whole_number("window", window, 1, SettingError)
     if window > checkpoints(plan):
         raise SettingError(
@@ -748,9 +767,10 @@ def compare(
                 batches.append(trained_arms(plan, tuple(added), failed, memory, workers, bars))
                 if first_arm in failed:  # no more seeds are added: the goal is about its gain
                     raise _FirstArmFailed
-                # The best from scratch at the first look. Verdicts are against all that learn from
-                # scratch, and hold whatever decided when to stop.
-                best = best_from_scratch(batches[0], failed)
+                # The best opponent at the first look. Verdicts are against all opponents, and hold
+                # whatever decided when to stop.
+                first_look = comparison_of(plan, batches[0], level, window, failed)
+                best = first_look.best_opponent(first_arm)
                 return batches[-1][first_arm].strong_gain(batches[-1][best])
 
             first = whole_number("seeds to begin adding with", seeds, 2, SettingError)
@@ -772,6 +792,7 @@ def comparison_plan(
     arms: Curriculum | Mapping[str, Curriculum],
     memory: Memory,
     controls: Sequence[Control] = (),
+    opponents: Sequence[Opponent] = (),
     scratch: Learners = (),
 ) -> Plan:
     """Return the plan of :func:`compare` for arms; CurriculumError if they differ too much."""
@@ -789,6 +810,7 @@ def comparison_plan(
         raise SettingError(f"controls must be a list of names: got {controls!r}")
     for control in controls:
         one_of("a control", control, CONTROLS, SettingError)
+    opponents = check_opponents(opponents)
     check_comparable(arms)
     first = next(iter(arms.values()))
     target, node = first.target, first.node(first.target)
@@ -805,7 +827,8 @@ def comparison_plan(
     for name in scratches:
         if name in arms:
             raise CurriculumError(f"the name {name!r} is taken by a learner: rename this arm")
-    return Plan.made(arms, scratches, memory.keys_of, controls=controls)
+    how: Any = {"controls": controls, "opponents": opponents}
+    return Plan.made(arms, scratches, memory.keys_of, **how)
 
 
 def checkpoints(plan: Plan) -> int:
@@ -870,12 +893,12 @@ def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
         last.source_steps,
         plan.steps[1],
         plan.eval_freq,
-        control=bool(planned.control),
         scratch=planned.scratch,
-        level=last.level,
+        curriculum=planned.of,
+        initial_values=last.initial_values,
         unlearnt={
             source: planned.curriculum.node(source).unlearnt(results[source].result)
-            for source in (sources if not planned.control else ())
+            for source in (sources if not planned.of else ())
         },
     )
     return arm.take(np.searchsorted(in_order, seeds))

@@ -4,51 +4,44 @@
   much, visiting many states helped, not the easier task.
 - ``pretraining``: the source is the target itself, for as many steps. If it helps as much, the
   longer training helped.
-- ``placebo``: phi's values shuffled over the target's pairs. If it helps as much, any values do.
-- ``constant``: the mean of phi everywhere, and its maximum, over the pairs that learning can visit.
-  If one helps as much, phi's optimism did it: a higher ``initial_value`` needs no source.
+- ``placebo``: phi's values shuffled over the target's pairs, under the curriculum's guard and
+  without it. If it helps as much, any values do.
+- ``constant``: no control but an opponent (:mod:`curricle.comparison.opponents`), which this plays
+  where ``opponents`` does not.
 - ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 
-``placebo`` and ``constant`` know nothing of the task. In an observation task, which has no numbered
-states, there is no ``random_start``, and a ``placebo`` only of miniatures: each observation has the
-answer of another. ``scaled`` and ``constant`` need no dense tables.
+A ``placebo`` knows nothing of the task. In an observation task, which has no numbered states, there
+is no ``random_start``, and a ``placebo`` only of miniatures: each observation has the answer of
+another. ``scaled`` needs no dense tables.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Literal, Self, get_args
+from dataclasses import replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.arrays import IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import calibrated
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError
-from curricle.learning.learners import Learner
 from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
-from curricle.learning.shaping import LookAheadAdvice, QInitialisation, StateShaping
 from curricle.learning.stopping import StoppingRule
-from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.rollouts import random_rollouts
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
+from curricle.tasks.mdp import tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr
 from curricle.transfer.by_components import identity
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.potential import ObservationPotential
-from curricle.transfer.rollouts import ObservationTarget
 from curricle.transfer.transfer import Transfer
 
 Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
-PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM = "placebo", "constant mean", "constant maximum"
-KNOW_NOTHING = (PLACEBO, CONSTANT_MEAN, CONSTANT_MAXIMUM)  # labels of controls that know nothing
+PLACEBO, UNGUARDED = "placebo", "placebo, unguarded"
 WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
@@ -66,7 +59,7 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
         tables(curriculum.tasks[name])
         if curriculum.setting("storage", name).kind == "sparse":
             raise CurriculumError(
-                "controls other than 'constant' and 'scaled' need dense tables of the target: the "
+                "controls other than 'scaled' need dense tables of the target: the "
                 f"storage of {name!r} is sparse in arm {arm!r}"
             )
 
@@ -130,14 +123,13 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
     )
 
 
-Change = Callable[[Any, int, "VisitedPairs"], AnyPotential]  # phi, seed, visited pairs -> another
+Change = Callable[[Any, int], AnyPotential]  # phi, seed -> another
 CHANGES: dict[str, Change] = {
-    PLACEBO: lambda phi, seed, _: _shuffled(phi, seed),
-    CONSTANT_MEAN: lambda phi, _, pairs: phi.rescaled(0.0, float(pairs.values(phi).mean())),
-    CONSTANT_MAXIMUM: lambda phi, _, pairs: phi.rescaled(0.0, float(pairs.values(phi).max())),
-    "scaled x 0.5": lambda phi, *_: phi.rescaled(0.5),
-    "scaled x 2": lambda phi, *_: phi.rescaled(2.0),
-    "negated": lambda phi, *_: (
+    PLACEBO: lambda phi, seed: _shuffled(phi, seed),
+    UNGUARDED: lambda phi, seed: _shuffled(phi, seed),
+    "scaled x 0.5": lambda phi, _: phi.rescaled(0.5),
+    "scaled x 2": lambda phi, _: phi.rescaled(2.0),
+    "negated": lambda phi, _: (
         phi.rescaled(-1.0)
         if isinstance(phi, ObservationPotential)
         else StateActionPotential(phi.task, -phi.values)
@@ -145,8 +137,7 @@ CHANGES: dict[str, Change] = {
 }
 """What the controls that change a potential do to it, by their labels."""
 LABELS: dict[Control, tuple[str, ...]] = {
-    "placebo": (PLACEBO,),
-    "constant": (CONSTANT_MEAN, CONSTANT_MAXIMUM),
+    "placebo": (PLACEBO, UNGUARDED),
     "scaled": ("scaled x 0.5", "scaled x 2"),
     "negated": ("negated",),
     "random_start": ("random start",),
@@ -159,10 +150,16 @@ def control_arms(
     controls: Sequence[Control], curriculum: Curriculum
 ) -> Iterator[tuple[str, Curriculum]]:
     """Yield the label of each control arm of a curriculum, and the curriculum that it learns by."""
+    target = curriculum.target
+    shaping = curriculum.setting("shaping", target)
     for control, labels in LABELS.items():
         for label in labels if control in controls else ():
-            shuffled = is_shuffled(label, curriculum)
-            yield label, shuffled_miniatures(curriculum) if shuffled else curriculum
+            if is_shuffled(label, curriculum):
+                yield label, shuffled_miniatures(curriculum)
+            elif label != UNGUARDED:
+                yield label, curriculum
+            elif shaping.guard is not None:
+                yield label, curriculum.replace(target, shaping=replace(shaping, guard=None))
 
 
 def is_shuffled(label: str, curriculum: Curriculum) -> bool:
@@ -178,35 +175,28 @@ def train_control(
     potentials: Sequence[AnyPotential] = (),
     calibrations: Sequence[Calibration] = (),
     **how: Any,
-) -> tuple[LearningResult, IntArray, "Level | None"]:
-    """Return the results of seeds in the target of a control arm, their charges, and its level."""
+) -> tuple[LearningResult, IntArray]:
+    """Return the results of seeds in the target of a control arm, and their charges."""
     # Every control is charged the steps of the curriculum's `sources`.
     name = curriculum.target
     spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
     if is_shuffled(label, curriculum):
         trained = curriculum.train(seeds, only=name, trained=sources, charge=True, **how)
-        return trained[name], spent, None
+        return trained[name], spent
     if label not in CHANGES:
         parts = []
         for steps in np.unique(spent):
             some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
             changed_source = source_control(curriculum, label, int(steps))
             parts.append(changed_source.train(some, charge=True, **how)[name])
-        return joined_results(parts), spent, None
-    node, pairs = curriculum.node(name), VisitedPairs.of(curriculum)
+        return joined_results(parts), spent
     if not potentials:
         potentials, calibrations = entering(curriculum, name, sources, seeds, spent)
-    changed = [CHANGES[label](phi, k, pairs) for phi, k in zip(potentials, seeds, strict=True)]
+    changed = [CHANGES[label](phi, k) for phi, k in zip(potentials, seeds, strict=True)]
     warm_ups = [calibration.warm_up for calibration in calibrations]
-    result = node.train(seeds, changed, warm_ups=warm_ups, charged=spent, **how)
-    if label not in KNOW_NOTHING:
-        return result, spent, None
-    # A constant potential is another initial value where a table learns and the shaping allows it.
-    constant, learner = label != PLACEBO, node.learner
-    same = constant and isinstance(node.shaping, SAME_AS_INITIAL_VALUE)
-    base = learner.initial_value if same and isinstance(learner, Learner) else None
-    means = np.array([pairs.values(phi).mean() for phi in changed])
-    return result, spent, Level(means, base, constant)
+    return curriculum.node(name).train(
+        seeds, changed, warm_ups=warm_ups, charged=spent, **how
+    ), spent
 
 
 def entering(
@@ -230,87 +220,3 @@ def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
     alive = values[~ends]
     values[~ends] = np.random.default_rng([seed, 1]).permutation(alive.ravel()).reshape(alive.shape)
     return StateActionPotential(phi.task, values)
-
-
-# -- How optimistic a potential is -----------------------------------------------------------------
-#
-# Its values over the pairs of the states that some policy can reach from a start and in which no
-# episode ends, each pair counted once, with what stands where no mapping knows anything: all that a
-# learner of the target can meet, and nothing that it cannot. Where a target has no dense tables,
-# they are the pairs of the states that rollouts of the uniformly random policy visit; with
-# observations, those of the policy that the potential gives, as a forecast reads it. No learner is
-# charged for them.
-
-EPISODES, LENGTH = 100, 1000  # random rollouts without dense tables, and their most steps
-SAME_AS_INITIAL_VALUE = (QInitialisation, LookAheadAdvice, StateShaping)  # (Wiewiora 2003)
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """The constants that a control without knowledge adds to every value, for K seeds."""
-
-    values: FloatArray  # (K,): mean of its potential over the pairs that learning can visit
-    # The learner's own initial value, to which it is added; None where the control is not the same
-    # as another initial value.
-    base: float | None
-    constant: bool  # whether every pair has this value
-
-    __repr__ = brief_repr
-
-    @property
-    def mean(self) -> float:
-        """The mean over seeds."""
-        return float(self.values.mean())
-
-    @property
-    def initial_value(self) -> float | None:
-        """The initial value that equals it, on average over seeds; None if there is none."""
-        return None if self.base is None else self.base + self.mean
-
-    @property
-    def arrays(self) -> dict[str, FloatArray]:
-        """The arrays that a file holds, with a number for each seed: NaN for no base."""
-        base = np.nan if self.base is None else self.base
-        return {"level": self.values, "level_base": np.full(len(self.values), base)}
-
-    @classmethod
-    def of_arrays(cls, arrays: Mapping[str, Any], constant: bool) -> Self:
-        """Return the level that a file holds; ValueError where its arrays do not fit."""
-        for name in ("level", "level_base"):
-            array = arrays.get(name)
-            if array is None or array.shape != arrays["seeds"].shape or array.dtype != "float64":
-                raise ValueError(f"{name} must be a number of float64 for each seed")
-        base = float(arrays["level_base"][0])
-        return cls(arrays["level"], None if np.isnan(base) else base, constant)
-
-
-@dataclass(frozen=True, eq=False)
-class VisitedPairs:
-    """The pairs of a task that learning can visit."""
-
-    task: Any
-    dense: bool  # whether all that can be reached is counted, rather than what rollouts visit
-
-    @classmethod
-    def of(cls, curriculum: Curriculum) -> Self:
-        """Return the pairs of a curriculum's target."""
-        task = curriculum.tasks[curriculum.target]
-        sparse = curriculum.setting("storage", curriculum.target).kind == "sparse"
-        return cls(task, has_tables(task) and not sparse and not is_observation_task(task))
-
-    @cached_property
-    def states(self) -> IntArray:
-        """The states of these pairs without repetition, (n,) int64; tasks with numbered states."""
-        if self.dense:
-            mdp = tables(self.task)
-            return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
-        limit = min(generative_model(self.task).time_limit or LENGTH, LENGTH)
-        rollouts = random_rollouts(self.task, episodes=EPISODES, length=limit)
-        return np.unique(rollouts.states[:, :-1][rollouts.taken])
-
-    def values(self, phi: AnyPotential) -> FloatArray:
-        """Return phi of these pairs, a float64 array with one value for each."""
-        if not isinstance(phi, ObservationPotential):
-            return np.asarray(phi.pairs(self.states))
-        seen = ObservationTarget(self.task, GreedyEvaluation()).observations(phi)
-        return np.asarray(phi.pairs(seen) if phi.of_actions else phi.v(seen))

@@ -9,16 +9,22 @@ units in turn in memory (`Memory`); a study sends them to workers and stores the
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from curricle.arrays import IntArray
-from curricle.checks import fit_name, instance
-from curricle.comparison.controls import Control, Level, control_arms, train_control
+from curricle.arrays import FloatArray, IntArray
+from curricle.comparison.controls import Control, control_arms, entering, train_control
+from curricle.comparison.opponents import (
+    CONSTANTS,
+    Opponent,
+    constants_of,
+    train_constant,
+    unasked_learners,
+)
 from curricle.comparison.task_differences import differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import OF_TARGETS, SETTINGS, Node
@@ -78,21 +84,22 @@ class PlannedArm:
     curriculum: Curriculum  # the budget of its target is the total, if there is one
     keys: Mapping[str, Any]  # of each task
     dependencies: Mapping[str, Dependencies] = field(default_factory=dict)  # what keys are made of
-    scratch: bool = False  # whether it learns the target from scratch
-    control: str = ""  # what it changes in the arm that it is a control of; empty for other arms
+    scratch: bool = False  # whether it learns the target without sources, for all steps
+    # What it changes in another arm, as a control or a constant of its potential; empty if nothing.
+    change: str = ""
     of: str = ""  # that arm
 
 
 KeysOf = Callable[[str, Curriculum, str], tuple[Mapping[str, Any], Mapping[str, Dependencies]]]
-"""The name of an arm, without its control, its curriculum and the control -> keys and dependencies
-of its tasks."""
+"""The name of an arm, without its change, its curriculum and the change -> keys and dependencies of
+its tasks."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
     """The arms that are to be trained, and their keys."""
 
-    arms: Mapping[str, PlannedArm]  # from scratch first; controls follow their arm
+    arms: Mapping[str, PlannedArm]  # from scratch first; an arm's controls and constants follow it
     target: str  # the task that all arms end with
     budget: int | None  # the target's steps without sources'; None without comparison
     total: int | None  # steps that every arm spends, sources included
@@ -106,6 +113,7 @@ class Plan:
         keys_of: KeysOf,
         *,
         controls: Sequence[Control] = (),
+        opponents: Sequence[Opponent] = (),
         least_total: int = 0,
         compared: bool = True,
     ) -> Self:
@@ -123,14 +131,29 @@ class Plan:
                 f"{node.budget}; give it in steps, or let each arm have its own budget with "
                 "compared = false"
             )
+        if "constant" in controls:
+            opponents = ("constant", *opponents)
+
+        def as_long(curriculum: Curriculum) -> Curriculum:
+            if total is None:
+                return curriculum
+            return curriculum.replace(target, budget=total, eval_freq=node.eval_freq)
+
         arms = dict[str, PlannedArm]()
-        for name, curriculum in (*scratches.items(), *curricula.items()):
-            if total is not None:
-                curriculum = curriculum.replace(target, budget=total, eval_freq=node.eval_freq)
-            arms[name] = PlannedArm(curriculum, *keys_of(name, curriculum, ""), name in scratches)
-            for control, changed in control_arms(controls, curriculum) if name in curricula else ():
-                keys = keys_of(name, changed, control)
-                arms[f"{name}, {control}"] = PlannedArm(changed, *keys, control=control, of=name)
+        scratches = {name: as_long(curriculum) for name, curriculum in scratches.items()}
+        for name, curriculum in scratches.items():
+            arms[name] = PlannedArm(curriculum, *keys_of(name, curriculum, ""), scratch=True)
+        for label, curriculum in unasked_learners(opponents, scratches) if scratches else ():
+            keys = keys_of(SCRATCH, curriculum, label)
+            arms[f"{SCRATCH}, {label}"] = PlannedArm(curriculum, *keys, scratch=True)
+        for name, curriculum in curricula.items():
+            whole = as_long(curriculum)
+            arms[name] = PlannedArm(whole, *keys_of(name, whole, ""))
+            kinds = {False: control_arms(controls, whole), True: constants_of(opponents, whole)}
+            for free, changes in kinds.items():
+                for label, changed in changes:
+                    keys = keys_of(name, changed, label)
+                    arms[f"{name}, {label}"] = PlannedArm(changed, *keys, free, label, name)
         return cls(arms, target, budget, total, node.eval_freq)
 
     @property
@@ -161,8 +184,8 @@ class Plan:
 
     @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
-        """The keys that each arm needs: its own, and for a control its curriculum's target."""
-        controls = {name: arm.of for name, arm in self.arms.items() if arm.control}
+        """The keys that each arm needs: its own, and those of the target of the arm it changes."""
+        controls = {name: arm.of for name, arm in self.arms.items() if arm.of}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
         return self.keys | beside
 
@@ -182,17 +205,17 @@ class Plan:
             for task in curriculum.tasks.values()
         )
 
-    def controlled(self, unit: Unit) -> Any:
-        """Return the key of the target that a control's unit changes; None for other units."""
+    def changed(self, unit: Unit) -> Any:
+        """Return the key of the target that a unit changes; None for units that change nothing."""
         of = self.arms[unit.arm].of
         return self.arms[of].keys[unit.task] if of and unit.task == self.target else None
 
     def read_by(self, unit: Unit) -> set[Any]:
-        """Return the keys whose results a unit reads: sources, and a control's curriculum."""
-        return {*unit.sources.values(), self.controlled(unit)} - {None}
+        """Return the keys whose results a unit reads: of sources, and of an arm that it changes."""
+        return {*unit.sources.values(), self.changed(unit)} - {None}
 
     def without(self, arms: Collection[str]) -> Self:
-        """Return the plan without some arms and their controls."""
+        """Return the plan without some arms, their controls and constants."""
         kept = {name: arm for name, arm in self.arms.items() if not {name, arm.of} & set(arms)}
         return replace(self, arms=kept)
 
@@ -258,56 +281,6 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
                 )
 
 
-# -- Arms that learn from scratch ------------------------------------------------------------------
-
-Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, by name in a dict
-
-
-def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
-    """Return a curriculum's target without its sources, by default with its own learner."""
-    target = curriculum.target
-    which = [setting for setting in SETTINGS if setting not in OF_TARGETS]
-    settings: Any = {setting: {target: curriculum.setting(setting, target)} for setting in which}
-    if learner is not None:
-        settings["learner"] = {target: learner}
-    return Curriculum({target: curriculum.tasks[target]}, **settings)
-
-
-def scratch_curricula(learners: Learners, first: Curriculum) -> dict[str, Curriculum]:
-    """Return the arms of further learners from scratch by name, ``scratch, NAME``."""
-    if not isinstance(learners, Mapping):
-        instance("scratch, unless it names learners in a dict,", learners, Sequence, SettingError)
-        named: Iterable[tuple[str, Any]] = [(_name(learner), learner) for learner in learners]
-    else:
-        named = learners.items()
-    usual, arms = first.setting("learner", first.target), dict[str, Curriculum]()
-    for name, learner in named:
-        fit_name("a learner from scratch", name, SettingError)
-        label = f"{SCRATCH}, {name}"
-        if label in arms:
-            raise SettingError(f"learners from scratch must differ: {name} is there twice")
-        if learner == usual:
-            raise SettingError(
-                f"a further learner from scratch must differ from the target's own: {name} is "
-                f"{usual}, which learns from scratch anyway"
-            )
-        try:
-            arms[label] = from_scratch(first, learner)
-        except (CurriculumError, SettingError) as error:
-            raise SettingError(f"learner {name} from scratch: {error}") from None
-    return arms
-
-
-def _name(learner: Any) -> str:
-    """Return a learner as text, with the settings that are not the defaults of its class."""
-    parts = []
-    for setting in fields(learner) if is_dataclass(learner) else ():
-        factory, value = setting.default_factory, getattr(learner, setting.name)
-        if value != (setting.default if factory is MISSING else factory()):
-            parts.append(f"{setting.name}={value}")
-    return type(learner).__name__ + f"({', '.join(parts)})" * bool(parts)
-
-
 # -- Training a unit -------------------------------------------------------------------------------
 
 
@@ -319,7 +292,7 @@ class Trained:
     source_steps: IntArray  # (K,): what each seed spent before
     calibrations: Sequence[Calibration] = ()  # of each seed, where its potential was calibrated
     potentials: Sequence[AnyPotential] = ()  # of each seed, as they entered, where they are known
-    level: Level | None = None  # what a control that knows nothing adds to every value
+    initial_values: FloatArray | None = None  # (K,) of Q, where it starts at a constant
 
 
 def train(
@@ -328,19 +301,22 @@ def train(
     sources: Mapping[str, SourceValues],
     *,
     charge: bool = True,
-    uncontrolled: Trained | None = None,
+    unchanged: Trained | None = None,
     **how: Any,
 ) -> Trained:
     """Train a unit of an arm with the results of its sources, and return its results."""
-    # With `charge` the target's budget pays for the sources too. A control reads the potentials of
-    # its curriculum in `uncontrolled`, or computes them again.
-    curriculum, task = arm.curriculum, unit.task
-    if arm.control and task == curriculum.target:
-        if uncontrolled is not None:
-            how["potentials"] = uncontrolled.potentials
-            how["calibrations"] = uncontrolled.calibrations
-        control = train_control(arm.control, curriculum, unit.seeds, sources, **how)
-        return Trained(control[0], control[1], level=control[2])
+    # With `charge` the target's budget pays for the sources too. An arm that changes another reads
+    # the potentials of that arm in `unchanged`, or computes them again.
+    curriculum, task, seeds = arm.curriculum, unit.task, unit.seeds
+    if arm.change and task == curriculum.target:
+        before: Any = ((), ())
+        if unchanged is not None:
+            before = unchanged.potentials, unchanged.calibrations
+        if arm.change not in CONSTANTS:
+            return Trained(*train_control(arm.change, curriculum, seeds, sources, *before, **how))
+        potentials = before[0] or entering(curriculum, task, sources, seeds)[0]
+        result, values = train_constant(arm.change, curriculum, seeds, potentials, **how)
+        return Trained(result, np.zeros(len(seeds), np.int64), initial_values=values)
     trained = curriculum.train(
         unit.seeds, only=task, trained=sources, charge=charge, snapshots=unit.snapshots, **how
     )
@@ -393,7 +369,7 @@ class _Learning(NamedTuple):
     node: Node
     transfers: tuple[Transfer, ...]
     sources: tuple[int, ...]  # the keys of all tasks before it
-    control: str
+    change: str
 
     def equals(self, other: "_Learning") -> bool:
         """Return whether both give equal results."""
@@ -415,13 +391,13 @@ class Memory:
         self.trained = dict[tuple[int, tuple[int, ...]], Trained]()  # without the values of targets
 
     def keys_of(
-        self, name: str, curriculum: Curriculum, control: str
+        self, name: str, curriculum: Curriculum, change: str
     ) -> tuple[dict[str, int], dict[str, Any]]:
         """Return the keys of an arm's tasks, as :meth:`Plan.made` asks for them."""
         keys = dict[str, int]()
         for task in curriculum.order:
             before = tuple(keys[source] for source in curriculum.ancestors(task))
-            changed = control if task == curriculum.target else ""
+            changed = change if task == curriculum.target else ""
             new = _Learning(curriculum.node(task), curriculum.in_edges(task), before, changed)
             known = (k for k, learning in enumerate(self._learnings) if learning.equals(new))
             keys[task] = next(known, len(self._learnings))
@@ -469,8 +445,8 @@ class Memory:
             name: SourceValues.of(self.trained[key, unit.seeds].result)
             for name, key in unit.sources.items()
         }
-        uncontrolled = self.trained.get((plan.controlled(unit), unit.seeds))
-        return train(plan.arms[unit.arm], unit, sources, uncontrolled=uncontrolled, **how)
+        unchanged = self.trained.get((plan.changed(unit), unit.seeds))
+        return train(plan.arms[unit.arm], unit, sources, unchanged=unchanged, **how)
 
     def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
         """Drop results that nothing reads any more, except small tables, which plans share."""

@@ -19,6 +19,7 @@ from curricle.comparison.comparison import (
     trained_arms,
 )
 from curricle.comparison.controls import entering
+from curricle.comparison.opponents import CONSTANTS, OPPONENTS
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import SETTINGS, Node
@@ -29,7 +30,6 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
 from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
 from curricle.progress import Progress, shown
-from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -122,7 +122,7 @@ def part_of(
 STREAM = "/trial"  # what the names of a trial's random streams end with
 SEEDS, FEWEST = 20, 8  # seeds of a trial; the fewest that are worth it
 QUICK = 5.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
-STEP, OUTCOME = 50e-9, 8e-9
+STEP, OUTCOME = 25e-9, 8e-9
 """Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
 are constants, so that whether there is a trial does not depend on the machine."""
 SETTLED = 1000  # steps of an exact evaluation after which most values no longer change
@@ -136,7 +136,7 @@ class Trial:
     Attributes
     ----------
     comparison : Comparison
-        An arm for each candidate, under its name, and scratch.
+        An arm for each candidate, under its name, and their opponents.
     assumes : str
         The assumptions of its verdict, as text.
     relative : str
@@ -164,16 +164,17 @@ class Trial:
         return f"{answer}, as on a smaller relative" if self.relative else answer
 
     def numbers(self, name: str) -> str:
-        """Return a sentence on a candidate's gain and its steps to the threshold, and scratch's."""
+        """Return a sentence on a candidate's gain, and on its steps and its best opponent's."""
         comparison, gain = self.comparison, self.gain(name)
         if gain is None:
             return in_words(comparison.failed[name])
         gained = f"gain in mean return {in_brief(gain)}"
-        times, alone = comparison.times(name), comparison.times(SCRATCH)
+        best = comparison.best_opponent(name)
+        times, alone = comparison.times(name), comparison.times(best)
         if not (times.reached.any() or alone.reached.any()):
             return (
                 f"the threshold {comparison.threshold:.4g} is never reached within "
-                f"{comparison.total:,} steps, with sources or from scratch; {gained}"
+                f"{comparison.total:,} steps, with sources or by {best}; {gained}"
             )
         # Where the budget cuts off only the slower side, more would be saved, or taken, beyond it.
         saved = comparison.contrasts[name].strong_steps_saved
@@ -188,7 +189,7 @@ class Trial:
         spent = comparison[name].curve.source_steps.mean()
         return (
             f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
-            f"sources (their {spent:,.0f} steps included), {self._steps(SCRATCH)} from scratch; "
+            f"sources (their {spent:,.0f} steps included), {self._steps(best)} by {best}; "
             f"{change}; {gained}"
         )
 
@@ -230,7 +231,7 @@ def run_trial(
     """Return a trial of candidates, or of a smaller relative in place of the only candidate."""
     memory = Memory() if memory is None else memory
     arms = {candidate.name: apart(relative or candidate.curriculum) for candidate in candidates}
-    plan, failed = comparison_plan(arms, memory), dict[str, Exception]()
+    plan, failed = comparison_plan(arms, memory, opponents=OPPONENTS), dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
         # A calibration that is refused here will be refused in the experiment too, and said there.
         warnings.simplefilter("ignore", UserWarning)
@@ -276,7 +277,8 @@ def trial_seconds(candidates: Sequence[Candidate]) -> float:
     plans = [candidate.curriculum for candidate in candidates]
     node = plans[0].node(plans[0].target)
     total = limits(node.budget)[0] + max(map(most_source_steps, plans))
-    seconds = _node_seconds(node, total) * (1 + len(plans))
+    alone, constants = 1 + 3, len(CONSTANTS)  # scratch, bounds and the optimistic learner
+    seconds = _node_seconds(node, total) * (alone + len(plans) * (1 + constants))
     for plan in plans:
         sources = [plan.node(name) for name in plan.ancestors(plan.target)]
         seconds += sum(_node_seconds(source, source.most_steps) for source in sources)

@@ -240,56 +240,38 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
     )
 
 
-SHARE = 0.1  # up to this share of a gain is nothing beside the rest
-ASKING = 'cr.compare(..., controls=["constant", "placebo"])'
-"""How the question is asked; in a study file by ``controls = ["constant", "placebo"]``."""
+ASKING = 'cr.compare(..., controls=["placebo"])'
+"""How the question is asked; in a study file by ``controls = ["placebo"]``."""
 
-Why = Literal["", "not asked", "knowledge", "mostly level", "level", "not shown"]
+Why = Literal["", "not asked", "knowledge", "placebo", "not shown"]
 
 
 @dataclass(frozen=True)
 class Reason:
-    """Why a curriculum pays."""
+    """Whether a curriculum pays by what it knows."""
 
-    pays: Verdict = field(repr=False)  # whether it gains more than learning from scratch
-    # Whether it gains more than all of its controls that know nothing; None if it has none.
-    over_controls: Verdict | None
-    level: float = 0.0  # what the strongest of these controls adds to every value, on average
+    pays: Verdict = field(repr=False)  # whether it gains more than its opponents
+    # Whether it gains more than its placebos and constants; None if it has none of either.
+    over_nothing: Verdict | None
 
     __repr__ = brief_repr
 
     @property
     def why(self) -> Why:
         """The reason; empty unless the curriculum is shown to pay."""
-        # "knowledge": it is shown to gain more than all controls that know nothing. "level": it is
-        # shown to gain less than one of them, or at most a tenth of its gain over scratch more;
-        # "mostly level": both it gains more and this little. The share is the upper bound of the
-        # one gain by the lower bound of the other: it is larger in at most 5 % of comparisons.
-        over, little = self.over_controls, self.share <= SHARE
+        over = self.over_nothing
         if self.pays.direction <= 0:
             return ""
-        if over is None or over.withheld:
-            return "not asked" if over is None else "not shown"
-        if over.direction > 0:
-            return "mostly level" if little else "knowledge"
-        return "level" if little or over.direction < 0 else "not shown"
-
-    @property
-    def share(self) -> float:
-        """The upper 95 % bound of the share of its gain that its knowledge brings; 1 if unknown."""
-        over, whole = self.over_controls, float(self.pays.gain.low)
-        if over is None or not whole > 0:
-            return 1.0
-        return min(1.0, max(0.0, float(over.gain.high)) / whole)
+        if over is None:
+            return "not asked"
+        return {1: "knowledge", -1: "placebo", 0: "not shown"}[over.direction]  # type: ignore[return-value]
 
     @property
     def words(self) -> str:
         """The reason as text; empty if it was not asked for, or if the curriculum does not pay."""
-        optimism = "optimism" if self.level >= 0 else "pessimism"
         reasons = {
             "knowledge": "by what it knows",
-            "mostly level": f"nearly all by {optimism}",
-            "level": f"by {optimism} alone",
+            "placebo": "not by what it knows: a placebo gains more",
             "not shown": "not shown to be by what it knows",
         }
         return reasons.get(self.why, "")
@@ -298,4 +280,4 @@ class Reason:
 def not_asked(reasons: Sequence[Reason]) -> str:
     """Return a question if controls do not tell why some curriculum pays; else an empty text."""
     open_ = any(reason.why == "not asked" for reason in reasons)
-    return f"by what it knows, or by optimism alone? Not asked: {ASKING}" if open_ else ""
+    return f"by what it knows? Not asked: {ASKING}" if open_ else ""

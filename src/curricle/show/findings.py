@@ -12,6 +12,7 @@ from curricle.comparison.comparison import ARM_MEASURES, Comparison
 from curricle.comparison.verdicts import not_asked
 from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
+from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 from curricle.study.record import Analysis, CurriculaRecord
@@ -59,9 +60,9 @@ def headline(comparison: Comparison) -> str:
     gains = {name: comparison.contrasts[name].strong_gain for name in paid or harmed}
     most = max(gains, key=lambda name: abs(float(gains[name].estimate)))
     leading = f"{most} most, " * (len(gains) > 1) or f"{most}, " * (len(verdicts) > 1)
-    rival = "learning from scratch"
-    if len(comparison.scratches) > 1:
-        rival = f"the best learner from {comparison.best_scratch}"
+    rival = f"the best opponent, {comparison.best_opponent(most)}"
+    if comparison.best_opponent(most) == SCRATCH:
+        rival = "learning from scratch"
     # Why curricula pay, where controls tell: a sentence for each reason.
     reasons: dict[str, list[str]] = {}
     for name, reason in comparison.reasons.items():
@@ -110,27 +111,22 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Find
         f"{signed(contrast.strong_gain)} mean return over all {comparison.total:,} steps, its "
         f"{row['source_steps']:,.0f} source steps counted{sure}.",
         f"Over target steps only: {signed(contrast.weak_gain)}.",
-        _reached(comparison, row, rows[comparison.best_scratch]),
+        _reached(comparison, row, rows[row["against"]]),
     ]
-    remarks = [*map(comparison.cluster_sentence, (name, comparison.best_scratch))]
+    remarks = [*map(comparison.cluster_sentence, (name, row["against"]))]
     if name in comparison.control_verdicts:
         remarks.append(comparison.control_sentence(name).removeprefix(f"{name} "))
     if name in comparison.verdicts:
-        # Why a curriculum pays, unless the verdict says it already.
-        reason = comparison.reasons[name]
-        remarks.append(comparison.cheaper_way(name))
-        if reason.why in ("level", "mostly level") and reason.share < 1:
-            remarks.append(f"at most {reason.share:.0%} of its gain is by what it knows")
-        remarks.append(not_asked([reason]))
+        remarks.append(not_asked([comparison.reasons[name]]))
     sentences += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
 
 
-def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
+def _reached(comparison: Comparison, row: Row, rival: Row) -> str:
     threshold, seeds = rounded(comparison.threshold), comparison.seeds
-    if not row["reached"] and not scratch["reached"]:
-        return f"Neither it nor scratch reaches {threshold} in any seed."
+    if not row["reached"] and not rival["reached"]:
+        return f"Neither it nor {rival['arm']} reaches {threshold} in any seed."
 
     def when(row: Row) -> str:
         if not row["reached"]:
@@ -139,7 +135,7 @@ def _reached(comparison: Comparison, row: Row, scratch: Row) -> str:
         bound = "at least " if some else ""
         return f"after {bound}{row['steps_to_threshold']:,.0f} steps on average{some}"
 
-    return f"Reaches {threshold} {when(row)}; scratch {when(scratch)}."
+    return f"Reaches {threshold} {when(row)}; {rival['arm']} {when(rival)}."
 
 
 def too_few(comparison: Comparison) -> str:
@@ -193,7 +189,7 @@ def _interval(measure: str, comparison: Comparison, row: Row) -> Cell:
 
 def _saved(measure: str, comparison: Comparison, row: Row) -> Cell:
     cell, strong = _interval(measure, comparison, row), measure.startswith("strong")
-    arms = (row["arm"], comparison.best_scratch)
+    arms = (row["arm"], row["against"] or SCRATCH)
     if cell.text and not any(comparison.times(arm, strong=strong).reached.any() for arm in arms):
         return Cell("–", "never reached")
     return cell
@@ -223,9 +219,9 @@ TIME = (
     "total steps to a return of {threshold}, smoothed over {window} checkpoints; a seed that never "
     "reaches it counts with all its steps, hence >; so it does in steps saved"
 )
-CHANCE = "probability that a run has a higher mean return than a run from scratch"
-SAVED = "steps to the threshold within the budget, fewer than from scratch"
-ABOVE = "above that of scratch"
+CHANCE = "probability that a run has a higher mean return than a run of the best opponent"
+SAVED = "steps to the threshold within the budget, fewer than by the best opponent"
+ABOVE = "above that of the best opponent"
 COLUMNS = {
     "strong_gain": Column("gain", f"mean return over all steps, {ABOVE}", _interval),
     "adjusted_p": Column("p", "two-sided, of no gain, adjusted for the number of curricula", _p),

@@ -314,8 +314,8 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
 def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the share of runs above tau; a step where a run ends."""
-    scratch, arms = comparison.scratch, comparison.arms.items()
-    final = {name: asymptotic_performance(arm.charged(scratch)) for name, arm in arms}
+    scratch, arms = comparison.scratch, comparison.arms
+    final = {name: asymptotic_performance(arms[name].charged(scratch)) for name in styles}
     ends = np.concatenate(list(final.values()))
     return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final return")
     tau = np.unique([*axes.get_xlim(), *ends])
@@ -345,7 +345,7 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
         across = axes.get_yaxis_transform()
         axes.plot([-0.16, -0.03], [row, row], color=style.colour, transform=across, **sample)
         if name in comparison.scratches:
-            columns.append(("reference" if name == comparison.best_scratch else "", ""))
+            columns.append(("reference" if name in comparison.best_opponents else "", ""))
             continue
         gain = comparison.contrasts[name].strong_gain
         verdict = comparison.verdicts.get(name)
@@ -364,8 +364,8 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     axes.spines["left"].set_visible(False)
     spare = max(0.5, (7 - len(styles)) / 2)
     axes.set_ylim(len(styles) - 1 + spare, -spare)
-    label = f"mean return, minus that of {comparison.best_scratch}"
-    axes.set(title="gain over scratch", xlabel=label)
+    best = " or ".join(comparison.best_opponents)
+    axes.set(title="gain over the best opponent", xlabel=f"mean return, minus that of {best}")
 
 
 def _caption_of(comparison: Comparison) -> str:

@@ -186,7 +186,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     styles = arm_styles(comparison)
     columns, effects = findings.COLUMNS, effects_of(comparison, curricula, tuning)
-    films, not_shown = replays(curricula, learnt, analysis)
+    films, not_shown = replays(curricula.only(styles), learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
     curricula_first = [film for film in in_target if not {*film.arms} <= {*comparison.scratches}]
@@ -208,7 +208,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
     if comparison.threshold_from:
         threshold += f" ({comparison.threshold_from})"
     facts = {
-        "arms": listed(styles),
+        "arms": listed(comparison.arms),
         "steps": f"{total} in all; the budget of the target is {budget}",
         "threshold": f"{threshold}, smoothed over {counted(comparison.window, 'checkpoint')}",
     }
@@ -333,10 +333,10 @@ def curve_data(
     digits = max(0, math.ceil(-math.log10(seen)))
     steps, seeds = comparison.scratch.curve.steps, min(comparison.seeds, MOST_SEEDS)
     # The checkpoints of means that are kept, and those of seeds.
-    begins = [shown_curve(comparison, name, strong=True)[1] for name in comparison.arms]
+    begins = [shown_curve(comparison, name, strong=True)[1] for name in styles]
     budget = int(np.searchsorted(steps, comparison.budget, side="right")) - 1
     kept = np.union1d(places(len(steps), MOST_CHECKPOINTS), [*begins, budget])
-    most = max(2, MOST_SEED_VALUES // (seeds * len(comparison.arms)))
+    most = max(2, MOST_SEED_VALUES // (seeds * len(styles)))
     kept_of_seeds = places(len(steps), min(most, MOST_CHECKPOINTS))
 
     def row(values: FloatArray) -> Any:

@@ -94,9 +94,10 @@ class ArmStyle:
 def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
     """Return how each arm is drawn; a control has the colour of its curriculum, greyer."""
     dashes_of_scratch = chain(["-"], cycle(CONTROL_DASHES))
+    drawn = [name for name in comparison.drawn if name in comparison.scratches]
     styles = {
         name: ArmStyle(name, COLOURS["black"], dashes, False)
-        for name, dashes in zip(comparison.scratches, dashes_of_scratch, strict=False)
+        for name, dashes in zip(drawn, dashes_of_scratch, strict=False)
     }
     parent, colour, controls = "", COLOURS["grey"], cycle(CONTROL_DASHES)
     looks = cycle(product(MORE_DASHES, OWN_COLOURS))

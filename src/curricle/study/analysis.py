@@ -187,7 +187,7 @@ def analyse(study: StudyResults, arms: Arms) -> None:
     curricula = {
         arm: curriculum
         for arm, curriculum in arms.curricula.items()
-        if not (arm in study.failed or arms.arms[arm].control)
+        if not (arm in study.failed or arms.arms[arm].of)
     }
     if not study.seeds or arms.total is None or SCRATCH not in curricula:
         return

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from curricle.comparison.controls import check_fit, is_shuffled
+from curricle.comparison.opponents import CONSTANTS
 from curricle.comparison.plan import (
     Dependencies,
     Plan,
@@ -63,21 +64,25 @@ class Arms(Plan):
         target = next(iter(study.curricula.values())).target
         data = {**_scratch_data(plain, target), **plain["arms"]}
 
-        def keys_of(name: str, curriculum: Curriculum, control: str) -> Any:
+        def keys_of(name: str, curriculum: Curriculum, change: str) -> Any:
             total = curriculum.setting("budget", target)
             total = total if isinstance(total, int) else None
             keys, dependencies = dict[str, str](), dict[str, Dependencies]()
             parts = dependencies_of(data[name], curriculum, total, study.folder, choose)
-            shuffled = is_shuffled(control, curriculum)
+            shuffled = is_shuffled(change, curriculum)
             for task, key, depends in parts:
-                if control and (shuffled or task == target):
-                    depends = {**depends, "control": control}
+                if change and (shuffled or task == target):
+                    depends = {**depends, "control": change}
+                    if change in CONSTANTS:  # which have a shaping of their own
+                        plain = {k: v for k, v in depends["task"].items() if k != "shaping"}
+                        depends["task"] = plain
                     key = choose(depends)
                 keys[task], dependencies[task] = key, depends
             return keys, dependencies
 
         least = study.total or 0
-        how: Any = {"controls": controls, "least_total": least, "compared": study.compared}
+        how: Any = {"controls": controls, "opponents": study.played}
+        how |= {"least_total": least, "compared": study.compared}
         return cls.made(study.curricula, scratches, keys_of, **how)
 
 
@@ -162,8 +167,8 @@ def train_unit(sent: UnitInput) -> UnitResult:
     if trained.calibrations:
         for part in ("scale", "refusal"):
             arrays[part] = np.array([getattr(fit, part) for fit in trained.calibrations])
-    if trained.level is not None:
-        arrays |= trained.level.arrays
+    if trained.initial_values is not None:
+        arrays["initial_values"] = trained.initial_values
     rows = _decisions(trained, arm.curriculum, unit)
     return UnitResult(arrays, pa.Table.from_pylist(rows, pa.schema(DECISION_SCHEMA.items())))
 

@@ -28,7 +28,12 @@ from curricle.checks import listed, unfit_name
 from curricle.comparison.comparison import compare as compare_curricula
 from curricle.comparison.controls import Control
 from curricle.comparison.forecasting import forecast as forecast_curriculum
-from curricle.comparison.plan import from_scratch, scratch_curricula
+from curricle.comparison.opponents import (
+    OPPONENTS,
+    Opponent,
+    from_scratch,
+    scratch_curricula,
+)
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
 from curricle.display import block, table as html_table
@@ -116,6 +121,8 @@ class RunTable(Table):
     """Whether all arms spend one total of steps, sources included; else each has its own budget."""
     scratch_learners: dict[Name, AnyLearner] = Field({})
     """Further learners from scratch by name, each what it changes in the target's."""
+    opponents: tuple[Opponent, ...] | None = None
+    """The learners from scratch that play beside the target's own; all of them by default."""
     controls: tuple[Control, ...] | None = None
     """Controls of every arm: arms that equal it except for what should help."""
 
@@ -236,7 +243,7 @@ class StudyConfig(RunTable):
     ----------
     name, seeds, seeds_per_unit, threshold, window, snapshots
         Keys of a study file.
-    scratch, compared, scratch_learners, controls
+    scratch, compared, scratch_learners, opponents, controls
         Further keys of a study file.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
@@ -348,6 +355,13 @@ class StudyConfig(RunTable):
     def curricula(self) -> dict[str, Curriculum]:
         """The curricula of all arms by name; ConfigError lists everything that cannot be built."""
         return self._built(self.arms)
+
+    @property
+    def played(self) -> tuple[Opponent, ...]:
+        """The opponents of its arms; none where arms are not compared with scratch."""
+        if not (self.scratch and self.compared):
+            return ()
+        return OPPONENTS if self.opponents is None else self.opponents
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
         """Return the arms that learn the target from scratch, ``scratch`` first.
@@ -723,7 +737,8 @@ def _of_studies(
 def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     scratch = {name: built(table, study.folder) for name, table in study.scratch_learners.items()}
     settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
-    return study.curricula, {**settings, "scratch": scratch, "controls": study.controls or ()}
+    beside = {"scratch": scratch, "controls": study.controls or (), "opponents": study.played}
+    return study.curricula, {**settings, **beside}
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:

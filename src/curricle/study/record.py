@@ -160,12 +160,12 @@ class ArmRecord(Plain):
     nodes: dict[str, NodeRecord] = Field(min_length=1)
     transfers: tuple[TransferRecord, ...]
     potential: str  # the row of a forecast that has the potential of its target
-    scratch: bool = False  # whether it learns the target from scratch with a learner of its own
+    scratch: bool = False  # whether it learns the target without sources, for all steps
     depends_on_total: str | None = None
     """Why what is learnt by a step depends on the total, in words; empty if it does not, None if
     another version wrote the record."""
     variant: VariantRecord | None = None
-    control_of: str = ""  # the arm that it is a control of, if it is one
+    control_of: str = ""  # the arm that it is a control of, or whose potential gives its constant
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

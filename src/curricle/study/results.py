@@ -1,7 +1,7 @@
 """The results of a study, read from its folder."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -10,10 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from curricle.arrays import IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
 from curricle.comparison.comparison import MIDPOINT, Arm, Comparison
-from curricle.comparison.controls import PLACEBO, Level
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
@@ -345,21 +344,15 @@ class StudyResults:
         """Each run so far."""
         return self.store.records(RUNS, RunRecord)
 
-    def level(self, arm: str) -> Level | None:
-        """Return the constants of a control without knowledge (`Level`); None for others."""
-        if not self.record.arms[arm].control_of:
-            return None
-        levels, seeds = list[Level](), list[int]()
-        for unit in self._units(arm, self.record.target):
+    def initial_values(self, arm: str) -> FloatArray | None:
+        """Return the value at which each seed's Q starts, (K,); None unless it is a constant's."""
+        values, seeds = list[FloatArray](), list[int]()
+        for unit in self._units(arm, self.record.target) if self.record.arms[arm].scratch else ():
             arrays = self._arrays(arm, self.record.target, unit, RUN)
-            if "level" in arrays:
-                read = partial(Level.of_arrays, arrays, not arm.endswith(f", {PLACEBO}"))
-                levels.append(self.store.checked(unit.path, read))
+            if "initial_values" in arrays:
+                values.append(self.store.checked(unit.path, partial(_numbers, arrays)))
                 seeds += unit.seeds
-        if not levels:
-            return None
-        values = np.concatenate([level.values for level in levels])
-        return replace(levels[0], values=values[np.argsort(seeds)])
+        return np.concatenate(values)[np.argsort(seeds)] if values else None
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps that each seed of an arm spent before a task, by default its target."""
@@ -407,6 +400,14 @@ class StudyResults:
         """Return the reason why training in a task ended for each seed, from a few fixed texts."""
         criteria = self.decisions(arm, task, "criterion")
         return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
+
+
+def _numbers(arrays: Mapping[str, Any]) -> FloatArray:
+    """Return the initial values that a file holds; ValueError where they do not fit its seeds."""
+    values: FloatArray = arrays["initial_values"]
+    if values.shape != arrays["seeds"].shape or values.dtype != "float64":
+        raise ValueError("initial_values must be a number of float64 for each seed")
+    return values
 
 
 # -- The arms of one or several studies, compared --------------------------------------------------
@@ -457,7 +458,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
             if name in study.failed:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
-                arms[label] = _arm(study, name, total, seeds)
+                of = arm.control_of and f"{prefix}{arm.control_of}"
+                arms[label] = replace(_arm(study, name, total, seeds), curriculum=of)
     threshold, level = first.threshold, first.threshold_from
     if threshold is None:
         threshold, level = midpoint(arms[SCRATCH].curve), MIDPOINT
@@ -543,13 +545,13 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
             f"an arm must have steps left for its target: {place} took {most:,} of its "
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
-    scratch, control = record.arms[name].scratch, bool(record.arms[name].control_of)
-    kind: Any = {"scratch": scratch, "control": control, "level": study.level(name)}
+    scratch, changes = record.arms[name].scratch, bool(record.arms[name].control_of)
+    kind: Any = {"scratch": scratch, "initial_values": study.initial_values(name)}
     arm = Arm.of(result, spent, total, record.eval_freq, **kind)
     unlearnt = {
         task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
         for task in record.arms[name].nodes
-        if not control and task != record.target and (ended := study.ended_by(name, task))
+        if not changes and task != record.target and (ended := study.ended_by(name, task))
     }
     arm = replace(arm, unlearnt=unlearnt)
     return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))

@@ -170,9 +170,9 @@ DECISION_SCHEMA = {  # columns of a unit's decisions, and their types
     "reason": "string",
 }
 OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # an array of one seed, by its row
-OF_UNITS = ("source_steps", "scale", "refusal", "level", "level_base")
-"""Arrays by seed that a unit has beside those of its result: two if it was calibrated, two if it is
-a control that knows nothing."""
+OF_UNITS = ("source_steps", "scale", "refusal", "initial_values")
+"""Arrays by seed that a unit has beside those of its result: two if it was calibrated, another if Q
+starts at a constant."""
 LARGEST_TABLE = 2**28  # bytes of a table at most
 
 

@@ -21,18 +21,18 @@ from .studies import labelled, texts_of
 STEPS = np.arange(0, 101, 10)
 
 
-def arm(values, source_steps=0, control=False, seeds=4, spread=1.0):
+def arm(values, source_steps=0, curriculum="", seeds=4, spread=1.0):
     """An arm whose seeds lie 0, 1, 2, ... times the spread above the given curve."""
     rows = np.broadcast_to(values, STEPS.shape) + spread * np.arange(seeds)[:, np.newaxis]
     flat = np.zeros(rows.shape)
-    return Arm(Curve(STEPS, rows, np.full(seeds, source_steps)), flat, flat, control)
+    return Arm(Curve(STEPS, rows, np.full(seeds, source_steps)), flat, flat, curriculum=curriculum)
 
 
 def comparison(seeds=4, **more):
     arms = {
         "scratch": arm(0.0, seeds=seeds),
         "mean": arm(10.0, 20, seeds=seeds),
-        "mean, placebo": arm(-5.0, 20, control=True, seeds=seeds),
+        "mean, placebo": arm(-5.0, 20, curriculum="mean", seeds=seeds),
         **more,
     }
     return Comparison("hunt", arms, 80, 100, 7.5, 1)
@@ -65,7 +65,7 @@ def test_a_profile_steps_down_where_a_run_ends():
 
 
 def test_gains_have_a_row_each_with_interval_and_p():
-    placebo = arm(-5.0, 20, control=True, seeds=6, spread=3.0)
+    placebo = arm(-5.0, 20, curriculum="mean", seeds=6, spread=3.0)
     helped = arm(10.0, 20, seeds=6, spread=2.0)
     result = comparison(seeds=6, **{"mean": helped, "mean, placebo": placebo})
     axes = draw_comparison(result).axes[2]

@@ -1,0 +1,207 @@
+"""Opponents: learners of the target that need no source, and so are charged no step.
+
+A curriculum pays if it gains more than the best of them. Beside the target's own learner, and the
+learners that a user adds, these are played unasked:
+
+- ``constant``: the own learner, its Q started at a constant: the mean, the minimum and the maximum
+  of a curriculum's potential over the pairs that learning can visit, seed by seed.
+- ``bounds``: the own learner, its Q started at the lowest and at the highest value that a state can
+  have by the task's rewards.
+- ``optimistic``: :class:`OptimisticQLearning`.
+
+A learner of networks has none of them. Where a target has no dense tables, only the constants.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, Self, get_args
+
+import numpy as np
+
+from curricle.arrays import FloatArray, IntArray
+from curricle.checks import fit_name, instance, one_of
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.node import MOST_GUARDED, OF_TARGETS, SETTINGS
+from curricle.errors import CurriculumError, SettingError, TaskError
+from curricle.learning.learners import Learner, OptimisticQLearning, value_bounds
+from curricle.learning.result import LearningResult
+from curricle.learning.shaping import QInitialisation
+from curricle.planning.rollouts import random_rollouts
+from curricle.statistics.curves import SCRATCH
+from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
+from curricle.tasks.observation_task import is_observation_task
+from curricle.transfer.calibration import AnyPotential
+
+Opponent = Literal["constant", "bounds", "optimistic"]
+OPPONENTS: tuple[Opponent, ...] = get_args(Opponent)
+CONSTANTS: dict[str, Callable[[FloatArray], Any]] = {
+    "constant mean": np.mean,
+    "constant minimum": np.min,
+    "constant maximum": np.max,
+}
+"""The number at which Q starts everywhere, from phi of the pairs that learning can visit."""
+
+
+def check_opponents(opponents: Any) -> tuple[Opponent, ...]:
+    """Return opponents as a tuple, or raise SettingError."""
+    if isinstance(opponents, str) or not isinstance(opponents, Collection):
+        raise SettingError(f"opponents must be a list of names: got {opponents!r}")
+    for opponent in opponents:
+        one_of("an opponent", opponent, OPPONENTS, SettingError)
+    return tuple(opponent for opponent in OPPONENTS if opponent in opponents)
+
+
+# -- Learners from scratch: the own learner, those that a user adds, and those that anyone would ---
+
+Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, by name in a dict
+
+
+def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
+    """Return a curriculum's target without its sources, by default with its own learner."""
+    target = curriculum.target
+    which = [setting for setting in SETTINGS if setting not in OF_TARGETS]
+    settings: Any = {setting: {target: curriculum.setting(setting, target)} for setting in which}
+    if learner is not None:
+        settings["learner"] = {target: learner}
+    return Curriculum({target: curriculum.tasks[target]}, **settings)
+
+
+def scratch_curricula(learners: Learners, first: Curriculum) -> dict[str, Curriculum]:
+    """Return the arms of further learners from scratch by name, ``scratch, NAME``."""
+    if not isinstance(learners, Mapping):
+        instance("scratch, unless it names learners in a dict,", learners, Sequence, SettingError)
+        named: Iterable[tuple[str, Any]] = [(_name(learner), learner) for learner in learners]
+    else:
+        named = learners.items()
+    usual, arms = first.setting("learner", first.target), dict[str, Curriculum]()
+    for name, learner in named:
+        fit_name("a learner from scratch", name, SettingError)
+        label = f"{SCRATCH}, {name}"
+        if label in arms:
+            raise SettingError(f"learners from scratch must differ: {name} is there twice")
+        if learner == usual:
+            raise SettingError(
+                f"a further learner from scratch must differ from the target's own: {name} is "
+                f"{usual}, which learns from scratch anyway"
+            )
+        try:
+            arms[label] = from_scratch(first, learner)
+        except (CurriculumError, SettingError) as error:
+            raise SettingError(f"learner {name} from scratch: {error}") from None
+    return arms
+
+
+def unasked_learners(
+    opponents: Collection[Opponent], scratches: Mapping[str, Curriculum]
+) -> Iterator[tuple[str, Curriculum]]:
+    """Yield the learners of ``bounds`` and ``optimistic`` that no arm from scratch is yet."""
+    own = scratches[SCRATCH]
+    task, learner = own.tasks[own.target], own.setting("learner", own.target)
+    known = [arm.setting("learner", arm.target) for arm in scratches.values()]
+    if not starts_anywhere(learner) or not has_tables(task) or is_large(own):
+        return
+    learners = list[Learner]()
+    if "bounds" in opponents:
+        with suppress(SettingError, TaskError):  # without a horizon rewards bound no value
+            learners += [replace(learner, initial_value=bound) for bound in value_bounds(task)]
+    if "optimistic" in opponents:
+        with suppress(SettingError, TaskError):
+            OptimisticQLearning().for_task(task)
+            learners.append(OptimisticQLearning())
+    for opponent in learners:
+        if opponent not in known:
+            known.append(opponent)
+            bound = not opponent.asks_task
+            name = f"initial_value={opponent.initial_value:.4g}" if bound else _name(opponent)
+            yield name, from_scratch(own, opponent)
+
+
+def starts_anywhere(learner: Any) -> bool:
+    """Return whether a learner's Q can be started at any constant."""
+    return isinstance(learner, Learner) and not learner.asks_task
+
+
+def is_large(curriculum: Curriculum) -> bool:
+    """Return whether a curriculum's target has more pairs than are learnt in several tables."""
+    model = generative_model(curriculum.tasks[curriculum.target])
+    sparse = curriculum.setting("storage", curriculum.target).kind == "sparse"
+    return sparse or model.states.size * model.actions.size > MOST_GUARDED
+
+
+def _name(learner: Any) -> str:
+    """Return a learner as text, with the settings that are not the defaults of its class."""
+    parts = []
+    for setting in fields(learner) if is_dataclass(learner) else ():
+        factory, value = setting.default_factory, getattr(learner, setting.name)
+        if value != (setting.default if factory is MISSING else factory()):
+            parts.append(f"{setting.name}={value}")
+    return type(learner).__name__ + f"({', '.join(parts)})" * bool(parts)
+
+
+# -- Constants: how high or low a potential is, without what it knows ------------------------------
+
+
+def constants_of(
+    opponents: Collection[Opponent], curriculum: Curriculum
+) -> Iterator[tuple[str, Curriculum]]:
+    """Yield the label of each constant of a curriculum, and the curriculum with its shaping."""
+    target = curriculum.target
+    if "constant" not in opponents or is_observation_task(curriculum.tasks[target]):
+        return
+    if curriculum.in_edges(target) and starts_anywhere(curriculum.setting("learner", target)):
+        plain = curriculum.replace(target, shaping=QInitialisation())
+        yield from ((label, plain) for label in CONSTANTS)
+
+
+def train_constant(
+    label: str,
+    curriculum: Curriculum,
+    seeds: Sequence[int],
+    potentials: Sequence[AnyPotential],
+    **how: Any,
+) -> tuple[LearningResult, FloatArray]:
+    """Return the target learnt from a constant, and the initial value of each seed's Q, (K,)."""
+    node, pairs = curriculum.node(curriculum.target), VisitedPairs.of(curriculum)
+    levels = [float(CONSTANTS[label](pairs.values(phi))) for phi in potentials]
+    # phi times 0 plus the level: a constant of the same kind of storage.
+    constants = [phi.rescaled(0.0, level) for phi, level in zip(potentials, levels, strict=True)]
+    return node.train(seeds, constants, **how), np.array(levels) + node.learner.initial_value
+
+
+# The pairs of the states that some policy can reach from a start and in which no episode ends, each
+# counted once, with what stands where no mapping knows anything: all that a learner of the target
+# can meet, and nothing that it cannot. Where a target has no dense tables, they are the pairs of
+# the states that rollouts of the uniformly random policy visit. No learner is charged for them.
+
+EPISODES, LENGTH = 100, 1000  # random rollouts without dense tables, and their most steps
+
+
+@dataclass(frozen=True, eq=False)
+class VisitedPairs:
+    """The pairs of a task that learning can visit."""
+
+    task: Any
+    dense: bool  # whether all that can be reached is counted, rather than what rollouts visit
+
+    @classmethod
+    def of(cls, curriculum: Curriculum) -> Self:
+        """Return the pairs of a curriculum's target."""
+        task = curriculum.tasks[curriculum.target]
+        sparse = curriculum.setting("storage", curriculum.target).kind == "sparse"
+        return cls(task, has_tables(task) and not sparse)
+
+    @cached_property
+    def states(self) -> IntArray:
+        """The states of these pairs without repetition, (n,) int64."""
+        if self.dense:
+            mdp = tables(self.task)
+            return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
+        limit = min(generative_model(self.task).time_limit or LENGTH, LENGTH)
+        rollouts = random_rollouts(self.task, episodes=EPISODES, length=limit)
+        return np.unique(rollouts.states[:, :-1][rollouts.taken])
+
+    def values(self, phi: AnyPotential) -> FloatArray:
+        """Return phi of these pairs, a float64 array with one value for each."""
+        return np.asarray(phi.pairs(self.states))
