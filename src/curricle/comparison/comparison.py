@@ -794,6 +794,7 @@ def comparison_plan(
     controls: Sequence[Control] = (),
     opponents: Sequence[Opponent] = (),
     scratch: Learners = (),
+    least_total: int = 0,
 ) -> Plan:
     """Return the plan of :func:`compare` for arms; CurriculumError if they differ too much."""
     if isinstance(arms, Curriculum):
@@ -827,7 +828,7 @@ def comparison_plan(
     for name in scratches:
         if name in arms:
             raise CurriculumError(f"the name {name!r} is taken by a learner: rename this arm")
-    how: Any = {"controls": controls, "opponents": opponents}
+    how: Any = {"controls": controls, "opponents": opponents, "least_total": least_total}
     return Plan.made(arms, scratches, memory.keys_of, **how)
 
 

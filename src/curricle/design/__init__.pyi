@@ -4,3 +4,4 @@ from .candidates import (
     mappings_between as mappings_between,
     source_candidates as source_candidates,
 )
+from .choice import Choice as Choice, choose as choose
