@@ -165,6 +165,37 @@ def check(
 
 
 @app.command()
+def choose(
+    file: File,
+    out: Annotated[
+        Path | None,
+        Option(help="Also write the chosen study to this new file.", show_default=False),
+    ] = None,
+    seed: Annotated[int, Option(min=0, help="Equal seeds give equal choices.")] = 0,
+    changes: Changes = None,
+    workers: Annotated[int | None, Option(min=1, help="Threads over seeds.")] = None,
+) -> None:
+    """Choose which curriculum to learn a study's target with, if any, by trials in its model.
+
+    Candidates are sources that are made from the target, and the arms of the file. No seed of the
+    study is used up.
+    """
+    from curricle.cli.tables import table_width
+    from curricle.errors import StoreError
+    from curricle.study.choosing import choose as chosen_of, chosen_file
+
+    _announce_imports()
+    if out is not None and out.exists():
+        raise StoreError(f"a new study needs a new file: {out} is there already")
+    study = _read(file, None, changes)
+    choice = chosen_of(study, seed=seed, workers=workers, progress=True)
+    print(choice.text(table_width()))
+    if out is not None:
+        out.write_text(chosen_file(study, choice, out.parent), encoding="utf-8")
+        echo(f"Wrote {out}: curricle check {quote(str(out))}, then curricle run {quote(str(out))}")
+
+
+@app.command()
 def run(
     file: File,
     out: Annotated[

@@ -388,6 +388,15 @@ def source_candidates(
     return candidates
 
 
+def candidate_named(target: Any, kind: str, name: str) -> SourceCandidate:
+    """Return a candidate of a target by kind and name, without judging it or any other."""
+    for draft in MAKERS[kind](design_target(target)):
+        if name in (draft.name, f"{draft.name} ({kind})"):
+            task, mappings = draft.build()
+            return SourceCandidate(name, task, mappings, kind, draft.words)
+    raise CurriculumError(f"a target must have the candidate that is named: it has no {name!r}")
+
+
 def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | None:
     """Return the states that the target's goal reads, if nothing ends either task; else None."""
     # Where chance was removed from such a task, its largest rewards may be elsewhere.

@@ -164,8 +164,7 @@ class Choice:
     @property
     def _remarks(self) -> list[str]:
         others = len(self.rows) - SHOWN
-        more = [f"and {counted(others, 'curriculum').replace('ms', 'a')} more"]
-        return [*(more if others > 0 else []), *self.remarks]
+        return [*([f"and {others} more"] if others > 0 else []), *self.remarks]
 
 
 SHOWN = 8  # rows of a printed table

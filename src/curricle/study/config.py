@@ -36,6 +36,7 @@ from curricle.comparison.opponents import (
 )
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
+from curricle.design.candidates import SourceCandidate, candidate_named
 from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
@@ -75,7 +76,14 @@ from curricle.study_file.schema import (
     unknown,
     wrong_at,
 )
-from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
+from curricle.study_file.task_tables import (
+    TASKS,
+    AnyTask,
+    CandidateTask,
+    FamilyTable,
+    FamilyTask,
+    started,
+)
 from curricle.study_file.vary import (
     SWEEP_HOME,
     SweepTable,
@@ -125,6 +133,9 @@ class RunTable(Table):
     """The learners from scratch that play beside the target's own; all of them by default."""
     controls: tuple[Control, ...] | None = None
     """Controls of every arm: arms that equal it except for what should help."""
+    choose: Flag | None = None
+    """Whether the arm is chosen first, by trials of candidate sources of the target and of the arms
+    that the file has."""
 
 
 class ArmTables(Table):
@@ -150,6 +161,12 @@ class ArmTables(Table):
             strangers = [end for end in ends if not isinstance(self.tasks[end], FamilyTask)]
             if edge.mapping == "family" and strangers:
                 text = f"must map members of a family: {strangers[0]} is none"
+                messages.append(((*here, "mapping"), text))
+            if edge.mapping == "candidate" and (
+                not isinstance(source := self.tasks[edge.source], CandidateTask)
+                or source.of != edge.target
+            ):
+                text = f"must map to a candidate of {edge.target}: {edge.source} is none"
                 messages.append(((*here, "mapping"), text))
             messages += [((*here, key), text) for key, text in edge.mismatches(deep=target.deep)]
         if messages:
@@ -276,6 +293,10 @@ class StudyConfig(RunTable):
 
     @model_validator(mode="after")
     def _tuned_apart(self) -> Self:
+        if self.choose and (self.tune or self.variants):
+            raise wrong_at((("choose",), "goes with no sweep and no tuning: the arm is chosen"))
+        if self.choose and not (self.scratch and self.compared):
+            raise wrong_at((("choose",), "needs the comparison with scratch"))
         if self.tune and (both := sorted({*self.tune.seeds} & {*self.seeds})):
             text = f"must be none of the study's seeds: {both[0]} is one"
             raise wrong_at((("tune", "seeds"), text))
@@ -386,6 +407,11 @@ class StudyConfig(RunTable):
             raise ConfigError(f"{self._positions.file}: arm {arm!r} {unknown(arm, self.arms)}")
         return self._built({arm: self.arms[arm]})[arm]
 
+    def address(self, arm: str, name: str) -> Any:
+        """Return a task of an arm: its address in a family if it has one, with the same start."""
+        builder = _Builder(arm, self.arms[arm], self, Problems(self._positions))
+        return builder.address(name, self.curriculum(arm).tasks[name])
+
     def check_networks(self) -> None:
         """Check the learners that are networks with Stable-Baselines3.
 
@@ -467,7 +493,9 @@ class _Builder:
         key += self._key(edge.target) + self._key(edge.source)
         if key not in self.made:
             to, of = self._member(edge.target), self._member(edge.source)
-            if edge.mapping == "family" and to is not None and of is not None:
+            if edge.mapping == "candidate":
+                mappings = self._candidate(edge.source, tasks).mappings
+            elif edge.mapping == "family" and to is not None and of is not None:
                 with users_code(f"the mapping of {to.family.name}"):
                     mappings = member_mappings(to, of, target, source, edge.unmapped_value)
             else:
@@ -485,6 +513,8 @@ class _Builder:
                 with self._refused("tasks", name):
                     if key not in self.made:
                         whole = self._member(name) if of is None else tasks[of]
+                        if isinstance(task, CandidateTask):
+                            whole = self._candidate(name, tasks)
                         self.made[key] = started(task.build(self.folder, whole), task.start_states)
                     tasks[name] = self.made[key]
         return tasks
@@ -495,6 +525,19 @@ class _Builder:
         if isinstance(task, FamilyTask) and key not in self.made:
             self.made[key] = task.member(self.folder)
         return self.made.get(key)
+
+    def _candidate(self, name: str, tasks: Mapping[str, Any]) -> SourceCandidate:
+        """Return the candidate that a task of the study is, shared by all arms."""
+        task, key = self.arm.tasks[name], f"candidate {self._key(name)}"
+        if key not in self.made:
+            of = self.address(task.of, tasks[task.of])
+            self.made[key] = candidate_named(of, task.kind, task.candidate)
+        return self.made[key]  # type: ignore[no-any-return]
+
+    def address(self, name: str, task: Any) -> Any:
+        """Return the address of a task in its family, if it has one and the same start."""
+        member = self._member(name)
+        return task if member is None or self.arm.tasks[name].start_states else member
 
     def _key(self, name: str) -> str:
         """Return the data on which a task depends: its keys, and the mazes it is a part of."""
@@ -670,11 +713,11 @@ def _wrong_names(plan: dict[str, Any]) -> Messages:
         if why := unfit_name(name):
             yield ("tasks", name), f"has a name that {why}"
         of, path = table(task).get("of"), ("tasks", name, "of")
-        if table(task).get("type") == "crop" and isinstance(of, str):
+        if table(task).get("type") in ("crop", "candidate") and isinstance(of, str):
             drawings = graph.drawings(name)
             if of not in graph.parts:
                 yield path, no_task(of)
-            elif table(tasks[of]).get("type") not in DRAWN:
+            elif table(task)["type"] == "crop" and table(tasks[of]).get("type") not in DRAWN:
                 yield path, f"must name a task of type {', '.join(DRAWN)}: got {shown(of)}"
             elif graph.parts.get(drawings[-1]) is not None:
                 yield path, f"must lead to a whole task: got {' of '.join(drawings)} and so on"
@@ -715,7 +758,7 @@ def study_of(study: Study) -> StudyConfig:
     return read_study(study)
 
 
-def _of_studies(
+def of_studies(
     function: Callable[Concatenate[Subject, Rest], Result],
     arguments: Callable[[StudyConfig], tuple[Subject, dict[str, Any]]],
 ) -> Callable[Concatenate[Subject | Study, Rest], Result]:
@@ -752,5 +795,5 @@ def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     return study.curriculum(arm), said
 
 
-compare = _of_studies(compare_curricula, _compared)
-forecast = _of_studies(forecast_curriculum, _foreseen)
+compare = of_studies(compare_curricula, _compared)
+forecast = of_studies(forecast_curriculum, _foreseen)

@@ -29,6 +29,14 @@ from curricle.learning.result import LearningResult
 from curricle.progress import check_progress, interruptible
 from curricle.study.analysis import analyse, curricula_record, study_record
 from curricle.study.arms import Arms, UnitInput, seeds_of, units_of
+from curricle.study.choosing import (
+    has_search,
+    read_choice,
+    read_search,
+    search,
+    searched_study,
+    write_search,
+)
 from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.dependencies import (
     Dependencies,
@@ -67,14 +75,11 @@ from curricle.study.store import (
 from curricle.study.tuning import (
     BEGUN,
     TRIALS,
-    TUNING,
     BegunTrials,
     check_tuning,
     digest_of,
     number_of_trials,
     read_tuning,
-    tune,
-    tuned_study,
     with_trials,
 )
 from curricle.text import counted
@@ -101,23 +106,23 @@ def tuned_before(
     *,
     keep_stale: bool,
 ) -> tuple[StudyConfig, Arms]:
-    """Return a study and its arms, with the tuned settings in a folder if it has any."""
-    # A tuning counts if it is complete and depended on what it depends on now, code and Curricle's
+    """Return a study and its arms, as a tuning or a choice in a folder has left them if any has."""
+    # It counts if it is complete and depended on what it depends on now, code and Curricle's
     # version aside where stale units are kept.
     place = place_at(path)
-    tuned = study.tune is not None and holds_study(place)
-    there = read_tuning(StudyStore(place)) if tuned else None
+    tuned, search = has_search(study) and holds_study(place), "choice" if study.choose else "tuning"
+    there = read_search(study, StudyStore(place)) if tuned else None
     if there is None:
         return study, arms
     if there.of != digest_of(study):
         if not keep_stale or there.of_settings != digest_of(study, settings_key_of):
-            report("the tuning is stale and made again: what it depends on has changed")
+            report(f"the {search} is stale and made again: what it depends on has changed")
             return study, arms
         report(
-            "the tuning is stale and kept: its trials are of other code, or of another version of "
-            "Curricle"
+            f"the {search} is stale and kept: its trials are of other code, or of another version "
+            "of Curricle"
         )
-    study = tuned_study(study, there)
+    study = searched_study(study, there)
     return study, arms_in(study, path, keep_stale=keep_stale)
 
 
@@ -341,9 +346,9 @@ def run_study(
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
         show = ending.enter_context(shown_units(progress))
-        if study.tune is not None:
+        if has_search(study):
             training = Training(store, places, show)
-            study = _tuned(study, training, resume=resume, keep_stale=keep_stale)
+            study = _searched(study, training, resume=resume, keep_stale=keep_stale)
             arms = arms_in(study, path, keep_stale=keep_stale)
             record = study_record(study, arms)
             store = store.redescribed({**_settings(study, arms), "record": plain(record)})
@@ -425,19 +430,21 @@ class Training:
         pack(store, per_file)
 
 
-def _tuned(
+def _searched(
     study: StudyConfig, training: Training, *, resume: bool, keep_stale: bool
 ) -> StudyConfig:
-    """Tune each arm of a study, and return the study with the best settings."""
-    path, number = training.store.path / TRIALS, number_of_trials(study)
+    """Tune each arm of a study or choose its arm, and return the study with the best settings."""
+    path, number = training.store.path / TRIALS, number_of_trials(study) if study.tune else 0
     with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
         store.remove(store.damaged_units())
         choose = key_in(store.finished()) if keep_stale else key_of
         trials, begun = replace(training, store=store), list[str]()
 
         def train(config: StudyConfig, arms: Arms, trials_now: str) -> StudyStore:
+            if not number:  # of a choice the trials of one round are counted
+                begun.clear()
             begun.extend(arms.keys[arm, arms.target] for arm in arms.curricula)
-            now = BegunTrials(number=number, seeds=config.seeds, keys=tuple(begun))
+            now = BegunTrials(number=number or len(begun), seeds=config.seeds, keys=tuple(begun))
             store.write_record(BEGUN, now)
             failures, record = Failures(arms.needs), curricula_record(arms.curricula, arms.keys)
             of_trials = config, arms, record, store.finished(), failures
@@ -446,10 +453,10 @@ def _tuned(
                 raise failure_error(failures)
             return store
 
-        record = tune(study, train, choose)
+        record = search(study, train, choose)
         store.remove_checkpoints()
-    training.store.write_record(TUNING, record)
-    return tuned_study(study, record)
+    write_search(training.store, record)
+    return searched_study(study, record)
 
 
 def _settings(study: StudyConfig, arms: Arms) -> dict[str, Any]:
@@ -587,7 +594,8 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         merged.write_tables()
         if analysis is not None:
             target.write_record(ANALYSIS, analysis)
-        if (tuning := read_tuning(stores[0])) is not None:
-            target.write_record(TUNING, tuning)
+        for record in (read_tuning(stores[0]), read_choice(stores[0])):
+            if record is not None:
+                write_search(target, record)
         write_failures(target, failures)
     return merged

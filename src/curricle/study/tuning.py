@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import Field, JsonValue, model_validator
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.arrays import FloatArray
 from curricle.comparison.comparison import Arm, Comparison
 from curricle.comparison.plan import most_source_steps
 from curricle.errors import SettingError
@@ -131,9 +131,11 @@ def read_tuning(store: StudyStore) -> TuningRecord | None:
 def tuning_words(store: StudyStore) -> str:
     """Return a sentence on how far a folder's tuning is; empty if no tuning is under way."""
     configuration = store.description.get("configuration")
-    if not isinstance(configuration, dict) or "tune" not in configuration:
+    if not isinstance(configuration, dict) or not {"tune", "choose"} & configuration.keys():
         return ""
     before = "the tuning has changed" if store.has(TUNING) else "it is tuned first"
+    if "choose" in configuration:
+        before = "its arm is chosen first"
     if not store.has(f"{TRIALS}/{BEGUN}"):
         return f"{before}: no trial has begun"
     trials = StudyStore(store.path / TRIALS)
@@ -249,9 +251,12 @@ def number_of_trials(study: StudyConfig) -> int:
 
 
 def digest_of(study: StudyConfig, choose: Choose = key_of) -> str:
-    """Return a digest of everything but Optuna's version on which a study's tuning depends."""
+    """Return a digest of all but Optuna's version on which a study's tuning or choice depends."""
     keys = Arms.of(study, choose).keys
-    depends = (sorted(keys.items()), tuning_of(study).model_dump_json())
+    depends = (
+        sorted(keys.items()),
+        "choose" if study.choose else tuning_of(study).model_dump_json(),
+    )
     return blake2b(repr(depends).encode(), digest_size=DIGEST_BYTES).hexdigest()
 
 
@@ -276,8 +281,7 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
         stored = store.finished()
         curves = dict[str, Arm]()
         for trial in chosen:
-            result, spent = _of_trial(store, stored[arms.keys[trial, arms.target]], config.seeds)
-            curves[trial] = Arm.of(result, spent, total, arms.eval_freq)
+            curves[trial] = trained_arm(arms, trial, store, stored, config.seeds)
         scratch = (trial for trial in chosen if chosen[trial][0] == SCRATCH)
         reference = reference or curves[next(scratch)]
         for trial, (name, _) in chosen.items():
@@ -302,15 +306,29 @@ def tune(study: StudyConfig, train: Train, choose: Choose = key_of) -> TuningRec
     )
 
 
-def _of_trial(
-    store: StudyStore, stored: Mapping[int, StoredUnit], seeds: Sequence[int]
-) -> tuple[LearningResult, IntArray]:
-    """Return the result of some seeds of a trial, and the steps of their sources, ascending."""
-    units = dict.fromkeys(stored[seed] for seed in seeds)
+def trained_arm(
+    arms: Arms,
+    name: str,
+    store: StudyStore,
+    stored: Mapping[str, Mapping[int, StoredUnit]],
+    seeds: Sequence[int],
+) -> Arm:
+    """Return an arm of trials from the stored units of some ascending seeds."""
+    of_seed, arm = stored[arms.keys[name, arms.target]], arms.arms[name]
+    units = dict.fromkeys(of_seed[seed] for seed in seeds)
     runs = [of_seeds(store.arrays(unit, RUN), seeds) for unit in units]
     spent = np.concatenate([run["source_steps"] for run in runs])
     order = np.argsort(np.concatenate([run["seeds"] for run in runs]))
-    return joined_results([LearningResult.of_arrays(run) for run in runs]), spent[order]
+    initial = [run["initial_values"] for run in runs if "initial_values" in run]
+    return Arm.of(
+        joined_results([LearningResult.of_arrays(run) for run in runs]),
+        spent[order],
+        arms.steps[1],
+        arms.eval_freq,
+        scratch=arm.scratch,
+        curriculum=arm.of,
+        initial_values=np.concatenate(initial)[order] if initial else None,
+    )
 
 
 class Search:

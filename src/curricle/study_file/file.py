@@ -1,5 +1,6 @@
 """A study file as data: its TOML, arms merged into complete curricula, and places of all keys."""
 
+import json
 import re
 import tomllib
 from collections import Counter
@@ -259,6 +260,30 @@ def _complete_task(
     complete = Located({**result, **both}, result)
     complete.homes |= {which: both.homes[which] for which in both if which in both.homes}
     return complete
+
+
+def toml_text(study: Mapping[str, Any]) -> str:
+    """Return a study as the text of a file: its keys, then its tasks, then its transfers."""
+    keys = {key: value for key, value in study.items() if key not in ("tasks", "transfers")}
+    tables = [("", keys)]
+    tables += [(f"[tasks.{json.dumps(name)}]", task) for name, task in study["tasks"].items()]
+    tables += [("[[transfers]]", edge) for edge in study["transfers"]]
+    texts = (
+        "\n".join([head, *(f"{k} = {_toml(table[k])}" for k in table)]) for head, table in tables
+    )
+    return "\n\n".join(text.lstrip("\n") for text in texts) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        pairs = (f"{json.dumps(key)} = {_toml(inner)}" for key, inner in value.items())
+        return f"{{ {', '.join(pairs)} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, str) and "\n" in value:
+        lines = (json.dumps(line, ensure_ascii=False)[1:-1] for line in value.split("\n"))
+        return '"""\n' + "\n".join(lines) + '"""'
+    return str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
 # -- Where in a study file each key is, and what is wrong there ------------------------------------

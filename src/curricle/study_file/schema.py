@@ -609,11 +609,13 @@ class _TransferTable(ObjectTable):
     # The keys that say f are by hand: they are arguments of five functions that make a mapping.
     project: dict[str, str] | None = None
     """f by name: source component = target component where the names differ; may be empty."""
-    mapping: Literal["identity", "same_position", "relative_objects", "family", "auto"] | None = (
-        None
-    )
-    """f, one of Curricle's other mappings; 'family' is what the family of both tasks says, one
-    transfer for each mapping that it names; 'auto' is the best that is found between the tasks."""
+    mapping: (
+        Literal["identity", "same_position", "relative_objects", "family", "candidate", "auto"]
+        | None
+    ) = None
+    """f, one of Curricle's other mappings; 'family' is what the family of both tasks says, and
+    'candidate' what a candidate is listed with, one transfer for each mapping; 'auto' is the best
+    that is found between the tasks."""
     function: Reference | None = None
     """f as a function from the target's decoded states and actions to the source's,
     module:function."""

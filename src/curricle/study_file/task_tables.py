@@ -17,6 +17,7 @@ from pydantic import (
 )
 
 from curricle.deep.miniature import miniatures
+from curricle.design.candidates import KINDS
 from curricle.errors import ConfigError, TaskError
 from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task
@@ -503,6 +504,22 @@ class CropTask(TaskTable):
         return cropped.crop(rows=self.rows, columns=self.columns, start=self.start)
 
 
+class CandidateTask(TaskTable):
+    """A candidate source of another task of the study, as `source_candidates` lists it."""
+
+    type: Literal["candidate"] = "candidate"
+    of: Name
+    """The task that it is a candidate of, by its name in [tasks]."""
+    kind: Literal[KINDS]  # type: ignore[valid-type]
+    """The kind of the candidate."""
+    candidate: Name
+    """Its name in the list."""
+
+    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+        """Return the candidate's task; `whole` is the candidate."""
+        return whole.task
+
+
 class FactoryTask(TaskTable):
     """A task that a function of the user's makes."""
 
@@ -583,6 +600,7 @@ DOMAIN_TASKS = tuple(
 TASKS = (
     MazeTask,
     CropTask,
+    CandidateTask,
     PursuitTask,
     *DOMAIN_TASKS,
     GymnasiumTask,
