@@ -84,6 +84,11 @@ def print_preview(study: StudyConfig) -> None:
             "own settings, and with the best of the search every arm spends at most "
             f"{counted(most, 'step')}"
         )
+    if study.choose:
+        print_text(
+            "before that, its arm is chosen by trials of candidate sources, which curricle choose "
+            "shows; the costs above are of the file's own arms"
+        )
     try:
         study.check_networks()
     except SettingError as error:

@@ -17,6 +17,7 @@ from curricle.comparison.comparison import ARM_MEASURES
 from curricle.comparison.plan import numbered_seeds
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
+from curricle.study.choosing import read_choice
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
 from curricle.study.tuning import BY_TUNING, effects_of, read_tuning, tuning_words
@@ -189,6 +190,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
     if yet_to_tune := tuning_words(results.store):
         print_text(yet_to_tune)
+    if chosen := read_choice(results.store):
+        print(chosen.text)
     rows = [
         (
             f"{name}: {node}",

@@ -1,14 +1,14 @@
 """Choosing a curriculum: candidates and opponents are played in the target's model beforehand.
 
-Every candidate source is played at some source budgets and scales. All learn on a few seeds; the
-better half, without those that are shown to be worse than the leader, learns on more, until few are
-left. These finalists then meet all opponents on seeds that none of them was chosen on, so that the
-verdict on them is that of any comparison. A trial's seeds are none that an experiment has unless it
-asks for them. Curricula of candidates enter by ``QInitialisation()``, unguarded: the trial shows
-what a guard would be for.
+Every candidate source is played at some source budgets and scales, all on a few seeds. The better
+half, without those that are shown to be worse than the leader, is played on more, until few are
+left. These finalists meet all opponents on seeds that none of them was chosen on, so that their
+verdicts are those of any comparison. The seeds are none that an experiment has unless it asks for
+them. Curricula of candidates enter by ``QInitialisation()``, unguarded, so that the trial shows
+what a source itself brings.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
@@ -51,16 +51,18 @@ from curricle.transfer.transfer import Transfer, numbered
 
 SHARES = (0.02, 0.05, 0.15)  # source steps, as shares of the target's
 SCALES = (1.0, 2.0)  # of the source's values
-MOST = 10  # candidates that are played
+MOST = 10  # candidates that are made
 ROUNDS = (4, 4, 8, 16)  # seeds that each round adds, for the better half of the one before
 FINALISTS, FINAL_SEEDS = 3, 20  # curricula that meet all opponents, and on how many fresh seeds
 FIRST_SEED, SEEDS_APART = 2_000_000, 1_000  # of a trial, and between those of two choices
-SECONDS = 150.0  # estimated seconds on one processor up to which candidates are played
-WITHOUT_SOURCE: tuple[Opponent, ...] = ("bounds", "optimistic")  # rounds need no potential for them
+SECONDS = 150.0  # estimated seconds on one processor up to which curricula are played
+WITHOUT_SOURCE: tuple[Opponent, ...] = ("bounds", "optimistic")  # those of all rounds but the last
 TARGET = "target"  # its name, without curricula of the user's
 OF_TARGET = ("learner", "budget", "eval_freq", "evaluation", "storage")
+SHOWN = 8  # rows of a printed table
+HEADS = ("", "source steps", "seeds", "mean return", "gain over the best opponent", "answer")
 
-# -- The curricula that are played -----------------------------------------------------------------
+# -- The curricula that are played, and the result -------------------------------------------------
 
 
 class Option(NamedTuple):
@@ -70,6 +72,20 @@ class Option(NamedTuple):
     candidate: SourceCandidate
     steps: int
     scale: float
+
+    def curriculum(self, target: str, task: Any, settings: Mapping[str, Any]) -> Curriculum:
+        """Return the curriculum of a target; `settings` are the target's."""
+        name, budget = self.candidate.name, settings.get("budget", DEFAULT_STEPS)
+        of_both = {key: settings[key] for key in settings if key not in ("budget", "eval_freq")}
+        return Curriculum(
+            {name: self.candidate.task, target: task},
+            [Transfer(name, target, mapping, self.scale) for mapping in self.candidate.mappings],
+            aggregate=minimum,
+            shaping=QInitialisation(),
+            budget={name: StoppingRule(self.steps), target: budget},
+            eval_freq={target: settings.get("eval_freq")},
+            **of_both,
+        )
 
 
 def options_of(candidates: Sequence[SourceCandidate], budget: int) -> Iterator[Option]:
@@ -82,26 +98,6 @@ def options_of(candidates: Sequence[SourceCandidate], budget: int) -> Iterator[O
                 yield Option(name, candidate, max(1, int(share * budget)), scale)
 
 
-def curriculum_of(
-    option: Option, target: str, task: Any, settings: Mapping[str, Any]
-) -> Curriculum:
-    """Return the curriculum of an option; `settings` are those of the target."""
-    candidate, budget = option.candidate, settings.get("budget", DEFAULT_STEPS)
-    of_both = {key: settings[key] for key in settings if key not in ("budget", "eval_freq")}
-    return Curriculum(
-        {candidate.name: candidate.task, target: task},
-        [Transfer(candidate.name, target, f, option.scale) for f in candidate.mappings],
-        aggregate=minimum,
-        shaping=QInitialisation(),
-        budget={candidate.name: StoppingRule(option.steps), target: budget},
-        eval_freq={target: settings.get("eval_freq")},
-        **of_both,
-    )
-
-
-# -- The result ------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class Choice:
     """The curriculum to learn a target with, if any. Prints as a sentence and a table.
@@ -109,20 +105,20 @@ class Choice:
     Attributes
     ----------
     name : str
-        The chosen curriculum, by its source, the source's share of the target's steps, and the
-        scale where it is not 1; empty if none pays.
+        The chosen curriculum: its source, the source's share of the target's steps, and the scale
+        where it is not 1; empty if none pays.
     curriculum : Curriculum or None
-        The chosen curriculum; None if none pays.
+        The chosen curriculum; None if none pays, or it cannot be carried over to the target.
     alone : str
         The best opponent, which needs no source.
     comparison : Comparison
         The finalists against all opponents, on seeds that no finalist was chosen on.
     rows : tuple of dict
-        One for each curriculum that was played, the best first: name, source_steps, seeds,
+        One for each curriculum that was played, finalists first: name, source_steps, seeds,
         mean_return, gain, gain_low, gain_high (over the best opponent, in mean return, sources
         charged), and answer: the verdict of a finalist, or when it was left out.
     remarks : tuple of str
-        Sentences on candidates that failed or were not played, and on where it was played.
+        Sentences on curricula that failed or were not played, and on where they were played.
     """
 
     name: str
@@ -139,12 +135,10 @@ class Choice:
         """The choice, in a sentence."""
         best = self.name or self.rows[0]["name"]
         verdict = self.comparison.verdicts[best]
-        seeds = f"{self.comparison.seeds} fresh seeds"
-        gain = f"{short(verdict.gain)} in mean return on {seeds}"
+        gain = f"{short(verdict.gain)} in mean return on {self.comparison.seeds} fresh seeds"
         if self.name:
-            return (
-                f"{best}: gains {gain} more than {self.alone} alone (p = {verdict.adjusted_p:.2g})"
-            )
+            p = f"p = {verdict.adjusted_p:.2g}"
+            return f"{best}: gains {gain} more than {self.alone} alone ({p})"
         well = "better" if verdict.direction < 0 else "as well"
         return f"no curriculum: {self.alone} alone does {well} (the best, {best}, gains {gain})"
 
@@ -153,13 +147,20 @@ class Choice:
 
     def text(self, width: int = UNBOUNDED) -> str:
         """Return the sentence and the table in lines of at most `width` characters."""
-        rows = [_cells(row) for row in self.rows[:SHOWN]]
-        lines = [folded(self.sentence, width), *text_table(HEADS, rows, width, prose=True)]
+        lines = [folded(self.sentence, width), *text_table(HEADS, self._cells, width, prose=True)]
         return "\n".join([*lines, *(folded(remark, width) for remark in self._remarks)])
 
     def _repr_html_(self) -> str:
-        rows = [_cells(row) for row in self.rows]
-        return block(self.sentence, table(HEADS, rows, wide=HEADS[-1:]), *self._remarks)
+        return block(self.sentence, table(HEADS, self._cells, wide=HEADS[-1:]), *self._remarks)
+
+    @property
+    def _cells(self) -> list[tuple[str, ...]]:
+        rows = list[tuple[str, ...]]()
+        for row in self.rows[:SHOWN]:
+            gain = Interval(row["gain"], row["gain_low"], row["gain_high"], 0.95, row["seeds"])
+            numbers = f"{row['source_steps']:,.0f}", f"{row['seeds']}", f"{row['mean_return']:.4g}"
+            rows.append((row["name"], *numbers, short(gain), row["answer"]))
+        return rows
 
     @property
     def _remarks(self) -> list[str]:
@@ -167,18 +168,72 @@ class Choice:
         return [*([f"and {others} more"] if others > 0 else []), *self.remarks]
 
 
-SHOWN = 8  # rows of a printed table
-HEADS = ("", "source steps", "seeds", "mean return", "gain over the best opponent", "answer")
+# -- Halving ---------------------------------------------------------------------------------------
+
+Seeds = tuple[int, ...]
+Play = Callable[[Sequence[str], Seeds, Sequence[Opponent], str], tuple[Plan, dict[str, Arm]]]
+"""Names of curricula, seeds, opponents, a title -> the plan, and its arms that were trained."""
 
 
-def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    numbers = (row["gain"], row["gain_low"], row["gain_high"])
-    gain = short(Interval(*numbers, 0.95, row["seeds"]))
-    steps, seeds = f"{row['source_steps']:,.0f}", f"{row['seeds']}"
-    return row["name"], steps, seeds, f"{row['mean_return']:.4g}", gain, row["answer"]
+def chosen(curricula: Mapping[str, Curriculum], play: Play, seed: int = 0) -> Choice:
+    """Return which of some curricula pays most, if any."""
+    first, left = (
+        FIRST_SEED + whole_number("seed", seed, 0, SettingError) * SEEDS_APART,
+        [*curricula],
+    )
+    returns, rows = dict[str, FloatArray](), dict[str, dict[str, Any]]()
+
+    def played(number: int, opponents: Sequence[Opponent], title: str) -> Any:
+        nonlocal first
+        seeds, first = tuple(range(first, first + number)), first + number
+        return play(left, seeds, opponents, f"{title}, {number} seeds of {len(left)} curricula")
+
+    def add_row(name: str, arm: Arm, returns: FloatArray, gain: Interval, answer: str) -> None:
+        numbers = {"seeds": len(returns), "mean_return": float(returns.mean())}
+        bounds = {"gain": gain.estimate, "gain_low": gain.low, "gain_high": gain.high}
+        numbers |= {key: float(value) for key, value in bounds.items()}
+        spent = float(arm.curve.source_steps.mean())
+        rows[name] = {"name": name, "source_steps": spent, **numbers, "answer": answer}
+
+    for n, seeds in enumerate(ROUNDS, 1):
+        _, arms = played(seeds, WITHOUT_SOURCE, f"round {n}")
+        for name, arm in arms.items():
+            batch = mean_return(arm.charged(arms[SCRATCH]))
+            returns[name] = np.append(returns.get(name, []), batch)
+        rivals = [returns[name] for name, arm in arms.items() if arm.scratch]
+        rival = max(rivals, key=lambda values: float(values.mean()))
+        ranked = sorted((name for name in left if name in arms), key=lambda x: -returns[x].mean())
+        for name in ranked:
+            gain = mean_interval(returns[name] - rival)
+            add_row(name, arms[name], returns[name], gain, f"left out after round {n}")
+        better = ranked[: max(FINALISTS, -(-len(ranked) // 2))]
+        left = [x for x in better if _may_exceed(returns[x], returns[ranked[0]])]
+        hopeless = not any(_may_exceed(returns[x], rival) for x in left)
+        if hopeless or len(left) <= FINALISTS:
+            break
+    left = left[:FINALISTS]
+    plan, arms = played(FINAL_SEEDS, OPPONENTS, "last round")
+    level, window = threshold_before(plan, None), min(WINDOW, checkpoints(plan))
+    final = comparison_of(plan, arms, level, window, {})
+    last = sorted(final.verdicts, key=lambda name: -final.returns[name].mean())
+    pays = [name for name in last if final.verdicts[name].direction > 0]
+    for name in last:
+        contrast, rival_name = final.contrasts[name], final.best_opponent(name)
+        answer = f"{contrast.verdict}, against {rival_name}"
+        add_row(name, final[name], final.returns[name], contrast.strong_gain, answer)
+    others = sorted(rows.keys() - {*last}, key=lambda name: (-rows[name]["gain"], name))
+    order = [*pays, *(name for name in last if name not in pays), *others]
+    name = pays[0] if pays else ""
+    listed = tuple(rows[name] for name in order)
+    return Choice(name, curricula.get(name), _best_alone(final), final, listed)
 
 
-def alone_words(comparison: Comparison) -> str:
+def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
+    """Return whether a mean return may be as high as another; it may if no interval tells."""
+    return not mean_interval(returns - others).high < 0
+
+
+def _best_alone(comparison: Comparison) -> str:
     """Return the opponent with the highest mean return, in words."""
     best = max(comparison.scratches, key=lambda name: float(comparison.returns[name].mean()))
     values = comparison[best].initial_values
@@ -187,77 +242,22 @@ def alone_words(comparison: Comparison) -> str:
     return "learning from scratch" if best == SCRATCH else best.removeprefix(f"{SCRATCH}, ")
 
 
-# -- Halving ---------------------------------------------------------------------------------------
-
-Play = Callable[[Sequence[str], tuple[int, ...], Sequence[Opponent]], tuple[Plan, dict[str, Arm]]]
-"""Names of curricula, seeds and opponents -> their plan, and its arms that were trained."""
-
-
-def chosen(
-    names: Sequence[str], play: Play, seed: int = 0
-) -> tuple[str, Comparison, tuple[dict[str, Any], ...]]:
-    """Return the curriculum that pays most, or "", the finalists' comparison, and all rows."""
-    first, left = FIRST_SEED + whole_number("seed", seed, 0, SettingError) * SEEDS_APART, [*names]
-    returns, rows = dict[str, FloatArray](), dict[str, dict[str, Any]]()
-    for n, seeds in enumerate(ROUNDS, 1):
-        _, arms = play(left, tuple(range(first, first + seeds)), WITHOUT_SOURCE)
-        first += seeds
-        for name, arm in arms.items():
-            batch = mean_return(arm.charged(arms[SCRATCH]))
-            returns[name] = np.append(returns.get(name, []), batch)
-        rivals = [returns[name] for name, arm in arms.items() if arm.scratch or name == SCRATCH]
-        rival = max(rivals, key=lambda values: float(values.mean()))
-        ranked = sorted((name for name in left if name in arms), key=lambda x: -returns[x].mean())
-        for name in ranked:
-            gain, steps = mean_interval(returns[name] - rival), arms[name].curve.source_steps
-            rows[name] = _row(name, steps, returns[name], gain, f"left out after round {n}")
-        better = ranked[: max(FINALISTS, -(-len(ranked) // 2))]
-        left = [x for x in better if _may_exceed(returns[x], returns[ranked[0]])]
-        hopeless = not any(_may_exceed(returns[x], rival) for x in left)
-        if hopeless or len(left) <= FINALISTS:
-            break
-    finalists = left[:FINALISTS]
-    plan, arms = play(finalists, tuple(range(first, first + FINAL_SEEDS)), OPPONENTS)
-    level, window = threshold_before(plan, None), min(WINDOW, checkpoints(plan))
-    comparison = comparison_of(plan, arms, level, window, {})
-    for name in comparison.verdicts:
-        steps, gain = comparison[name].curve.source_steps, comparison.contrasts[name].strong_gain
-        answer = f"{comparison.contrasts[name].verdict}, against {comparison.best_opponent(name)}"
-        rows[name] = _row(name, steps, comparison.returns[name], gain, answer)
-    last = sorted(comparison.verdicts, key=lambda name: -rows[name]["mean_return"])
-    order = [*last, *(x for x in sorted(rows, key=lambda x: -rows[x]["gain"]) if x not in last)]
-    pays = [name for name in last if comparison.verdicts[name].direction > 0]
-    best = pays[0] if pays else ""
-    return best, comparison, tuple(rows[name] for name in sorted(order, key=lambda x: x != best))
-
-
-def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
-    """Return whether a mean return may be as high as another; it may if no interval tells."""
-    return not mean_interval(returns - others).high < 0
-
-
-def _row(name: str, steps: Any, returns: FloatArray, gain: Interval, answer: str) -> dict[str, Any]:
-    return {
-        "name": name,
-        "source_steps": float(steps.mean()),
-        "seeds": len(returns),
-        "mean_return": float(returns.mean()),
-        "gain": float(gain.estimate),
-        "gain_low": float(gain.low),
-        "gain_high": float(gain.high),
-        "answer": answer,
-    }
-
-
-def affordable(curricula: Mapping[str, Curriculum], seconds: float) -> int:
-    """Return how many of some curricula can be played in so many seconds, as estimated."""
-    first = next(iter(curricula.values()))
-    node = first.node(first.target)
+def affordable(curricula: Mapping[str, Curriculum], seconds: float = SECONDS) -> list[str]:
+    """Return the curricula that can be played in so many seconds, as estimated."""
+    for curriculum in curricula.values():
+        if why := hindrance(curriculum):
+            raise TaskError(f"trials need a model, and {why}: name a smaller relative with on=")
+    node = curriculum.node(curriculum.target)
     total = node.most_steps + max(map(most_source_steps, curricula.values()))
-    # The second half of the rounds costs about as much as the first, with half the arms in each.
     opponents = 4 * (sum(ROUNDS) + FINAL_SEEDS) + FINALISTS * 4 * FINAL_SEEDS
-    seeds = seconds / node_seconds(node, total) - opponents
-    return int(seeds / sum(n / 2**k for k, n in enumerate(ROUNDS)))
+    seeds = number("seconds", seconds, SettingError, 0) / node_seconds(node, total) - opponents
+    most = int(seeds / sum(n / 2**k for k, n in enumerate(ROUNDS)))
+    if most < 1:
+        raise SettingError(
+            f"trials must take at most {seconds:g} s, and those of this target take longer by "
+            "estimate: choose on a smaller relative with on=, or raise seconds"
+        )
+    return [*islice(curricula, most)]
 
 
 # -- Choosing --------------------------------------------------------------------------------------
@@ -281,9 +281,9 @@ def choose(
     Each source is tried with 2, 5 and 15 % of the target's steps and its values times 1 and 2;
     several mappings are joined by :func:`minimum`, and potentials enter by ``QInitialisation()``
     without a guard. The better half of each round gets more seeds; the last three meet all
-    opponents (as in :func:`compare`) on 20 fresh seeds. Nothing of an experiment is used up: the
-    seeds of trials begin at 2,000,000. Equal seeds give equal choices. ``curricle.choose`` also
-    takes a study or its path, whose arms are then candidates too.
+    opponents of :func:`compare` on 20 fresh seeds. Nothing of an experiment is used up: the seeds
+    of trials begin at 2,000,000. Equal seeds give equal choices. ``curricle.choose`` also takes a
+    study or its path.
 
     Parameters
     ----------
@@ -294,75 +294,82 @@ def choose(
     kinds : sequence of str
         The kinds of candidates that are made; none if empty.
     most : int
-        Most candidates that are made, `candidates` that are sources included.
+        Most candidates that are made or :class:`SourceCandidate`.
     on : Task or FamilyMember, optional
-        A smaller relative in which to choose instead. The kind of source, the relation of its size
-        to the target's, its steps a state and its scale are then carried over; target steps a state
-        are equal.
+        A smaller relative in which to choose instead, with as many steps a state. The kind of
+        source, the relation of its size to the target's, its steps a state and its scale are then
+        carried over.
     seed : int
     seconds : float
-        Estimated seconds on one processor up to which candidates are played, in their order.
+        Estimated seconds on one processor up to which curricula are played, in their order.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
         True shows a bar for each round; a function is called with the name of each trained arm.
     **settings
         The target's ``budget`` (100,000 steps), ``learner``, ``eval_freq``, ``evaluation`` and
-        ``storage``, as a :class:`Curriculum` takes them; those of curricula in `candidates` if
-        there are any.
+        ``storage``, as a :class:`Curriculum` takes them; by default those of the first curriculum
+        in `candidates`, if there is any.
 
     Returns
     -------
     Choice
         With a curriculum only if it gains more than the best of all opponents (p < .05, corrected
-        for three finalists).
+        for the finalists).
 
     Raises
     ------
     TaskError, CurriculumError, SettingError
-        When the target has no model or no candidates, or takes too long: name a smaller relative
-        with `on`.
+        When the target has no model or no candidates, or takes too long.
 
     Examples
     --------
-    >>> from curricle import Pursuit
-    >>> choice = choose(Pursuit(size=3, predators=2), kinds=["removed"], budget=20_000)
-    >>> choice.name, choice.curriculum.order
-    ('one predator fewer, 15%, x 2', ('one predator fewer', 'target'))
+    >>> from curricle import GridWorld
+    >>> choice = choose(GridWorld("S...T"), kinds=["crop"], budget=500, most=1)
+    >>> choice.curriculum, choice.alone
+    (None, 'OptimisticQLearning')
     """
-    how: dict[str, Any] = {"kinds": kinds, "most": most, "seed": seed, "seconds": seconds}
-    how |= {"workers": workers, "progress": progress}
-    if on is not None:
-        return _carried_over(target, on, candidates, settings, how)
-    return _tried(target, candidates, settings, **how)[0]
+    if on is None:
+        curricula, _ = trial_curricula(target, candidates, kinds, most, settings)
+        return _tried(curricula, seed, seconds, workers, progress)
+    task, relative = map(_task, (target, on))
+    budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
+    settings = {key: value for key, value in settings.items() if key != "eval_freq"}
+    steps = max(FEWEST_STEPS, round(budget * relative.states.size / task.states.size))
+    there = {**settings, "budget": steps}
+    curricula, options = trial_curricula(on, candidates, kinds, most, there)
+    choice = _tried(curricula, seed, seconds, workers, progress)
+    remarks = [
+        *choice.remarks,
+        f"played in a relative with {relative.states.size:,} states instead of "
+        f"{task.states.size:,}, in {steps:,} steps instead of {budget:,}; assumes that what pays "
+        "there pays in the target",
+    ]
+    choice = replace(choice, curriculum=None, remarks=tuple(remarks))
+    if choice.name not in options:  # none pays, or a curriculum of the user's
+        return choice
+    option, words = _carried_over(target, options[choice.name], on)
+    curriculum = option and option.curriculum(TARGET, task, {**settings, "budget": budget})
+    return replace(choice, curriculum=curriculum, remarks=(*remarks, words))
 
 
 def _tried(
-    target: Any,
-    candidates: Sequence[Any] | Mapping[str, Curriculum],
-    settings: Mapping[str, Any],
-    *,
-    kinds: Sequence[str],
-    most: int,
+    curricula: Mapping[str, Curriculum],
     seed: int,
     seconds: float,
     workers: int | None,
     progress: Progress,
-) -> tuple[Choice, dict[str, Option]]:
-    """Return the choice of a target with a model, and the options that were made for it."""
-    curricula, options = trial_curricula(target, candidates, kinds, most, settings)
-    curricula, remarks = played(curricula, seconds)
-    memory, failed, rounds = Memory(), dict[str, Exception](), 0
-    total = comparison_plan(curricula, memory).steps[1]
+) -> Choice:
+    """Return the choice among curricula, played in memory."""
+    names, memory, failed = affordable(curricula, seconds), Memory(), dict[str, Exception]()
+    total = comparison_plan({name: curricula[name] for name in names}, memory).steps[1]
 
     def play(
-        names: Sequence[str], seeds: tuple[int, ...], opponents: Sequence[Opponent]
+        some: Sequence[str], seeds: Seeds, opponents: Sequence[Opponent], title: str
     ) -> tuple[Plan, dict[str, Arm]]:
-        nonlocal rounds
-        rounds += 1
-        some = {name: curricula[name] for name in names}
-        plan = comparison_plan(some, memory, (), opponents, least_total=total)
-        grow = bars.bar(round_words(rounds, some, seeds), len(plan.arms))
+        arms = {name: curricula[name] for name in some}
+        plan = comparison_plan(arms, memory, (), opponents, least_total=total)
+        grow = bars.bar(title, len(plan.arms))
 
         def tell(name: str) -> None:
             grow()
@@ -371,16 +378,17 @@ def _tried(
         return plan, trained_arms(plan, seeds, failed, memory, workers, Bars(call=tell))
 
     with shown(progress) as bars:
-        name, comparison, rows = chosen([*curricula], play, seed)
-    failures = (f"{arm} failed: {in_words(error)}" for arm, error in failed.items())
-    curriculum, alone = curricula.get(name), alone_words(comparison)
-    choice = Choice(name, curriculum, alone, comparison, rows, (*remarks, *failures))
-    return choice, options
+        choice = chosen({name: curricula[name] for name in names}, play, seed)
+    remarks = [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
+    return replace(choice, remarks=(*left_out(names, curricula), *remarks))
 
 
-def round_words(number: int, names: Collection[str], seeds: Sequence[int]) -> str:
-    """Return what is played in a round, as text."""
-    return f"round {number}: {counted(len(seeds), 'seed')} of {len(names)} and their opponents"
+def left_out(names: Sequence[str], curricula: Mapping[str, Curriculum]) -> list[str]:
+    """Return a sentence on the curricula that take too long; none if all are played."""
+    whole = counted(len(curricula), "candidate")
+    return [f"{len(names)} of {whole} were played: all take too long"][
+        : len(names) < len(curricula)
+    ]
 
 
 def trial_curricula(
@@ -393,56 +401,35 @@ def trial_curricula(
     """Return the curricula to play by name, and the options that some of them are."""
     if isinstance(candidates, str) or not isinstance(candidates, Sequence | Mapping):
         raise CurriculumError(f"candidates must be a list, or a dict by name: got {candidates!r}")
-    named = isinstance(candidates, Mapping)
+    by_name = isinstance(candidates, Mapping)
     stated = [*candidates.values()] if isinstance(candidates, Mapping) else [*candidates]
-    for candidate in stated:
-        if not isinstance(candidate, Curriculum | SourceCandidate):
-            raise CurriculumError(
-                f"candidates must be curricula or SourceCandidates: got {candidate!r}"
-            )
     own = [candidate for candidate in stated if isinstance(candidate, Curriculum)]
     sources = [candidate for candidate in stated if isinstance(candidate, SourceCandidate)]
+    if len(own) + len(sources) < len(stated):
+        raise CurriculumError(f"candidates must be curricula or SourceCandidates: got {stated!r}")
     of_sources = numbered([", ".join(plan.ancestors(plan.target)) for plan in own])
-    curricula = dict(zip(candidates if named else of_sources, own, strict=True))
-    name, options = TARGET, dict[str, Option]()
-    if own:
-        name = own[0].target
-        settings = {key: own[0].setting(key, name) for key in OF_TARGET} | {**settings}
+    curricula = dict(zip(candidates if by_name else of_sources, own, strict=True))
+    name, options = own[0].target if own else TARGET, dict[str, Option]()
+    for key in OF_TARGET if own else ():
+        settings = {key: own[0].setting(key, name), **settings}
     if kinds or sources:
-        task = target.task if isinstance(target, FamilyMember) else target
-        if not has_tables(task):
-            raise TaskError(f"{task!r} has no model to choose in: name a smaller relative with on=")
+        if not has_tables(_task(target)):
+            raise TaskError(
+                f"trials need a model, which {target!r} has not: name a smaller relative with on="
+            )
         budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
         propose = (lambda _: sources) if sources else None
         found = source_candidates(target, kinds=kinds, most=most, propose=propose)
-        for option in options_of(found.candidates, budget):
-            options[option.name] = option
-            curricula[option.name] = curriculum_of(option, name, found.target, settings)
+        options = {option.name: option for option in options_of(found.candidates, budget)}
+        for label, option in options.items():
+            curricula[label] = option.curriculum(name, found.target, settings)
     if not curricula:
         raise CurriculumError("there must be candidates to choose from: give kinds or candidates")
     return curricula, options
 
 
-def played(
-    curricula: Mapping[str, Curriculum], seconds: float
-) -> tuple[dict[str, Curriculum], list[str]]:
-    """Return the curricula that can be played in so many seconds, and a sentence on the others."""
-    for curriculum in curricula.values():
-        if why := hindrance(curriculum):
-            raise TaskError(
-                f"curricula are tried in models, and {why}: use on=, a smaller relative"
-            )
-    number("seconds", seconds, SettingError, 0)
-    most = affordable(curricula, seconds)
-    if most >= len(curricula):
-        return dict(curricula), []
-    if most < 1:
-        raise SettingError(
-            f"trials must take at most {seconds:g} s, and those of this target take longer by "
-            "estimate: choose on a smaller relative with on=, or raise seconds"
-        )
-    remark = f"{most} of {len(curricula)} curricula were played: all would take over {seconds:g} s"
-    return dict(islice(curricula.items(), most)), [remark]
+def _task(target: Any) -> Any:
+    return target.task if isinstance(target, FamilyMember) else target
 
 
 # -- Carried over from a smaller relative ----------------------------------------------------------
@@ -451,68 +438,40 @@ FEWEST_STEPS = 1_000  # of the relative as a target
 MOST_DRAFTS = 50  # of the target that are looked at
 
 
-def _carried_over(
-    target: Any, on: Any, candidates: Any, settings: dict[str, Any], how: dict[str, Any]
-) -> Choice:
-    """Return the choice on a smaller relative, in its place for a target."""
-    task, relative = (x.task if isinstance(x, FamilyMember) else x for x in (target, on))
-    budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
-    relation = relative.states.size / task.states.size
-    steps = max(FEWEST_STEPS, round(budget * relation))
-    there = {**settings, "budget": steps}
-    there.pop("eval_freq", None)
-    choice, options = _tried(on, candidates, there, **how)
-    remark = (
-        f"played in a relative with {relative.states.size:,} states instead of "
-        f"{task.states.size:,}, in {steps:,} steps instead of {budget:,}; assumes that what pays "
-        "there pays in the target"
-    )
-    option = options.get(choice.name)
-    if option is None:  # none pays, or a curriculum of the user's, which only he can carry over
-        return replace(choice, curriculum=None, remarks=(*choice.remarks, remark))
-    states = option.candidate.task.states.size
-    share, a_state = states / relative.states.size, option.steps / states
+def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, str]:
+    """Return the target's option that is as an option is to a smaller relative, and its words."""
+    like, states = option.candidate, option.candidate.task.states.size
+    share, a_state = states / _task(on).states.size, option.steps / states
     words = (
-        f"carried over: a source of kind {option.candidate.kind!r}, with {share:.3g} of the "
-        f"target's states, {a_state:.3g} steps a state of its own, scale {option.scale:g}"
+        f"carried over: a source of kind {like.kind!r}, with {share:.3g} of the target's states, "
+        f"{a_state:.3g} steps a state of its own, scale {option.scale:g}"
     )
-    source, curriculum = _counterpart(target, option, on), None
-    if source is None:
-        words += "; none can be made of the target itself: build it by hand"
-    else:
-        spent = max(1, round(a_state * source.task.states.size))
-        words += f": {source.name}, {source.task.states.size:,} states, {spent:,} steps"
-        carried = option._replace(candidate=source, steps=spent)
-        curriculum = curriculum_of(carried, TARGET, task, {**settings, "budget": budget})
-    return replace(choice, curriculum=curriculum, remarks=(*choice.remarks, remark, words))
-
-
-def _counterpart(target: Any, option: Option, on: Any) -> SourceCandidate | None:
-    """Return the target's source that is as an option's is to a smaller relative; None if none."""
-    like, member = option.candidate, isinstance(target, FamilyMember)
-    if like.kind not in MAKERS or not (member if like.kind == "member" else has_tables(target)):
-        return None
-    drafts = (
-        family_members(DesignTarget(None, target, None, None))
-        if like.kind == "member"
-        else MAKERS[like.kind](design_target(target))
-    )
-    whole, relative = (x.task if isinstance(x, FamilyMember) else x for x in (target, on))
-    wanted = like.task.states.size / relative.states.size
 
     def distance(draft: Draft) -> tuple[bool, float]:
         if draft.member is not None and like.member is not None:
-            changed = _changed(draft.member, target) != _changed(like.member, on)
-            return changed, abs(log(draft.member.task.states.size / whole.states.size / wanted))
-        if draft.share is not None and like.share is not None:
-            return False, abs(draft.share - like.share)
-        return draft.words != like.words, 0.0
+            size = draft.member.task.states.size / _task(target).states.size
+            return _changed(draft.member, target) != _changed(like.member, on), abs(
+                log(size / share)
+            )
+        apart = 0.0 if None in (draft.share, like.share) else draft.share - like.share  # type: ignore[operator]
+        return like.share is None and draft.words != like.words, abs(apart)
 
-    for draft in sorted(islice(drafts, MOST_DRAFTS), key=distance):
+    drafts, of_family = list[Draft](), isinstance(target, FamilyMember)
+    if like.kind == "member" and of_family:  # members need no tables of the target
+        nothing: Any = None
+        drafts += islice(
+            family_members(DesignTarget(nothing, target, nothing, nothing)), MOST_DRAFTS
+        )
+    elif like.kind in MAKERS and has_tables(_task(target)):
+        drafts += islice(MAKERS[like.kind](design_target(target)), MOST_DRAFTS)
+    for draft in sorted(drafts, key=distance):
         with suppress(CurricleError):
             task, mappings = draft.build()
-            return SourceCandidate(draft.name, task, mappings, draft.kind, draft.words)
-    return None
+            source = SourceCandidate(draft.name, task, mappings, draft.kind, draft.words)
+            steps = max(1, round(a_state * task.states.size))
+            words += f": {draft.name}, {task.states.size:,} states, {steps:,} steps"
+            return option._replace(candidate=source, steps=steps), words
+    return None, f"{words}; none can be made of the target itself: build it by hand"
 
 
 def _changed(member: FamilyMember, of: FamilyMember) -> set[str]:

@@ -6,6 +6,7 @@ choice have in common is called a search here: it comes before a study's own see
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from curricle.comparison.comparison import Arm
@@ -14,16 +15,13 @@ from curricle.comparison.plan import Plan
 from curricle.design.candidates import source_candidates
 from curricle.design.choice import (
     FIRST_SEED,
-    KINDS,
     MOST,
-    SECONDS,
     Choice,
-    alone_words,
+    affordable,
     choose as choose_curriculum,
     chosen,
+    left_out,
     options_of,
-    played,
-    round_words,
 )
 from curricle.errors import SettingError
 from curricle.study.arms import Arms
@@ -67,13 +65,13 @@ def trial_arms(study: StudyConfig) -> dict[str, Any]:
     budget = curriculum.setting("budget", target)
     if not isinstance(budget, int):
         raise SettingError(f"an arm is chosen at a budget in steps: {target!r} has {budget}")
-    found = source_candidates(study.address(first, target), kinds=KINDS, most=MOST)
+    found = source_candidates(study.address(first, target), most=MOST)
     trials = {name: arm for name, arm in arms.items() if arm["transfers"]}
-    shared = {key: data[key] for key in OF_BOTH if key in data}
+    shared: dict[str, Any] = {key: data[key] for key in OF_BOTH if key in data}
     for option in options_of(found.candidates, budget):
         name = option.candidate.name
-        source = {"type": "candidate", "of": target, "kind": option.candidate.kind}
-        source |= {"candidate": name, "budget": {"max_steps": option.steps}, **shared}
+        source = {"type": "candidate", "of": target, "kind": option.candidate.kind, **shared}
+        source |= {"candidate": name, "budget": {"max_steps": option.steps}}
         into = {**data, "aggregate": "minimum", "shaping": {"type": "QInitialisation"}}
         edge = {"source": name, "target": target, "mapping": "candidate", "scale": option.scale}
         tasks = {**alone["tasks"], target: into, name: source}
@@ -93,30 +91,28 @@ def choose_arm(study: StudyConfig, train: Train, choose: Choose = key_of) -> Cho
         raise SettingError(f"a study that chooses must have seeds below {FIRST_SEED:,}")
     arms = trial_arms(study)
     whole = trial_study(study, arms)
-    curricula, remarks = played(whole.curricula, SECONDS)
-    total = Arms.of(trial_study(study, {name: arms[name] for name in curricula})).total
-    rounds, stale = 0, False
+    names = affordable(whole.curricula)
+    total = Arms.of(trial_study(study, {name: arms[name] for name in names})).total
+    stale = False
 
     def play(
-        names: Sequence[str], seeds: tuple[int, ...], opponents: Sequence[Opponent]
+        names: Sequence[str], seeds: tuple[int, ...], opponents: Sequence[Opponent], title: str
     ) -> tuple[Plan, dict[str, Arm]]:
-        nonlocal rounds, stale
-        rounds += 1
+        nonlocal stale
         some = {name: arms[name] for name in names}
         fields: Any = {"seeds": list(seeds), "opponents": list(opponents), "total": total}
         config = trial_study(study, some, **fields)
         plan = Arms.of(config, choose)
         stale |= any(key != key_of(plan.dependencies[place]) for place, key in plan.keys.items())
-        store = train(config, plan, f"choosing, {round_words(rounds, some, seeds)}")
+        store = train(config, plan, f"choosing: {title}")
         stored = store.finished()
         return plan, {name: trained_arm(plan, name, store, stored, seeds) for name in plan.arms}
 
-    name, comparison, rows = chosen([*curricula], play)
-    curriculum, alone = curricula.get(name), alone_words(comparison)
-    choice = Choice(name, curriculum, alone, comparison, rows, tuple(remarks))
+    choice = chosen({name: whole.curricula[name] for name in names}, play)
+    choice = replace(choice, remarks=tuple(left_out(names, whole.curricula)))
     digests = {"of": "" if stale else digest_of(study)}
     digests["of_settings"] = digest_of(study, settings_key_of)
-    return ChoiceRecord(name=name, text=str(choice), **digests)
+    return ChoiceRecord(name=choice.name, text=str(choice), **digests)
 
 
 def chosen_study(study: StudyConfig, name: str) -> StudyConfig:
@@ -173,7 +169,7 @@ def chosen_file(study: StudyConfig, choice: Choice, folder: Any) -> str:
     """Return a study with its chosen arm as the text of a file in a folder."""
     data = chosen_study(study, choice.name).to_data()
     (arm,) = data["arms"].values()
-    defaults = RunTable(name=study.name).model_dump(mode="json")
+    defaults = RunTable.model_validate({"name": study.name}).model_dump(mode="json")
     run = {key: data[key] for key in defaults if key in data and data[key] != defaults[key]}
     remark = "".join(f"# {line}\n" for line in str(choice).splitlines())
     text = remark + toml_text({**run, "name": f"{study.name}, chosen", **arm})
@@ -187,4 +183,5 @@ def _choosable(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     return first.tasks[first.target], {"candidates": curricula, "kinds": ()}
 
 
-choose = of_studies(choose_curriculum, _choosable)
+_of_task: Any = choose_curriculum  # its first parameter may be passed by name, too
+choose: Callable[..., Choice] = of_studies(_of_task, _choosable)

@@ -266,18 +266,19 @@ def toml_text(study: Mapping[str, Any]) -> str:
     """Return a study as the text of a file: its keys, then its tasks, then its transfers."""
     keys = {key: value for key, value in study.items() if key not in ("tasks", "transfers")}
     tables = [("", keys)]
-    tables += [(f"[tasks.{json.dumps(name)}]", task) for name, task in study["tasks"].items()]
+    tables += [(f"[tasks.{_key(name)}]", task) for name, task in study["tasks"].items()]
     tables += [("[[transfers]]", edge) for edge in study["transfers"]]
-    texts = (
-        "\n".join([head, *(f"{k} = {_toml(table[k])}" for k in table)]) for head, table in tables
-    )
-    return "\n\n".join(text.lstrip("\n") for text in texts) + "\n"
+    lines = [[head, *(f"{_key(k)} = {_toml(v)}" for k, v in part.items())] for head, part in tables]
+    return "\n\n".join("\n".join(part).lstrip("\n") for part in lines) + "\n"
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else json.dumps(name, ensure_ascii=False)
 
 
 def _toml(value: Any) -> str:
     if isinstance(value, Mapping):
-        pairs = (f"{json.dumps(key)} = {_toml(inner)}" for key, inner in value.items())
-        return f"{{ {', '.join(pairs)} }}"
+        return f"{{ {', '.join(f'{_key(k)} = {_toml(inner)}' for k, inner in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, str) and "\n" in value:
