@@ -3,7 +3,7 @@
 For each target: its choice, the time, and on fresh seeds the mean return while learning, sources
 charged, on the way from the random policy (0) to the optimum (1), of learning from scratch, of the
 choice (the opponent that it names, where it chooses no curriculum), and of the best of all
-curricula and opponents.
+curricula and opponents; then of the curriculum that it lists first, and of the best curriculum.
 
     python -m benchmarks.choose [--seeds 10] [--only hunt]
 """
@@ -51,7 +51,7 @@ def targets():
 
 
 def judged(target, budget, rate, seeds):
-    """Return the choice, the seconds it took, and the shares of scratch, choice and best."""
+    """Return the choice, its seconds, shares of scratch, choice and best, and of curricula."""
     learner = cr.QLearning(learning_rate=rate)
     settings = {"budget": budget, "learner": learner}
     begin = perf_counter()
@@ -72,7 +72,9 @@ def judged(target, budget, rate, seeds):
     named = {"learning from scratch": "scratch"}.get(choice.alone, f"scratch, {choice.alone}")
     mine = choice.name or (ALONE if further else named)
     top = max(share, key=share.get)
-    return choice, seconds, share["scratch"], share[mine], share[top], top
+    shares = share["scratch"], share[mine], share[top]
+    first = choice.rows[0]["name"]
+    return choice, seconds, shares, top, (share[first], max(share[name] for name in curricula))
 
 
 def main():
@@ -82,14 +84,16 @@ def main():
     parser.add_argument("--only", default="")
     asked = parser.parse_args()
     kept = []
-    print(f"{'':32}{'seconds':>8}{'scratch':>9}{'choice':>9}{'best':>9}{'kept':>7}  choice; best")
+    heads = "seconds", "scratch", "choice", "best", "kept", "first", "best"
+    print(f"{'':32}" + "".join(f"{head:>9}" for head in heads) + "  choice; best")
     for name, target, budget, rate in targets():
         if asked.only not in name:
             continue
-        choice, seconds, scratch, mine, best, top = judged(target, budget, rate, asked.seeds)
-        kept.append(mine / best)
+        choice, seconds, shares, top, listed = judged(target, budget, rate, asked.seeds)
+        kept.append(shares[1] / shares[2])
         chosen = choice.name or f"none, {choice.alone}"
-        numbers = f"{seconds:8.0f}{scratch:9.3f}{mine:9.3f}{best:9.3f}{kept[-1]:7.0%}"
+        numbers = f"{seconds:9.0f}" + "".join(f"{share:9.3f}" for share in shares)
+        numbers += f"{kept[-1]:9.0%}" + "".join(f"{share:9.3f}" for share in listed)
         print(f"{name:32}{numbers}  {chosen}; {top}", flush=True)
     print(f"at least 80 % of the best in {np.mean(np.array(kept) >= 0.8):.0%} of {len(kept)}")
 

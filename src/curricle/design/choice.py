@@ -45,7 +45,7 @@ from curricle.statistics.curves import SCRATCH, mean_return
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import has_tables
-from curricle.text import UNBOUNDED, brief_repr, counted, folded, text_table
+from curricle.text import UNBOUNDED, brief_repr, folded, text_table
 from curricle.transfer.aggregate import minimum
 from curricle.transfer.transfer import Transfer, numbered
 
@@ -385,10 +385,8 @@ def _tried(
 
 def left_out(names: Sequence[str], curricula: Mapping[str, Curriculum]) -> list[str]:
     """Return a sentence on the curricula that take too long; none if all are played."""
-    whole = counted(len(curricula), "candidate")
-    return [f"{len(names)} of {whole} were played: all take too long"][
-        : len(names) < len(curricula)
-    ]
+    of = f"{len(names)} of {len(curricula)}"
+    return [f"{of} curricula were played: all take too long"] if len(names) < len(curricula) else []
 
 
 def trial_curricula(

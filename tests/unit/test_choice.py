@@ -1,0 +1,366 @@
+"""Choosing a curriculum: halving, opponents, studies that choose first, and carrying over."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from curricle.comparison.comparison import Arm
+from curricle.design import choice as module
+from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
+from curricle.statistics.curves import Curve
+from curricle.study import StudyStore, run_study
+from curricle.study.choosing import CHOICE, NO_CURRICULUM, chosen_file, read_choice
+from curricle.study.tuning import TRIALS
+from curricle.tasks import pursuit_family
+from curricle.transfer import StateActionMapping
+from tests.unit.test_study_runner import Inline
+
+HUNT = """
+name = "hunt"
+seeds = 6
+choose = true
+budget = 20_000
+learner.learning_rate = 0.2
+tasks.hunt = { family = "pursuit", size = 3, predators = 2 }
+"""
+SETTINGS = {"budget": 20_000, "learner": cr.QLearning(learning_rate=0.2)}
+MAZE = cr.GridWorld(["S....", ".....", "....T"], rewards=cr.Rewards(step=-1, treasure=20))
+
+
+@pytest.fixture(scope="module")
+def hunt():
+    """Return a target of which a curriculum pays."""
+    return pursuit_family(size=3, predators=2)
+
+
+@pytest.fixture(scope="module")
+def choice(hunt):
+    """Return its choice."""
+    return cr.choose(hunt, **SETTINGS)
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Return the path of the study of that target."""
+    path = tmp_path / "hunt.toml"
+    path.write_text(HUNT)
+    return path
+
+
+# -- Halving, with made-up returns -----------------------------------------------------------------
+
+
+def played(monkeypatch, heights, opponents, noise=0.0):
+    """Return the rounds that are played where arms have these mean returns, as (names, seeds)."""
+    rounds = []
+
+    def play(names, seeds, _, title):
+        rounds.append((list(names), seeds))
+        arms = {}
+        every = [*opponents, *names]
+        for name in every:
+            rng = np.random.default_rng([every.index(name), *seeds[:1]])
+            flat = heights[name] + noise * rng.normal(size=(len(seeds), 1)) + np.zeros(3)
+            source = np.zeros(len(seeds), np.int64)
+            curve = Curve(np.array([0, 10, 20]), flat, source)
+            arms[name] = Arm(curve, flat, flat, scratch=name in opponents)
+        return None, arms
+
+    class Enough(Exception):
+        """The last round is not needed here."""
+
+    def last(*_):
+        raise Enough
+
+    monkeypatch.setattr(module, "threshold_before", last)
+    names = [name for name in heights if name not in opponents]
+    with pytest.raises(Enough):
+        module.chosen(dict.fromkeys(names), play)
+    return rounds
+
+
+def test_each_round_keeps_the_better_half_on_further_seeds(monkeypatch):
+    heights = {"scratch": 0.0} | {f"c{n}": 1.0 + n / 1000 for n in range(20)}
+    rounds = played(monkeypatch, heights, ["scratch"], noise=0.2)
+    assert [len(names) for names, _ in rounds[:3]] == [20, 10, 5]
+    seeds = [seed for _, seeds in rounds for seed in seeds]
+    assert len(set(seeds)) == len(seeds)
+    assert min(seeds) == module.FIRST_SEED
+    assert len(rounds[-1][0]) <= module.FINALISTS
+    assert len(rounds[-1][1]) == module.FINAL_SEEDS
+
+
+def test_halving_stops_when_the_best_is_clear(monkeypatch):
+    heights = {"scratch": 0.0} | {f"c{n}": 10.0 * n for n in range(20)}
+    rounds = played(monkeypatch, heights, ["scratch"], noise=0.1)
+    assert len(rounds) == 2
+    assert rounds[-1][0] == ["c19"]
+
+
+def test_halving_stops_when_none_can_pay(monkeypatch):
+    heights = {"scratch": 0.0, "scratch, better": 9.0} | {f"c{n}": 1.0 for n in range(20)}
+    assert len(played(monkeypatch, heights, ["scratch", "scratch, better"], noise=0.1)) == 2
+
+
+# -- A choice in memory ----------------------------------------------------------------------------
+
+
+def test_a_source_that_pays_is_chosen(hunt, choice):
+    assert choice.curriculum.order == ("pursuit(size=2, predators=1)", "target")
+    assert isinstance(choice.curriculum.setting("shaping", "target"), cr.QInitialisation)
+    assert choice.curriculum.setting("shaping", "target").guard is None
+    best = choice.rows[0]
+    assert best["name"] == choice.name
+    assert best["gain_low"] > 0
+    assert choice.comparison.verdicts[choice.name].direction == 1
+    # It pays on the seeds of an experiment too, against all opponents.
+    fresh = cr.compare({"chosen": choice.curriculum}, seeds=10)
+    assert fresh.verdicts["chosen"].direction == 1
+    assert len(choice.rows) == 36
+    assert {len(row) for row in choice.rows} == {8}
+
+
+def test_constants_of_finalists_are_opponents(choice):
+    assert any("constant" in name for name in choice.comparison.opponents(choice.name))
+
+
+def test_it_prints_a_sentence_and_a_table(choice):
+    first, heads, best, *_, last = str(choice).splitlines()
+    assert first.startswith(f"{choice.name}: gains ")
+    assert choice.alone in first
+    assert heads.split()[:2] == ["source", "steps"]
+    assert best.startswith(choice.name)
+    assert last == "and 28 more"
+    assert "<table" in choice._repr_html_()
+    assert repr(choice).startswith("Choice(")
+
+
+def test_none_pays_where_a_learner_without_source_does_as_well():
+    choice = cr.choose(MAZE, kinds=["crop", "starts"], budget=2_000)
+    assert (choice.name, choice.curriculum) == ("", None)
+    assert str(choice).startswith(f"no curriculum: {choice.alone} alone does ")
+
+
+def test_a_constant_is_named_where_it_does_as_well(monkeypatch):
+    # A source that knows only how high values are is no better than its mean as a constant.
+    monkeypatch.setattr(module, "OPPONENTS", ("constant",))
+    monkeypatch.setattr(module, "WITHOUT_SOURCE", ())
+    target = pursuit_family(size=3, predators=2).task
+    flat = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, 0, -0.1, False)]]], start=[1.0], discount=0.99, time_limit=50
+    )
+    index = np.zeros((target.states.size, target.actions.size), np.int64)
+    reads = StateActionMapping(target, flat, index)
+    plan = cr.Curriculum(
+        {"flat": flat, "hunt": target},
+        [cr.Transfer("flat", "hunt", reads)],
+        shaping=cr.QInitialisation(),
+        budget={"flat": cr.StoppingRule(2_000), "hunt": 20_000},
+    )
+    choice = cr.choose(target, [plan], kinds=())
+    assert not choice.name
+    assert choice.alone.startswith("initial_value=-")
+    assert choice.sentence.startswith(f"no curriculum: {choice.alone} alone does as well")
+
+
+def test_equal_seeds_give_equal_choices_whatever_the_workers(hunt):
+    how = {"kinds": ["removed"], **SETTINGS}
+    one, two = cr.choose(hunt, workers=1, **how), cr.choose(hunt, workers=2, **how)
+    assert one.rows == two.rows
+    assert cr.choose(hunt, seed=1, **how).rows != one.rows
+
+
+def test_curricula_of_the_user_are_candidates(hunt, choice):
+    alone = cr.choose(hunt, {"mine": choice.curriculum}, kinds=())
+    assert alone.name == "mine"
+    assert alone.curriculum is choice.curriculum
+    both = cr.choose(hunt, [choice.curriculum], kinds=["removed"])
+    assert both.name == "pursuit(size=2, predators=1)"
+    assert len(both.rows) == 7
+
+
+def test_progress_is_told_and_a_failure_is_reported(hunt, choice):
+    told = []
+    cr.choose(hunt, {"mine": choice.curriculum}, kinds=(), progress=told.append)
+    assert told.count("mine") == 2
+    assert "scratch" in told
+
+
+def test_only_as_many_curricula_are_played_as_time_allows(hunt, monkeypatch):
+    monkeypatch.setattr(module, "node_seconds", lambda *_: 1.0)
+    few = cr.choose(hunt, kinds=["removed"], seconds=448 + 25, **SETTINGS)
+    assert len(few.rows) == 2
+    assert few.remarks == ("2 of 6 curricula were played: all take too long",)
+    with pytest.raises(SettingError, match="on="):
+        cr.choose(hunt, seconds=0.1, **SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("how", "error", "says"),
+    [
+        ({"kinds": ()}, CurriculumError, "candidates to choose from"),
+        ({"candidates": "crop"}, CurriculumError, "a list, or a dict"),
+        ({"candidates": [MAZE]}, CurriculumError, "curricula or SourceCandidates"),
+        ({"kinds": ["near"]}, CurriculumError, "kind"),
+        ({"seed": -1, "kinds": ["crop"]}, SettingError, "seed"),
+        ({"budget": cr.Episodes(3)}, SettingError, "budget"),
+    ],
+)
+def test_what_cannot_be_chosen_from_is_refused(how, error, says):
+    with pytest.raises(error, match=says):
+        cr.choose(MAZE, **how)
+
+
+# -- Carried over from a smaller relative ----------------------------------------------------------
+
+
+def test_a_choice_is_carried_over_in_relative_terms(hunt, choice):
+    target = pursuit_family(size=4, predators=2)
+    states = target.task.states.size / hunt.task.states.size
+    budget = round(20_000 * states)
+    settings = {**SETTINGS, "budget": budget}
+    carried = cr.choose(target, on=hunt, **settings)
+    assert carried.name == choice.name
+    source = carried.curriculum.order[0]
+    there, here = choice.curriculum, carried.curriculum
+    relation = [
+        plan.tasks[plan.order[0]].states.size / plan.tasks["target"].states.size
+        for plan in (there, here)
+    ]
+    assert 1 / 4 < relation[0] / relation[1] < 4
+    assert "predators=1" in source
+    steps = [plan.node(plan.order[0]).most_steps for plan in (there, here)]
+    sizes = [plan.tasks[plan.order[0]].states.size for plan in (there, here)]
+    assert steps[1] / sizes[1] == pytest.approx(steps[0] / sizes[0], abs=1)
+    assert here.node("target").budget == budget
+    assert {edge.scale for edge in here.transfers} == {edge.scale for edge in there.transfers}
+    assert "carried over: a source of kind 'member'" in str(carried)
+
+
+def test_a_live_target_needs_a_relative():
+    live = cr.from_gymnasium("FrozenLake-v1", discount=0.99, live=True)
+    with pytest.raises(TaskError, match="on="):
+        cr.choose(live)
+
+
+# -- In studies ------------------------------------------------------------------------------------
+
+
+def test_a_study_and_memory_choose_alike(file, tmp_path):
+    pool = Inline()
+    run = run_study(file, tmp_path / "out", executor=pool)
+    record, choice = read_choice(StudyStore(tmp_path / "out")), cr.choose(file)
+    assert record.text == str(choice)
+    assert record.name == choice.name
+    arms = list(run.comparison.controls)
+    assert arms == [choice.name]
+    assert run.comparison.verdicts[choice.name].seeds == 6
+
+
+@pytest.mark.parametrize("left", [0, 10])
+def test_a_choice_resumes(file, tmp_path, left):
+    folder, pool = tmp_path / "out", Inline()
+    run_study(file, folder, executor=pool)
+    before = json.loads((folder / CHOICE).read_text())
+    (folder / CHOICE).unlink()
+    trials = StudyStore(folder / TRIALS)
+    units = sorted(trials.units(), key=lambda unit: unit.path)
+    trials.remove([unit.path for unit in units[left:]])
+    run_study(file, folder, resume=True, executor=pool)
+    assert json.loads((folder / CHOICE).read_text()) == before
+
+
+def test_a_choice_that_is_there_is_not_made_again(file, tmp_path, monkeypatch):
+    folder, pool = tmp_path / "out", Inline()
+    run_study(file, folder, executor=pool)
+    monkeypatch.setattr("curricle.study.choosing.chosen", None)
+    run_study(file, folder, resume=True, executor=pool)
+
+
+def test_a_study_in_which_none_pays_learns_without_sources(tmp_path):
+    path = tmp_path / "maze.toml"
+    path.write_text(
+        'name = "maze"\nseeds = 2\nchoose = true\nbudget = 1_000\n'
+        'tasks.maze = { type = "maze", map = "S..T" }\n'
+    )
+    run = run_study(path, tmp_path / "out", executor=Inline())
+    assert list(run.comparison.controls) == [NO_CURRICULUM]
+    assert not read_choice(StudyStore(tmp_path / "out")).name
+
+
+def test_the_chosen_study_is_written_and_read_again(file, tmp_path):
+    study, choice = cr.read_study(file), cr.choose(file)
+    path = tmp_path / "chosen.toml"
+    path.write_text(chosen_file(study, choice, tmp_path))
+    written, chosen = cr.read_study(path), choice.curriculum
+    (curriculum,) = written.curricula.values()
+    assert not written.choose
+    assert written.seeds == study.seeds
+    assert curriculum.order == chosen.order
+    for which in ("learner", "budget", "shaping", "aggregate"):
+        assert curriculum.setting(which, "hunt") == chosen.setting(which, "hunt")
+    source = chosen.order[0]
+    assert curriculum.setting("budget", source) == chosen.setting("budget", source)
+    pairs = zip(curriculum.transfers, chosen.transfers, strict=True)
+    for edge, other in pairs:
+        np.testing.assert_array_equal(edge.mapping.index, other.mapping.index)
+        assert edge.scale == other.scale
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("sweep.learner.learning_rate = [0.1, 0.2]", "no sweep"),
+        ("scratch = false", "comparison with scratch"),
+        ('tasks.near = { type = "candidate", of = "hunt", kind = "odd", candidate = "x" }', "kind"),
+        ('tasks.near = { type = "candidate", of = "h", kind = "crop", candidate = "x" }', "name"),
+    ],
+)
+def test_a_study_that_cannot_choose_says_why(file, line, says):
+    file.write_text(HUNT + line)
+    with pytest.raises(cr.CurricleError, match=says):
+        cr.read_study(file)
+
+
+def test_a_study_with_seeds_of_trials_is_refused(file, tmp_path):
+    study = cr.read_study(file, set=["seeds=[2_000_000]"])
+    with pytest.raises(SettingError, match="below 2,000,000"):
+        run_study(study, tmp_path / "out", executor=Inline())
+
+
+def test_an_unknown_candidate_is_refused(file):
+    file.write_text(
+        HUNT
+        + 'tasks.near = { type = "candidate", of = "hunt", kind = "removed", candidate = "x" }\n'
+        + '[[transfers]]\nsource = "near"\ntarget = "hunt"\nmapping = "candidate"\n'
+    )
+    with pytest.raises(cr.CurricleError, match="no 'x'"):
+        _ = cr.read_study(file).curricula
+
+
+def test_the_command_prints_and_writes(file, tmp_path, curricle):
+    out = tmp_path / "chosen.toml"
+    code, printed, _ = curricle("choose", file, "--out", out)
+    assert code == 0
+    assert "gains" in printed
+    assert "curricle run" in printed
+    assert out.exists()
+    code, _, complaint = curricle("choose", file, "--out", out)
+    assert code == 1
+    assert "needs a new file" in complaint
+
+
+def test_show_says_how_far_a_choice_is_and_what_it_was(file, tmp_path, curricle):
+    folder = tmp_path / "out"
+    with pytest.raises(StudyError):
+        run_study(file, folder, executor=Inline(20))
+    shown = " ".join(curricle("show", folder)[1].split())
+    stored, of = map(
+        int, re.search(r"its arm is chosen first: (\d+) of (\d+) trials", shown).groups()
+    )
+    assert 0 < stored < of == 36 + 3
+    run_study(file, folder, resume=True, executor=Inline())
+    assert read_choice(StudyStore(folder)).text.splitlines()[0][:30] in curricle("show", folder)[1]
