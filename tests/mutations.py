@@ -226,6 +226,13 @@ MUTATIONS = [
         ("tests/unit/test_opponents.py",),
     ),
     Mutation(
+        "finalists of a choice are judged on the seeds that they were chosen on",
+        "design/choice.py",
+        "seeds, first = tuple(range(first, first + number)), first + number",
+        "seeds = tuple(range(first, first + number))",
+        ("tests/unit/test_choice.py::test_each_round_keeps_the_better_half_on_further_seeds",),
+    ),
+    Mutation(
         "constants of one curriculum are opponents of another",
         "comparison/comparison.py",
         "if self.arms[rival].curriculum in shared)",

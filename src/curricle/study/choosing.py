@@ -37,7 +37,6 @@ from curricle.study.tuning import (
     digest_of,
     read_tuning,
     trained_arm,
-    tune,
     tuned_study,
 )
 from curricle.study_file.file import Positions, line_numbers, parsed, toml_text
@@ -126,6 +125,7 @@ def chosen_study(study: StudyConfig, name: str) -> StudyConfig:
 # -- A search: a tuning or a choice, before a study's own seeds ------------------------------------
 
 CHOICE = "choice.json"
+RECORDS = {TuningRecord: TUNING, ChoiceRecord: CHOICE}  # kind -> its file
 Search = TuningRecord | ChoiceRecord
 
 
@@ -134,25 +134,9 @@ def read_choice(store: StudyStore) -> ChoiceRecord | None:
     return store.record(CHOICE, ChoiceRecord) if store.has(CHOICE) else None
 
 
-def has_search(study: StudyConfig) -> bool:
-    """Return whether a study is tuned, or its arm chosen, before its own seeds."""
-    return study.tune is not None or bool(study.choose)
-
-
 def read_search(study: StudyConfig, store: StudyStore) -> Search | None:
     """Return the ended search of a study in its folder, if there is one."""
-    read: Callable[[StudyStore], Search | None] = read_choice if study.choose else read_tuning
-    return read(store)
-
-
-def search(study: StudyConfig, train: Train, choose: Choose) -> Search:
-    """Tune a study or choose its arm, and return the record."""
-    return (choose_arm if study.choose else tune)(study, train, choose)
-
-
-def write_search(store: StudyStore, record: Search) -> None:
-    """Store the record of a search."""
-    store.write_record(TUNING if isinstance(record, TuningRecord) else CHOICE, record)
+    return read_choice(store) if study.choose else read_tuning(store)
 
 
 def searched_study(study: StudyConfig, record: Search) -> StudyConfig:

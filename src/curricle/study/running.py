@@ -30,12 +30,12 @@ from curricle.progress import check_progress, interruptible
 from curricle.study.analysis import analyse, curricula_record, study_record
 from curricle.study.arms import Arms, UnitInput, seeds_of, units_of
 from curricle.study.choosing import (
-    has_search,
+    RECORDS,
+    Search,
+    choose_arm,
     read_choice,
     read_search,
-    search,
     searched_study,
-    write_search,
 )
 from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.dependencies import (
@@ -80,6 +80,7 @@ from curricle.study.tuning import (
     digest_of,
     number_of_trials,
     read_tuning,
+    tune,
     with_trials,
 )
 from curricle.text import counted
@@ -110,7 +111,8 @@ def tuned_before(
     # It counts if it is complete and depended on what it depends on now, code and Curricle's
     # version aside where stale units are kept.
     place = place_at(path)
-    tuned, search = has_search(study) and holds_study(place), "choice" if study.choose else "tuning"
+    search = "choice" if study.choose else "tuning"
+    tuned = (study.tune or study.choose) and holds_study(place)
     there = read_search(study, StudyStore(place)) if tuned else None
     if there is None:
         return study, arms
@@ -346,7 +348,7 @@ def run_study(
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
         show = ending.enter_context(shown_units(progress))
-        if has_search(study):
+        if study.tune or study.choose:
             training = Training(store, places, show)
             study = _searched(study, training, resume=resume, keep_stale=keep_stale)
             arms = arms_in(study, path, keep_stale=keep_stale)
@@ -453,9 +455,9 @@ def _searched(
                 raise failure_error(failures)
             return store
 
-        record = search(study, train, choose)
+        record: Search = (choose_arm if study.choose else tune)(study, train, choose)
         store.remove_checkpoints()
-    write_search(training.store, record)
+    training.store.write_record(RECORDS[type(record)], record)
     return searched_study(study, record)
 
 
@@ -596,6 +598,6 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
             target.write_record(ANALYSIS, analysis)
         for record in (read_tuning(stores[0]), read_choice(stores[0])):
             if record is not None:
-                write_search(target, record)
+                target.write_record(RECORDS[type(record)], record)
         write_failures(target, failures)
     return merged
