@@ -63,7 +63,7 @@ def played(pair: Pair, seeds: int) -> Row:
         arms["auto"], how = replace(own, transfers=(edge,)), best.how
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = cr.compare(arms, seeds=seeds, controls=())
+        found = cr.compare(arms, seeds=seeds, opponents=())
     random_return, optimum = levels(pair.target)
     gains = {
         arm: found.arms[arm].strong_gain(found.scratch) / (optimum - random_return) for arm in arms

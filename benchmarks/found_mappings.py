@@ -150,7 +150,7 @@ def gains(
     print(f"  {name}: searched {seconds:.1f} s; {words}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = cr.compare(arms, seeds=seeds, controls=())
+        found = cr.compare(arms, seeds=seeds, opponents=())
     each = {arm: found.arms[arm].strong_gain(found.scratch) for arm in arms}
     mean = {arm: float(gain.mean()) for arm, gain in each.items()}
     for arm in arms:
@@ -404,7 +404,7 @@ def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> Non
     except MappingError as error:
         print(f"  {name}: {error}", flush=True)
         return
-    found = cr.compare({"auto": made([edge(best.mapping)])}, seeds=seeds, controls=())
+    found = cr.compare({"auto": made([edge(best.mapping)])}, seeds=seeds, opponents=())
     auto, scratch = (found.times(arm).median().estimate for arm in ("auto", "scratch"))
     lost, steps = (auto - scratch) / found.total, found.arms["auto"].curve.source_steps.mean()
     print(f"  {name}: taken, {best}")

@@ -228,8 +228,8 @@ MUTATIONS = [
     Mutation(
         "constants of one curriculum are opponents of another",
         "comparison/comparison.py",
-        "if self.arms[rival].curriculum in shared)",
-        "if shared)",
+        'shared = ("", curriculum)',
+        'shared = ("", curriculum, *self.arms)',
         ("tests/unit/test_opponents.py::test_arms_with_one_potential_share_their_constants",),
     ),
     Mutation(

@@ -10,6 +10,7 @@ from curricle.study import read_study
 
 HUNT = """
 name = "hunt"
+opponents = []
 seeds = "0-3"
 seeds_per_unit = 2
 threshold = -8.0
@@ -44,6 +45,7 @@ scale = 2
 """
 OBSERVED_HUNT = """
 name = "hunt"
+opponents = []
 seeds = 2
 learner = { learning_rate = 0.2, epsilon = 0.2 }
 aggregate = "minimum"
@@ -72,6 +74,7 @@ actions = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 
 """
 MAZE = """
 name = "maze"
+opponents = []
 [tasks.maze]
 type = "maze"
 map = '''
@@ -112,6 +115,7 @@ def only(study, arm="transfer"):
 
 NUMBERED_HUNT = """\
 name = "hunt"
+opponents = []
 seeds = "0-3"
 
 [learner]
@@ -134,6 +138,7 @@ project = { predator = "predator_1" }
 """
 NUMBERED_MAZES = """\
 name = "mazes"
+opponents = []
 
 [tasks.maze]
 type = "maze"

@@ -38,22 +38,18 @@ def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
     others = curricula(pair, [arm for arm in arms if arm != RAW])
     defaults = {arm: others.pop(arm) for arm in DEFAULTS if arm in others}
     rows: list[dict[str, Any]] = []
+    alone: Any = {"opponents": (), "workers": 1}  # those that matter are arms
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         facts = facts_of(pair, seeds)
         if RAW in arms:
-            found = cr.compare(
-                {RAW: raw(pair)},
-                seeds=seeds,
-                controls=CONTROLS,
-                workers=1,
-            )
+            found = cr.compare({RAW: raw(pair)}, seeds=seeds, controls=CONTROLS, **alone)
             rows += rows_of(pair, found)
         if others:
-            found = cr.compare(others, seeds=seeds, scratch=scratch_learners(pair), workers=1)
+            found = cr.compare(others, seeds=seeds, scratch=scratch_learners(pair), **alone)
             rows += rows_of(pair, found, scratch=not rows)
         if defaults:
-            found = cr.compare(defaults, seeds=seeds, workers=1)
+            found = cr.compare(defaults, seeds=seeds, **alone)
             rows += rows_of(pair, found, scratch=not rows)
     seconds = time.process_time() - begun
     return [{**row, **facts, "pair_seconds": seconds} for row in rows]

@@ -49,7 +49,7 @@ def arms(pair: Pair) -> dict[str, cr.Curriculum]:
 def played(name: str, seeds: int) -> dict[str, Any]:
     """Return what is kept of a pair: each arm's gain, its loss and its source's steps."""
     pair = pair_named(name)
-    found = cr.compare(arms(pair), seeds=seeds, workers=1)
+    found = cr.compare(arms(pair), seeds=seeds, opponents=(), workers=1)
     random, optimum = levels(pair.target)
     base = (mean_return(found.scratch.curve).mean() - random) / (optimum - random)
     row: dict[str, Any] = {"pair": name, "family": pair.family, "split": pair.split}

@@ -322,5 +322,5 @@ def test_taxi_is_compared_with_itself_calibrated_within_30_000_steps():
     plan = cr.Curriculum({"source": taxi, "taxi": taxi}, [edge], budget=budget, eval_freq=5_000)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of seeds that are refused
-        comparison = cr.compare({"calibrated": plan}, seeds=2, controls=())
+        comparison = cr.compare({"calibrated": plan}, seeds=2, opponents=())
     assert list(comparison.arms) == ["scratch", "calibrated"]

@@ -161,6 +161,7 @@ def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch)
 
 TUNED_LAKES = """
 name = "lakes"
+opponents = []
 seeds = 1
 tasks.lake = { type = "factory", factory = "lakes:tabled", budget = 400 }
 tasks.other = { type = "factory", factory = "lakes:tabled", budget = 200 }

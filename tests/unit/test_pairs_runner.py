@@ -52,7 +52,7 @@ def test_a_row_is_an_arm_of_a_pair_with_a_seed(played):
 
 def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
     (pair,) = (one for one in read([played]) if one.name == CORNER)
-    found = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, workers=1)
+    found = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, opponents=())
     gain = found[RAW].strong_gain(found.scratch)
     np.testing.assert_array_equal(pair.arms[RAW]["gain"], gain)
     np.testing.assert_array_equal(pair.gains(RAW), gain / pair.way)

@@ -98,6 +98,7 @@ def test_the_policies_of_tables_are_read_from_a_folder(finished, study_file):
 
 NO_EPISODE = """
 name = "hall"
+opponents = []
 seeds = 1
 budget = 300
 snapshots = 0

@@ -40,7 +40,7 @@ def other_mapping(**how):
     return cr.transfer.auto_mapping(cr.GridWorld(f"S{'.' * next(LENGTHS)}T"), LINE, **how)
 
 
-COMPARE = partial(cr.compare, plan(), seeds=2, controls=["negated"])
+COMPARE = partial(cr.compare, plan(), seeds=2, controls=["negated"], opponents=())
 SEARCH = partial(cr.transfer.find_mappings, MAZE, CORNER, searches=SEARCHES)
 TEACH = partial(cr.teaching.teach, {"maze": MAZE}, target="maze", budget=500)
 ARMS = ["scratch", "transfer", "transfer, negated"]

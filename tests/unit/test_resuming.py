@@ -17,6 +17,7 @@ pytestmark = pytest.mark.usefixtures("quick_disk")
 # The source has an own task, the target an own mapping and an own aggregate. Scratch has neither.
 STUDY = """
 name = "own"
+opponents = []
 seeds = 2
 eval_freq = 100
 budget = 300

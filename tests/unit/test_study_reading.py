@@ -17,6 +17,7 @@ from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
 
 CORNER = """
 name = "corner"
+opponents = []
 seeds = 3
 eval_freq = 100
 learner = { learning_rate = 0.5, epsilon = 0.1 }
@@ -32,6 +33,7 @@ budget = { max_steps = 4000 }
 """
 LINES = """
 name = "lines"
+opponents = []
 seeds = 16
 seeds_per_unit = 4
 eval_freq = 50

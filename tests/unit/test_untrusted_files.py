@@ -92,7 +92,9 @@ def test_a_folder_that_is_a_link_is_not_written_to(place, tmp_path):
 def test_a_folder_that_is_moved_while_a_run_writes_ends_it(stored, why, tmp_path):
     maze = {"type": "maze", "map": "S.T", "budget": 200}
     arms = {"transfer": {"tasks": {"maze": maze}}}
-    study = StudyConfig.from_data({"name": "line", "seeds": [0, 1], "arms": arms}, tmp_path)
+    study = StudyConfig.from_data(
+        {"name": "line", "seeds": [0, 1], "arms": arms, "opponents": []}, tmp_path
+    )
     folder = tmp_path / "results"
 
     def move(_):

@@ -267,7 +267,12 @@ def test_a_control_waits_for_the_arm_that_it_is_of(tmp_path):
     changes = ["seeds=2", "tasks.maze.budget=400", "window=1", 'controls=["placebo"]']
     study = reader(tmp_path)(CORNER, set=changes)
     results = run_study(study, tmp_path / "out", progress=False)
-    assert arms_so_far(results) == ["scratch", "transfer", "transfer, placebo"]
+    assert arms_so_far(results) == [
+        "scratch",
+        "transfer",
+        "transfer, placebo",
+        "transfer, placebo, unguarded",
+    ]
     target = results.record.keys["transfer", "maze"]
     for unit in results.store.units():
         if unit.key == target:

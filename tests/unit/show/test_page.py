@@ -106,15 +106,15 @@ def test_every_control_has_a_label(page):
     assert {a["id"] for a in controls} == (labelled | switches)
 
 
-def test_both_axes_have_one_scale_and_all_arms(pursuit):
+def test_both_axes_have_one_scale_and_all_drawn_arms(pursuit):
     comparison = pursuit.comparison
     weak, strong = (figure.axes[0] for figure in draw_learning_curves(comparison))
     assert weak.get_ylim() == strong.get_ylim()
     assert weak.get_xlim() == (0, comparison.budget)
     assert strong.get_xlim() == (0, comparison.total)
     for axes in (weak, strong):
-        assert set(comparison.arms) == set(labelled(axes))
-        assert len(axes.collections) == len(comparison.arms)  # a band each
+        assert set(comparison.drawn) == set(labelled(axes))
+        assert len(axes.collections) == len(comparison.drawn)  # a band each
 
 
 def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
