@@ -224,7 +224,7 @@ def test_a_placebo_of_miniatures_with_a_source_of_their_own():
 
 STUDY = """
 name = "rooms"
-seeds = 2
+seeds = 1
 seeds_per_unit = 1
 [learner]
 type = "deep"
@@ -236,7 +236,7 @@ type = "distilled"
 members = [{ factory = "rooms:room", arguments = { size = 4 } }]
 tested_on = [{ factory = "rooms:room", arguments = { size = 5 } }]
 discount = 0.9
-resets = 20
+resets = 6
 [tasks.large]
 type = "observation_task"
 factory = "rooms:room"
@@ -275,8 +275,8 @@ def test_a_study_distils_and_is_stored(tmp_path):
         assert np.isfinite(results.result(arm, "large").greedy_return).all()
         assert results.result(arm, "large").steps[-1] == 128
     small = results.result("distilled", "small", values=True)
-    assert small.steps_used.tolist() == [0, 0]
-    alone = plan.train([0, 1], only="small")["small"]
+    assert small.steps_used.tolist() == [0]
+    alone = plan.train([0], only="small")["small"]
     for stored, trained in zip(small.values, alone.values, strict=True):
         parameters = trained.parameters()
         assert all((stored[name] == parameters[name]).all() for name in parameters)
