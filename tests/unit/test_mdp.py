@@ -126,10 +126,7 @@ GYMNASIUM = "; from_gymnasium makes a task of an environment or of its id"
         ("FrozenLake-v1", GYMNASIUM),
         (gym.make("FrozenLake-v1"), GYMNASIUM),
         (cr.to_gymnasium(MAZE), ", whose task is its .task"),
-        (
-            cr.observation_task("CartPole-v1"),
-            "; a task seen through observations is learnt by a network, a deep.DeepLearner",
-        ),
+        (cr.observation_task("CartPole-v1"), "is learnt by a network, a deep.DeepLearner"),
         (3, ""),
         (int, ""),
     ],

@@ -305,14 +305,8 @@ def test_a_task_with_two_states_for_one_is_the_same_task():
     [
         (GridWorld("S#T"), "goal never reached from the start"),
         (GridWorld("S.....T", time_limit=3), "goal never reached from the start"),
-        (
-            GridWorld("S.FT", rewards=cr.Rewards(fire=-5000, near_fire=0)),
-            "goal avoided by every optimal policy",
-        ),
-        (
-            GridWorld("ST", rewards=cr.Rewards(step=0, treasure=0)),
-            "nothing to learn: the random policy is optimal",
-        ),
+        (GridWorld("S.FT", rewards=cr.Rewards(fire=-5000, near_fire=0)), "by every optimal policy"),
+        (GridWorld("ST", rewards=cr.Rewards(step=0, treasure=0)), "the random policy is optimal"),
         (GridWorld("S..T", discount=1.0, time_limit=20), "no exact solution"),
     ],
 )
@@ -353,18 +347,12 @@ ALONE = cr.tasks.pursuit_family(size=2, predators=1)
 LARGE = Pursuit(size=13, predators=1)
 REFUSALS = {
     CurriculumError: {
-        "family with one member": (
-            lambda: only("member", ALONE),
-            "than the target: pursuit",
-        ),
+        "family with one member": (lambda: only("member", ALONE), "than the target: pursuit"),
         "no kinds": (lambda: source_candidates(CORRIDOR, kinds=[]), "at least one kind"),
         "propose returns tasks": (proposing(NEAR), "return SourceCandidates: got GridWorld"),
         "one name twice": (proposing(proposed(NEAR), proposed(NEAR)), "'mine' is there twice"),
         "mapping of another target": (proposing(FAR), "must be from the target: one of 'mine'"),
-        "mapping to another task": (
-            made(same_position(CORRIDOR, CORRIDOR)),
-            "lead to its task",
-        ),
+        "mapping to another task": (made(same_position(CORRIDOR, CORRIDOR)), "lead to its task"),
         "no mapping": (made([]), "needs mappings from the target"),
         "no tables between": (
             lambda: mappings_between(ring(), proposed(NEAR), proposed(NEAR)),

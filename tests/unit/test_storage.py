@@ -240,10 +240,7 @@ REFUSED = {
     "SARSA": ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
     "state": ({"shaping": cr.StateShaping(ARRAY)}, "got QLearning with StateShaping"),
     "guard": ({"shaping": cr.QInitialisation(ARRAY, cr.Guard())}, "got QLearning.* and a guard"),
-    "array": (
-        {"shaping": cr.QInitialisation(ARRAY)},
-        "got StateActionPotential, which is an array",
-    ),
+    "array": ({"shaping": cr.QInitialisation(ARRAY)}, "StateActionPotential, which is an array"),
 }
 
 

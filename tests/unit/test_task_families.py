@@ -158,10 +158,7 @@ def one_word(word: str = "a") -> GridWorld:
     ("wrong", "said"),
     [
         (lambda: corridor(), "length of corridor must be given: it has no default, and is 2..9"),
-        (
-            lambda: corridor(lenght=4),
-            "must be one of length, .*: got 'lenght', did you mean 'length'",
-        ),
+        (lambda: corridor(lenght=4), "be one of length, .*: got 'lenght', did you mean 'length'"),
         (lambda: corridor(length=9, slope="steep"), "a long corridor must be flat: got corridor"),
         (lambda: list(corridor.members(length=[3, 99])), r"must lie in \[2, 9\]: got 99"),
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),

@@ -443,11 +443,7 @@ def test_numbers_and_actions_are_named():
 
 GRID = spaces.MultiDiscrete([2, 3])
 REFUSED_NAMES = {
-    "sizes alone": (
-        TWO,
-        {"sizes": [2]},
-        r"sizes need the names of their components: got sizes \[2\]",
-    ),
+    "sizes alone": (TWO, {"sizes": [2]}, r"need the names of their components: got sizes \[2\]"),
     "sizes of several": (
         GRID,
         {"names": ["a", "b"], "sizes": [2, 3]},

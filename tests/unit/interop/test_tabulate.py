@@ -230,11 +230,7 @@ def test_listed_outcomes_of_ones_own():
 
 REFUSALS = {
     "cannot be copied": (Uncopyable, {}, "copying .* failed with TypeError"),
-    "never ends growing": (
-        Counting,
-        {"max_states": 300},
-        "at most max_states, 300 states: .* found more, and 'taken' has the most values,",
-    ),
+    "never ends growing": (Counting, {"max_states": 300}, "more, and 'taken' has the most values,"),
     "a reward is no number": (
         lambda: TransformReward(Corridor(), lambda reward: float("nan")),
         {},
