@@ -53,22 +53,6 @@ def test_the_mean_has_the_interval_of_a_t_test(seeds, confidence):
     assert (interval.confidence, interval.n) == (confidence, seeds)
 
 
-def test_the_interquartile_interval_by_hand():
-    # Left are 9, 10, 11, 14; with the ends moved inwards 9, 9, 10, 11, 14, 14, whose squared
-    # deviations sum to 161 / 6. The error is sqrt(161 / 6 / (4 * 3)), with 3 degrees of freedom.
-    interval = interquartile_interval([50.0, 9.0, 10.0, 1.0, 14.0, 11.0])
-    half = scipy.stats.t.ppf(0.975, 3) * np.sqrt(161 / 6 / 12)
-    assert interval.estimate == 11.0
-    assert bounds(interval) == pytest.approx((11 - half, 11 + half), rel=1e-12)
-    assert interval.n == 6
-
-
-def test_nothing_trimmed_is_a_mean():
-    values = normal(3, 4)
-    plain, trimmed = mean_interval(values), interquartile_interval(values)
-    np.testing.assert_allclose(bounds(trimmed), bounds(plain))
-
-
 @pytest.mark.parametrize("seeds", [4, 8, 21])
 def test_the_interquartile_interval_is_yuens(seeds):
     # Against a second sample without spread, Yuen's test is that of one trimmed mean.

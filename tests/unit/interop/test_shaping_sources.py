@@ -43,14 +43,6 @@ from .shaping import (
     world,
 )
 
-
-def test_a_state_potential_brings_its_discount():
-    env = PotentialShaping(world(), cr.StatePotential(task(), PHI))
-    assert env.discount == DISCOUNT
-    assert env.get_wrapper_attr("discount") == DISCOUNT
-    assert paid(env) == by_function()
-
-
 HUNT, CHASE = cr.Pursuit(size=2, predators=2), cr.Pursuit(size=2, predators=1)
 
 
