@@ -94,27 +94,6 @@ def test_the_aggregate_of_one_known_source_is_that_source(function, potentials, 
     np.testing.assert_array_equal(aggregate(function, alone), potentials[0])
 
 
-@pytest.mark.parametrize("capture", ["all", "any", "as_published", 1, 2])
-@pytest.mark.parametrize("torus", [False, True])
-def test_swapping_two_predators_is_an_automorphism(capture, torus):
-    hunt = cr.Pursuit(size=3, predators=2, capture=capture, torus=torus)
-    mdp, swap = hunt.mdp, {"predator_1": "predator_2", "predator_2": "predator_1"}
-
-    def swapped(space):
-        values = space.decode()
-        return space.encode(**{swap.get(name, name): v for name, v in values.items()})
-
-    states, actions = swapped(hunt.states), swapped(hunt.actions)
-    assert (states != np.arange(hunt.states.size)).any()
-    row, mirrored = mdp.outcome_row, mdp.outcome_row[states[:, None], actions[None, :]]
-    live = ~mdp.terminal
-    np.testing.assert_array_equal(mdp.terminal[states], mdp.terminal)
-    np.testing.assert_array_equal(mdp.start[states], mdp.start)
-    np.testing.assert_array_equal(mdp.probability[mirrored][live], mdp.probability[row][live])
-    np.testing.assert_array_equal(mdp.reward[mirrored][live], mdp.reward[row][live])
-    np.testing.assert_array_equal(mdp.next_state[mirrored][live], states[mdp.next_state[row]][live])
-
-
 @given(
     st.integers(2, 3), st.booleans(), st.sampled_from([0.5, 0.95]), st.sampled_from([4, 5]),
     st.floats(-5.0, -0.1), st.data(),

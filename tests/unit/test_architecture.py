@@ -201,20 +201,6 @@ def test_upward_import_is_found(build, file, text):
     assert len(upward_imports(package)) == 1
 
 
-def test_downward_and_sibling_imports_are_allowed(build):
-    package = build(
-        {
-            "errors.py": "",
-            "tasks/spaces.py": "import numpy",
-            "tasks/mdp.py": "from .spaces import Space\nfrom ..errors import Wrong",
-            "paper/figure3.py": "import curricle as cr",
-        }
-    )
-    assert upward_imports(package) == []
-    assert private_imports(package) == []
-    assert import_cycle(package) == []
-
-
 def test_other_breaches_are_found(build):
     package = build({
         "tasks/mdp.py": "from .spaces import Space",

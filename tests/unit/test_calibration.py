@@ -53,8 +53,6 @@ def test_a_truncated_episode_is_bootstrapped():
     np.testing.assert_allclose(rollouts.return_to_go, -2 * (1 - rollouts.bootstrap_discount))
 
 
-
-
 def test_the_scale_is_the_least_squares_one():
     phi = mapped(cr.mean)
     rollouts = greedy_rollouts(phi, episodes=200, seed=7, stream="calibrate")

@@ -161,7 +161,11 @@ def test_names_lead_to_the_reference(build, tmp_path):
     ("page", "rules", "said"),
     [
         (PAGE.replace(".. autodata:: LIMIT\n", ""), RULES, "LIMIT is public, and missing from the"),
-        (PAGE.replace(".. autofunction:: told\n", ""), RULES, "is public, and missing from the"),
+        (
+            PAGE.replace(".. autofunction:: told\n", ""),
+            RULES,
+            "told is public, and missing from the",
+        ),
         (PAGE, re.sub('"""See .*"""', "None", RULES), "told is public, and has no docstring"),
     ],
 )

@@ -49,29 +49,6 @@ def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
         assert (alone.greedy_return[0] == result.greedy_return[k, taken]).all()
 
 
-def test_episodes_are_counted_when_they_end():
-    only_way = cr.FiniteMDP.from_outcomes(
-        [[[(1.0, 1, 2.0, False)]], [[(1.0, 2, 3.0, True)]], [[]]], start=0, discount=1
-    )
-    result = cr.learn(only_way, budget=7, eval_freq=1)
-    assert result.episodes.tolist() == [[0, 0, 1, 1, 2, 2, 3, 3]]
-    assert result.episodes_used.tolist() == [3]
-    expected = [np.nan, np.nan, 5, np.nan, 5, np.nan, 5, np.nan]
-    np.testing.assert_array_equal(result.training_return, [expected])
-
-
-def test_the_training_return_is_unshaped_and_undiscounted():
-    one_way = cr.FiniteMDP.from_outcomes([[[(1.0, 1, 4.0, True)]], [[]]], start=0, discount=0.5)
-    phi = cr.StatePotential(one_way, [-100, 0])
-    assert (
-        cr.learn(one_way, budget=5, eval_freq=5, shaping=cr.StateShaping(phi)).training_return[0, 1]
-        == 4
-    )
-
-
-# -- seeds ---------------------------------------------------------------------------------------
-
-
 # -- evaluation ----------------------------------------------------------------------------------
 
 

@@ -48,12 +48,6 @@ def test_folders_are_made_and_the_ending_is_added(tmp_path, learnt):
     assert LearningResult.load(file).seeds == (5, 2)
 
 
-def test_numpy_reads_the_arrays_without_pickles(tmp_path, learnt):
-    with np.load(learnt.save(tmp_path / "maze"), allow_pickle=False) as file:
-        assert np.array_equal(file["values"], learnt.values)
-        assert np.array_equal(file["greedy_return"], learnt.greedy_return, equal_nan=True)
-
-
 def test_what_is_loaded_goes_on_as_the_original(tmp_path, learnt):
     again = LearningResult.load(learnt.save(tmp_path / "maze"), MAZE)
     assert str(again) == str(learnt)

@@ -305,8 +305,14 @@ def test_a_task_with_two_states_for_one_is_the_same_task():
     [
         (GridWorld("S#T"), "goal never reached from the start"),
         (GridWorld("S.....T", time_limit=3), "goal never reached from the start"),
-        (GridWorld("S.FT", rewards=cr.Rewards(fire=-5000, near_fire=0)), "by every optimal policy"),
-        (GridWorld("ST", rewards=cr.Rewards(step=0, treasure=0)), "the random policy is optimal"),
+        (
+            GridWorld("S.FT", rewards=cr.Rewards(fire=-5000, near_fire=0)),
+            "goal avoided by every optimal policy",
+        ),
+        (
+            GridWorld("ST", rewards=cr.Rewards(step=0, treasure=0)),
+            "nothing to learn: the random policy is optimal",
+        ),
         (GridWorld("S..T", discount=1.0, time_limit=20), "no exact solution"),
     ],
 )

@@ -201,15 +201,6 @@ def test_wrong_values_are_named():
     check_values(TaskError, ComponentsByName, {"unequal": ["stretch"], "renaming": [3, {"a": 1}]})
 
 
-def test_a_default_without_an_annotation_says_the_kind():
-    lane = TaskFamily("lane", lambda length=3, wet=False, notes=(): one_word(), [])
-    assert [(parameter.name, parameter.kind) for parameter in lane.parameters] == [
-        ("length", int),
-        ("wet", bool),
-    ]
-    assert lane(length=4)["length"] == 4
-
-
 def test_a_member_where_a_task_is_needed_is_told_from_its_task():
     member = pursuit_family(size=3)
     with pytest.raises(TaskError, match=r"got pursuit\(size=3\), whose task is its \.task"):

@@ -97,22 +97,6 @@ def test_the_optimum_is_the_one_that_gymnasium_states():
     assert cr.planning.Target.of(cliff, evaluation).optimum == -13
 
 
-def test_moves_go_where_their_names_say():
-    moves = {"north": (-1, 0), "south": (1, 0), "east": (0, 1), "west": (0, -1)}
-    lake = cr.from_gymnasium("FrozenLake8x8-v1", discount=0.9, is_slippery=False)
-    cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.9)
-    taxi = cr.from_gymnasium("Taxi-v4", discount=0.9)
-    for task, row, column in ((lake, 1, 1), (cliff, 1, 1), (taxi, 2, 1)):
-        rest = {name: 0 for name in task.states.names if name not in ("row", "column")}
-        here = int(task.states.encode(row=row, column=column, **rest))
-        labels = task.actions.components[0].labels
-        assert set(moves) <= set(labels)
-        for label, (down, right) in moves.items():
-            pair = task.outcome_row[here, labels.index(label)]
-            there = task.states.decode(int(task.next_state[pair, 0]))
-            assert (there["row"], there["column"]) == (row + down, column + right)
-
-
 class Doubled(gym.Wrapper):
     def step(self, action):
         observation, reward, *rest = self.env.step(action)
