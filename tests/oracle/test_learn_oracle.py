@@ -182,24 +182,6 @@ def test_literal_look_ahead_advice_is_look_ahead_advice(
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
 
 
-@pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA])
-@pytest.mark.parametrize("seed", range(40))
-def test_literal_look_ahead_advice_is_exact_in_dyadic_arithmetic(seed, kind, naive_learn):
-    # Halves throughout: 20 steps add at most 2 bits each to small whole numbers, so that nothing
-    # is rounded, ties are ties in both forms, and the tables must agree to the last bit.
-    rng = np.random.default_rng(seed)
-    transition = np.zeros((4, 2, 4))
-    transition[np.arange(4)[:, None], np.arange(2), rng.integers(4, size=(4, 2))] = 1.0
-    task = cr.FiniteMDP.from_dense(
-        transition, rng.integers(-4, 5, size=(4, 2)), terminal=[0, 0, 0, 1], start=0, discount=0.5
-    )
-    phi = cr.StateActionPotential(task, rng.integers(-1, 2, size=(4, 2)))
-    shaping, learner = cr.LookAheadAdvice(phi), kind(learning_rate=0.5, epsilon=0.25)
-    result = cr.learn(task, learner, 20, shaping=shaping, seeds=[seed])
-    naive = naive_learn(task, learner, 20, shaping=shaping, literal=True, seed=seed)
-    np.testing.assert_array_equal(result.values[0], naive.values)
-
-
 # -- greedy evaluation ---------------------------------------------------------------------------
 
 

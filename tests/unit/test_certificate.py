@@ -9,7 +9,7 @@ from curricle.certificate.shaped_task import Reachable, check_shaping
 from curricle.errors import SettingError
 from curricle.paper import mazes
 from tests.certificates import END, ENDED, MAZE, PHI, RNG, away, difference
-from tests.tasks import meeting_paths, tree
+from tests.tasks import tree
 
 
 def test_states_that_cannot_be_reached_are_not_compared():
@@ -172,22 +172,6 @@ def test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree():
     assert certify(task, cr.LookBackAdvice(phi))
     phi[1] = np.nextafter(7.0, 8.0)
     assert certify(task, cr.LookBackAdvice(phi)).holds is None
-
-
-def test_look_back_advice_is_not_proven_where_paths_meet():
-    task, phi = meeting_paths()
-    certificate = certify(task, cr.LookBackAdvice(cr.StateActionPotential(task, phi)))
-    assert certificate.holds is None
-    assert not certificate
-    assert np.isnan(certificate.loss)
-    assert certificate.findings == (
-        "look-back advice keeps the optimum for certain only where all ways into a state have one "
-        "phi: state 2 is entered with phi = 5 from state 0 by action 1 and with phi = 0 from state "
-        "4 by action 0",
-    )
-    assert str(certificate).startswith(
-        "Not proven (tolerance 0, largest possible loss unknown). Look-back advice keeps"
-    )
 
 
 @pytest.mark.parametrize(

@@ -80,13 +80,6 @@ def test_arrays_cannot_be_made_writable(owner):
                     shown[...] = 0
 
 
-@pytest.mark.parametrize("way", COPIES)
-def test_a_copy_learns_what_the_task_does(way):
-    task = COPIES[way](MAZE.mdp)
-    expected, other = (cr.learn(problem, budget=500).values for problem in (MAZE.mdp, task))
-    np.testing.assert_array_equal(expected, other)
-
-
 def test_a_copy_leaves_out_what_is_computed():
     _ = HUNT.mdp
     assert len(pickle.dumps(HUNT)) < 1000

@@ -21,54 +21,6 @@ from tests.refusals import check_values
 
 from .environments import TWO, Echo, Ring
 
-WORLDS = {
-    "lake": ("FrozenLake-v1", {}),
-    "large lake": ("FrozenLake-v1", {"map_name": "8x8"}),
-    "lake without chance": ("FrozenLake-v1", {"is_slippery": False}),
-    "cliff": ("CliffWalking-v1", {}),
-    "slippery cliff": ("CliffWalking-v1", {"is_slippery": True}),
-    "taxi": ("Taxi-v4", {}),
-    "taxi in the rain": ("Taxi-v4", {"is_rainy": True}),
-}
-
-
-@pytest.mark.parametrize("name", WORLDS)
-def test_a_table_has_the_outcomes_of_its_environment(name):
-    """Acted at random: every step is one of the table's outcomes, about as often as it says."""
-    world, settings = WORLDS[name]
-    task = cr.from_gymnasium(world, discount=0.9, **settings)
-    assert isinstance(task, cr.FiniteMDP)
-    n_states, n_actions = task.states.size, task.actions.size
-    rng, env = np.random.default_rng(0), gym.make(world, **settings)
-    state, _ = env.reset(seed=0)
-    assert task.start[state] > 0
-    seen = np.zeros((n_states, n_actions, task.probability.shape[1]))
-    for _ in range(20_000):
-        action = int(rng.integers(n_actions))
-        after, reward, terminated, truncated, _ = env.step(action)
-        row = task.outcome_row[state, action]
-        match = (
-            (task.next_state[row] == after)
-            & (task.reward[row] == reward)
-            & (task.probability[row] > 0)
-        )
-        assert match.any()
-        assert terminated == task.terminal[after]
-        # Outcomes that look alike share what was seen of them.
-        seen[state, action, match] += (
-            task.probability[row][match] / task.probability[row][match].sum()
-        )
-        state = after
-        if terminated or truncated:
-            state, _ = env.reset()
-            assert task.start[state] > 0
-    tried = seen.sum(axis=2)
-    often = tried > 100
-    shares = seen[often] / tried[often][:, None]
-    said = task.probability[task.outcome_row[often]]
-    # Five standard deviations of a share.
-    assert (abs(shares - said) < 5 * np.sqrt(0.25 / tried[often][:, None])).all()
-
 
 def test_horizons_are_those_of_the_environments():
     limits = {

@@ -136,13 +136,7 @@ def test_encode_gives_the_state_of_an_observation():
 def test_several_sources_are_averaged_unless_an_aggregate_is_given():
     other = RNG.normal(size=N_STATES)
     both = {"phi": cr.StatePotential(task(), PHI), "other": lambda s: other[s]}
-    for function, together in {
-        None: (PHI + other) / 2,
-        cr.mean: (PHI + other) / 2,
-        cr.total: PHI + other,
-        cr.maximum: np.maximum(PHI, other),
-        cr.minimum: np.minimum(PHI, other),
-    }.items():
+    for function, together in ((None, (PHI + other) / 2), (cr.minimum, np.minimum(PHI, other))):
         env = PotentialShaping(world(), both, aggregate=function)
         assert paid(env) == pytest.approx(by_function(together), abs=1e-12)
 
