@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.run import Run
 from curricle.learning.schedules import constant
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
@@ -61,15 +60,15 @@ def test_schedules_of_the_learning_rate(name, kind, random_mdp, naive_learn):
     )
 
 
-@pytest.mark.parametrize("what", ["epsilon", "inverse_temperature"])
+@pytest.mark.parametrize("setting", ["epsilon", "inverse_temperature"])
 @pytest.mark.parametrize("kind", [cr.QLearning, cr.ExpectedSARSA])
 @pytest.mark.parametrize("name", SCHEDULES)
-def test_schedules_of_exploration(name, kind, what, random_mdp, naive_learn):
-    task, learner = random_mdp(3, time_limit=9), kind(**{what: SCHEDULES[name]})
+def test_schedules_of_exploration(name, kind, setting, random_mdp, naive_learn):
+    task, learner = random_mdp(3, time_limit=9), kind(**{setting: SCHEDULES[name]})
     assert_same(
         cr.learn(task, learner, STEPS, eval_freq=EVERY),
         naive_learn(task, learner, STEPS, eval_freq=EVERY),
-        exact=kind is cr.QLearning or (what == "epsilon" and name != "exponential"),
+        exact=kind is cr.QLearning or (setting == "epsilon" and name != "exponential"),
     )
 
 
@@ -110,47 +109,6 @@ def test_budget_in_episodes(kind, random_mdp, naive_learn):
     naive = naive_learn(task, learner, 10**9, episodes=90, eval_freq=10)
     assert result.episodes_used[0] == 90
     assert_same(result, naive)
-
-
-# -- the fast loop against the general one -------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("exploration", "rate", "method"),
-    [
-        ({"epsilon": 0.2}, "constant", "exact"),
-        ({"epsilon": 0.2}, "constant", "rollouts"),
-        ({"epsilon": 0.2}, "harmonic", "exact"),
-        ({"inverse_temperature": 2.0}, "constant", "exact"),
-    ],
-)
-def test_fast_loop_equals_the_general_one(
-    exploration, rate, method, random_mdp, random_shaping, monkeypatch
-):
-    # Here no values tie; with ties see test_nothing_added_changes_nothing. How policies are
-    # evaluated does not depend on the exploration or the rate, nor these on each other.
-    tasks = [random_mdp(s, time_limit=[None, 7][s % 2], n_actions=2 + s % 4) for s in range(8)]
-    learner = cr.QLearning(learning_rate=SCHEDULES[rate], **exploration)
-    settings = {"eval_freq": 50, "evaluation": cr.GreedyEvaluation(method=method, episodes=5)}
-
-    def train():
-        return [
-            cr.learn(
-                t,
-                learner,
-                3000,
-                shaping=random_shaping(t, cr.QInitialisation),
-                **settings,
-            )
-            for t in tasks
-        ]
-
-    fast = train()
-    monkeypatch.setattr(Run, "plain", lambda self, shaping: False)
-    slow = train()
-    for a, b in zip(fast, slow, strict=True):
-        for name in ("values", "training_return", "greedy_return", "episodes", "steps_used"):
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -90,7 +90,7 @@ def test_what_the_wrapper_pays_keeps_the_optimal_policies(world, discount, data)
     for state, action, following in np.ndindex(n - 1, a, n):
         env.reset(options={"state": state})
         shaped[state, action, following] = env.step(action + a * following)[1]
-    plain, after = (cr.solve(env.unwrapped.task(each, discount)) for each in (r, shaped))
+    plain, after = (cr.solve(env.unwrapped.task(rewards, discount)) for rewards in (r, shaped))
     phi = g(np.array(list(sources.values())))
     bound = plain.error_bound + after.error_bound + 1e-9
     assert abs(after.values - (plain.values - phi))[:-1].max() <= bound

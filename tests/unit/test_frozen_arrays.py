@@ -16,11 +16,11 @@ MAZE = cr.GridWorld(["S..", ".FT"])
 NEAR = MAZE.crop(rows=(0, 2), columns=(1, 3))
 HUNT, CHASE = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
 COPIES = {
-    "itself": lambda one: one,
+    "itself": lambda value: value,
     "copied": copy.copy,
     "deeply copied": copy.deepcopy,
-    "pickled": lambda one: pickle.loads(pickle.dumps(one)),
-    "pickled by protocol 5": lambda one: pickle.loads(pickle.dumps(one, protocol=5)),
+    "pickled": lambda value: pickle.loads(pickle.dumps(value)),
+    "pickled by protocol 5": lambda value: pickle.loads(pickle.dumps(value, protocol=5)),
 }
 
 

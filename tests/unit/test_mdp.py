@@ -75,7 +75,7 @@ GYMNASIUM = "; from_gymnasium makes a task of an environment or of its id"
 
 
 @pytest.mark.parametrize(
-    ("given", "advice"),
+    ("argument", "advice"),
     [
         (cr.GridWorld, "; give a task of this class, not the class"),
         ("FrozenLake-v1", GYMNASIUM),
@@ -88,11 +88,11 @@ GYMNASIUM = "; from_gymnasium makes a task of an environment or of its id"
         (3, ""),
         (int, ""),
     ],
-    ids=lambda given: type(given).__name__,
+    ids=lambda argument: type(argument).__name__,
 )
-def test_what_was_probably_meant_is_said(given, advice):
-    expected = f"a task must be a FiniteMDP or have its tables as .mdp: got {given!r}{advice}"
+def test_what_was_probably_meant_is_said(argument, advice):
+    expected = f"a task must be a FiniteMDP or have its tables as .mdp: got {argument!r}{advice}"
     for use in (cr.solve, cr.learn, lambda task: cr.Curriculum({"task": task}).train(seeds=1)):
         with pytest.raises(TaskError) as caught:
-            use(given)
+            use(argument)
         assert str(caught.value) == expected

@@ -99,7 +99,7 @@ def test_what_is_no_path_is_refused(learnt, trained):
 def test_a_url_is_refused_and_nothing_is_written(tmp_path, learnt, trained, monkeypatch):
     monkeypatch.chdir(tmp_path)
     saves = (learnt, trained, learnt.policy)
-    for save in (*(one.save for one in saves), LearningResult.load):
+    for save in (*(saved.save for saved in saves), LearningResult.load):
         with pytest.raises(StoreError, match=r"on this machine, not at a URL: got 's3://b/maze"):
             save("s3://b/maze")
     with pytest.raises(StoreError, match=r"not at a URL: got 'gs://b/maze\.gif'"):

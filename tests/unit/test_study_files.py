@@ -72,13 +72,13 @@ def test_it_is_trained(path):
 
 def test_there_are_examples_of_each_kind_of_task():
     assert len(EXAMPLES) >= 6
-    found = {
+    kinds = {
         task.get("type", "family")
         for name in EXAMPLES
         for task in tomllib.loads((FOLDER / name).read_text("utf-8"))["tasks"].values()
     }
     tables = {"maze", "crop", "pursuit", "gymnasium", "factory", "family"}
-    assert found == tables | {"observation_task", "distilled"}
+    assert kinds == tables | {"observation_task", "distilled"}
 
 
 # The schema that editors check files by says the same. This much of JSON Schema it uses:
