@@ -62,15 +62,6 @@ def test_what_a_prey_returned_stays_its_own():
     assert game.factored_model.prey_policy.min() == 0.2
 
 
-@pytest.mark.parametrize("predators", [1, 2])
-def test_solve_takes_the_factored_model_of_a_pursuit(predators, monkeypatch):
-    by_tables = cr.solve(cr.Pursuit(size=3, predators=predators).mdp)
-    monkeypatch.setattr(cr.Pursuit, "mdp", property(lambda _: pytest.fail("tables were built")))
-    solution = cr.solve(cr.Pursuit(size=3, predators=predators))
-    assert abs(solution.values - by_tables.values).max() <= 2e-8
-    assert (solution.optimal == by_tables.optimal).all()
-
-
 PEAK = """
 import tracemalloc
 import curricle as cr

@@ -35,6 +35,8 @@ SETTINGS = [
     (lambda: ask(workers=0), "workers must be a whole number, at least 1: got 0"),
     (lambda: cr.GreedyEvaluation("best"), "must be one of auto, exact, rollouts, off: got 'best'"),
     (lambda: cr.GreedyEvaluation(episodes=0), "at least 1: got 0"),
+    (lambda: cr.GreedyEvaluation("rollouts", episodes=1_000_001), "episodes of an evaluation"),
+    (lambda: ask(snapshots=10**40), "snapshots must be a whole number below"),
     (
         lambda: cr.learn(NO_LIMIT, budget=9, evaluation=cr.GreedyEvaluation(discounted=False)),
         "needs a task with a time limit",

@@ -147,12 +147,3 @@ def test_a_table_too_large_is_refused_before_anything_is_allocated():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1_000_000
-
-
-def test_a_game_is_a_value():
-    policy = np.full((4, 5), 0.2)
-    game = Pursuit(size=2, prey=policy)
-    assert game == Pursuit(size=2, prey=policy.tolist())
-    assert hash(game) == hash(Pursuit(size=2, prey=policy))
-    policy[:] = 0
-    assert game == Pursuit(size=2, prey=np.full((4, 5), 0.2))

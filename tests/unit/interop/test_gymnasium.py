@@ -407,14 +407,6 @@ def test_what_names_nothing_is_refused_in_a_sentence(name):
     check_values(cr.errors.TaskError, partial(echo, GRID, GRID.sample()), wrong)
 
 
-def test_the_time_limit_of_a_wrapper_is_the_task_s():
-    def limited():
-        return TimeLimit(Echo(TWO, TWO, [0, 1]), 7)
-
-    assert cr.from_gymnasium(limited, discount=0.9).time_limit == 7
-    assert cr.from_gymnasium(limited, discount=0.9, time_limit=5).time_limit == 5
-
-
 class Room(gym.Env):
     """An environment whose arguments have names of our own."""
 
