@@ -165,8 +165,7 @@ def agrees_exactly(mdp, found, added):
         assert found.counterexample.values == pytest.approx(values, abs=2 * found.error_bound)
         assert optimal[s, a] or found.counterexample.lost == 0
         assert found.counterexample.lost == pytest.approx(
-            float(q[s, a] - q[s, b]) if found.counterexample.lost else 0,
-            abs=4 * found.error_bound,
+            float(q[s, a] - q[s, b]) if found.counterexample.lost else 0, abs=4 * found.error_bound
         )
 
 

@@ -39,14 +39,7 @@ def test_a_row_is_an_arm_of_a_pair_with_a_seed(played):
     assert {(pair, seed) for pair, _, seed in keys} == {
         (p, k) for p in (CORNER, LOST) for k in (0, 1)
     }
-    arms = {
-        "scratch",
-        RAW,
-        f"{RAW}, negated",
-        f"{RAW}, placebo",
-        "guarded",
-        "default",
-    }
+    arms = {"scratch", RAW, f"{RAW}, negated", f"{RAW}, placebo", "guarded", "default"}
     assert arms <= {arm for _, arm, _ in keys}
 
 

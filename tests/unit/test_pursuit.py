@@ -101,8 +101,7 @@ def test_the_table_is_the_joint_dynamics_under_every_capture_rule(size, predator
 
 
 @pytest.mark.parametrize(
-    ("capture", "ends_at"),
-    [("all", 3), ("any", 1), ("as_published", 1), (1, 1), (2, 2), (3, 3)],
+    ("capture", "ends_at"), [("all", 3), ("any", 1), ("as_published", 1), (1, 1), (2, 2), (3, 3)]
 )
 def test_an_episode_ends_when_enough_predators_touch_the_prey(capture, ends_at):
     game = Pursuit(size=2, predators=3, capture=capture)

@@ -196,9 +196,7 @@ def same(result, other):
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [{}, {"calibrate": cr.transfer.Calibrate(episodes=5)}],
-    ids=["plain", "calibrated"],
+    "settings", [{}, {"calibrate": cr.transfer.Calibrate(episodes=5)}], ids=["plain", "calibrated"]
 )
 def test_a_curriculum_is_loaded_as_it_was(tmp_path, settings):
     curriculum = plan(**settings)

@@ -12,11 +12,7 @@ from curricle.learning.stopping import stops
 from tests.refusals import check_values
 
 MAZE = cr.GridWorld(["S...", "..P.", "...T"])
-LEARNERS = [
-    (cr.QLearning(), None),
-    (cr.QLearning(), cr.Guard()),
-    (cr.SARSA(), None),
-]
+LEARNERS = [(cr.QLearning(), None), (cr.QLearning(), cr.Guard()), (cr.SARSA(), None)]
 
 
 def oracle(rule: cr.StoppingRule, greedy: list[float], checkpoint: int, step: int) -> bool:

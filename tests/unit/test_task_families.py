@@ -92,9 +92,7 @@ def test_members_are_values():
 
 
 @pytest.mark.parametrize(
-    "family",
-    [corridor, *BUILT_IN.values()],
-    ids=lambda family: repr(family)[:40],
+    "family", [corridor, *BUILT_IN.values()], ids=lambda family: repr(family)[:40]
 )
 def test_families_and_members_are_pickled(family):
     assert pickle.loads(pickle.dumps(family)) == family

@@ -190,7 +190,7 @@ REFUSALS = {
         "no goal": (
             lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
             "goal needs at least one state.*task 'n'",
-        ),
+        )
     },
 }
 
