@@ -262,20 +262,13 @@ def test_bins_make_numbers_states():
 
 
 BOX = spaces.Box(0, 1, (2,))
+BOXES = {"observation_space": BOX, "action_space": TWO}
+ENDLESS = {"observation_space": TWO, "action_space": TWO, "discount": 1}
 REFUSED = {
-    "a box": ({"observation_space": BOX, "action_space": TWO}, "observations must be discrete"),
-    "no states": (
-        {"observation_space": BOX, "action_space": TWO, "encode": int},
-        "needs the states it encodes to",
-    ),
-    "too few bins": (
-        {"observation_space": BOX, "action_space": TWO, "encode": cr.interop.Bins({"x": [0, 1]})},
-        r"edges for each entry of an observation, \(2,\): they have edges for 1",
-    ),
-    "no end in sight": (
-        {"observation_space": TWO, "action_space": TWO, "discount": 1},
-        "a live task with discount 1 needs a time limit",
-    ),
+    "a box": (BOXES, "observations must be discrete"),
+    "no states": (BOXES | {"encode": int}, "needs the states it encodes to"),
+    "too few bins": (BOXES | {"encode": cr.interop.Bins({"x": [0, 1]})}, "have edges for 1"),
+    "no end in sight": (ENDLESS, "a live task with discount 1 needs a time limit"),
 }
 
 
@@ -378,23 +371,12 @@ def test_numbers_and_actions_are_named():
 
 
 GRID = spaces.MultiDiscrete([2, 3])
+AB, OF_B = {"names": ["a", "b"]}, cr.Space([cr.Component("b", 2)])
 REFUSED_NAMES = {
     "sizes alone": (TWO, {"sizes": [2]}, r"need the names of their components: got sizes \[2\]"),
-    "sizes of several": (
-        GRID,
-        {"names": ["a", "b"], "sizes": [2, 3]},
-        "sizes are for observations that are one number: these have state_1, state_2",
-    ),
-    "other sizes": (
-        TWO,
-        {"names": ["a", "b"], "sizes": [2, 3]},
-        "must be the environment's 2 states: 2 x 3 is 6",
-    ),
-    "states too": (
-        TWO,
-        {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
-        r"names must be left out with states, which name the components: got names \['a'\]",
-    ),
+    "sizes of several": (GRID, AB | {"sizes": [2, 3]}, "one number: these have state_1, state_2"),
+    "other sizes": (TWO, AB | {"sizes": [2, 3]}, "environment's 2 states: 2 x 3 is 6"),
+    "states too": (TWO, {"names": ["a"], "states": OF_B}, r"the components: got names \['a'\]"),
 }
 
 
