@@ -249,7 +249,7 @@ def test_a_lookup_of_another_task_is_refused():
     trained = cr.Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=50).train()
     lookup = trained.potentials["hunt"][0].lookup
     assert cr.transfer.MappedPotential(hunt, lookup).values.shape == (729, 25)
-    for task, given in (
+    for task, candidate in (
         (Pursuit(4, 2), lookup),
         (hunt, lookup._replace(first=lookup.first + 10**6)),
         (hunt, lookup._replace(strides=lookup.strides * 10**6)),
@@ -258,7 +258,7 @@ def test_a_lookup_of_another_task_is_refused():
         (hunt, None),
     ):
         with pytest.raises(cr.errors.PotentialError, match="lookup must be made for its task"):
-            cr.transfer.MappedPotential(task, given)
+            cr.transfer.MappedPotential(task, candidate)
 
 
 @pytest.mark.parametrize("state", [-1, 6, 0.5, None, "x", [[1], [1, 2]], 2**64])
