@@ -127,7 +127,7 @@ def exact_action_values(mdp, values):
         row = mdp.outcome_row[s, a]
         outcomes = zip(mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True)
         q[s, a] = sum(Fraction(p) * (Fraction(r) + gamma * values[t]) for p, t, r in outcomes)
-    return certificate
+    return q
 
 
 # -- certificates ----------------------------------------------------------------------------------
