@@ -53,13 +53,6 @@ def test_a_truncated_episode_is_bootstrapped():
     np.testing.assert_allclose(rollouts.return_to_go, -2 * (1 - rollouts.bootstrap_discount))
 
 
-@pytest.mark.parametrize("factor", [0.1, 1.0, 3.0])
-def test_a_scaled_optimum_is_scaled_back(factor):
-    fitted = cr.calibrate(optimum(LINE).rescaled(1 / factor), episodes=5)
-    assert (fitted.scale, fitted.explained) == pytest.approx((factor, 1.0))
-    np.testing.assert_allclose(fitted.potential.values, optimum(LINE).values)
-
-
 def test_the_scale_is_the_least_squares_one():
     phi = mapped(cr.mean)
     rollouts = greedy_rollouts(phi, episodes=200, seed=7, stream="calibrate")

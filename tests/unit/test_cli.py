@@ -169,11 +169,7 @@ def test_watching_ends_when_interrupted_and_leaves_the_folder(copied, contents, 
     before, page = contents(copied), tmp_path / "page.html"
     command = [sys.executable, "-m", "curricle", "watch", copied, "--out", page]
     with subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=interruptible,
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
     ) as watching:
         assert watching.stdout.readline().startswith(f"Open {page}")
         assert 'data-seconds="0' not in page.read_text("utf-8")

@@ -52,14 +52,6 @@ def test_sources_come_before_their_targets(pairs):
     assert len(order) == len(set(order))
 
 
-def test_ancestors_are_the_tasks_trained_before():
-    diamond = build(DIAMOND)
-    assert set(diamond.ancestors("far")) == {"near", "left", "right"}
-    assert diamond.ancestors("left") == ("near",)
-    assert diamond.ancestors("near") == ()
-    assert diamond.ancestors("far")[0] == "near"
-
-
 # -- source steps --------------------------------------------------------------------------------
 
 
@@ -212,13 +204,6 @@ def test_a_curriculum_does_not_change_with_the_callers_containers():
     tasks.clear()
     transfers.clear()
     assert set(curriculum.train().nodes) == {"near", "far"}
-
-
-def test_equal_tasks_are_one_task():
-    hunts, chases = ([cr.Pursuit(size=2, predators=n) for _ in range(2)] for n in (2, 1))
-    edge = cr.Transfer("chase", "hunt", cr.project(hunts[0], chases[0], predator="predator_1"))
-    curriculum = cr.Curriculum({"hunt": hunts[1], "chase": chases[1]}, [edge], budget=200)
-    assert curriculum.train()["hunt"].steps_used.tolist() == [200]
 
 
 @pytest.mark.parametrize(

@@ -39,21 +39,14 @@ def test_a_row_is_an_arm_of_a_pair_with_a_seed(played):
     assert {(pair, seed) for pair, _, seed in keys} == {
         (p, k) for p in (CORNER, LOST) for k in (0, 1)
     }
-    arms = {
-        "scratch",
-        RAW,
-        f"{RAW}, negated",
-        f"{RAW}, placebo",
-        "guarded",
-        "default",
-    }
+    arms = {"scratch", RAW, f"{RAW}, negated", f"{RAW}, placebo", "guarded", "default"}
     assert arms <= {arm for _, arm, _ in keys}
 
 
 def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
-    (pair,) = (one for one in read([played]) if one.name == CORNER)
-    found = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, opponents=())
-    gain = found[RAW].strong_gain(found.scratch)
+    (pair,) = (row for row in read([played]) if row.name == CORNER)
+    result = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, opponents=())
+    gain = result[RAW].strong_gain(result.scratch)
     np.testing.assert_array_equal(pair.arms[RAW]["gain"], gain)
     np.testing.assert_array_equal(pair.gains(RAW), gain / pair.way)
     assert pair.facts["source_budget"] == 1_500
@@ -120,19 +113,13 @@ def bar_of(lines):
     return next(line for line in lines if line.startswith(("MET", "NOT MET")))
 
 
-def test_a_loss_is_a_share_of_what_scratch_covers():
-    pair = known("a", guarded=-0.06)
-    assert pair.base() == pytest.approx(0.5)
-    assert pair.losses("guarded").estimate == pytest.approx(0.12)
-
-
 def test_the_guard_must_cap_harm_and_keep_gains():
     good = known("good", raw=0.2, guarded=0.19)
     capped = known("capped", raw=-0.4, guarded=-0.04)
     assert bar_of(tables.guard([good, capped])).startswith("MET")
     harmed = known("harmed", raw=-0.4, guarded=-0.06)
-    found = bar_of(tables.guard([good, harmed]))
-    assert found.startswith("NOT MET")
-    assert "in 1 of 2 pairs (shown in 1; raw in 1)" in found
+    result = bar_of(tables.guard([good, harmed]))
+    assert result.startswith("NOT MET")
+    assert "in 1 of 2 pairs (shown in 1; raw in 1)" in result
     lost = known("lost", raw=0.2, guarded=0.1)
     assert "keeps 50%" in bar_of(tables.guard([lost]))

@@ -288,10 +288,8 @@ class Comparison:
 
     def opponents(self, name: str) -> tuple[str, ...]:
         """Return the opponents of an arm: all but the constants of other curricula."""
-        curriculum = self.arms[name].curriculum or name
-        return tuple(
-            rival for rival in self.scratches if self.arms[rival].curriculum in ("", curriculum)
-        )
+        own = self.arms[name].curriculum or name
+        return tuple(arm for arm in self.scratches if self.arms[arm].curriculum in {"", own})
 
     def best_opponent(self, name: str) -> str:
         """Return the opponent of an arm with the highest mean return."""

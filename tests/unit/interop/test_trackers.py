@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from curricle.errors import SettingError
-from curricle.interop.trackers import TensorBoard, Trackers, checkpoints, hyperparameters
+from curricle.interop.trackers import TensorBoard, Trackers, hyperparameters
 from curricle.learning.learners import QLearning
 from curricle.learning.result import LearningResult
 from curricle.tasks.gridworld import GridWorld
@@ -189,15 +189,6 @@ def board(folder):
     tracker = TensorBoard()
     tracker.start("hunting", CONFIGURATION, folder)
     return tracker
-
-
-def test_a_seed_ends_where_its_budget_did_and_holds_no_nan():
-    result = some_result()
-    steps = [[step for step, _ in checkpoints(result, k)] for k in range(2)]
-    assert steps == [[0, 100, 200, 300, 400], [0, 100, 200]]
-    ended = ["rollout/ep_rew_mean" in values for _, values in checkpoints(result, 0)]
-    assert ended == [False, True, False, True, True]
-    assert not any("curricle/guard_share" in values for _, values in checkpoints(result, 0))
 
 
 def read_board(folder):
