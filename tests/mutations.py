@@ -263,17 +263,17 @@ MUTATIONS = [
         ),
     ),
     Mutation(
-        "a search that is not seeded",
-        "study/tuning.py",
-        "seed=tuning.seed, n_startup_trials",
-        "n_startup_trials",
+        "trials that are not seeded",
+        "study_file/vary.py",
+        "rng=tuning.seed",
+        "rng=None",
         ("tests/unit/test_tuning.py",),
     ),
     Mutation(
         "scratch not swept",
         "study_file/vary.py",
-        'place[2] in ("learner", "storage")',
-        "not place",
+        "(*scratches.items(), *arms.items()):",
+        "arms.items():",
         ("tests/unit/test_config_sweeps.py",),
     ),
     Mutation(

@@ -2,6 +2,7 @@
 
 import pickle
 from concurrent.futures import Future, ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
@@ -151,7 +152,7 @@ def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch)
     submit = whole.submit
     whole.submit = lambda function, sent: first.append(sent) or submit(function, sent)
     (tmp_path / "rules.py").rename(tmp_path / "gone.py")  # what the driver has read before
-    monkeypatch.setattr(running, "arms_in", lambda *_, **__: arms)
+    monkeypatch.setattr(running, "Arms", SimpleNamespace(of=lambda _: arms))
     assert run_study(own_study, tmp_path / "out").seeds == (0, 1)
     assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
@@ -212,7 +213,7 @@ def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_p
 
     monkeypatch.setattr(running, "interruptible", interruptible)
     monkeypatch.setattr(progress_bars, "WorkerProcesses", Processes)
-    monkeypatch.setattr(running, "tune", stop)
+    monkeypatch.setattr(running, "described", stop)
     for run in (run_study, run_with_bars):
         how = {"processes": False, "on": None, "resume": True} if run is run_with_bars else {}
         with pytest.raises(StudyError, match="stopped"):

@@ -186,9 +186,6 @@ def run(
         list[str] | None, Option(help="Also log curves in a tool: tensorboard.")
     ] = None,
     resume: Annotated[bool, Option(help="Go on with the units in the folder.")] = False,
-    keep_stale: Annotated[
-        bool, Option(help="Use units that were trained before code changed.")
-    ] = False,
     dry_run: Annotated[bool, Option(help="Print the units to train; train nothing.")] = False,
     show_page: Annotated[
         bool, Option("--open", help="Open report.html, which is written anew as units end.")
@@ -214,12 +211,12 @@ def run(
         raise BadParameter(f"a shard must be i/n, i from 1 to n, such as 1/4: got {shard!r}")
     part, folder = (int(i), int(n)), out or study.results_folder
     if dry_run:
-        for line in units_left(study, folder, part, keep_stale=keep_stale):
+        for line in units_left(study, folder, part):
             echo(line)
         return
     if few := too_few(study, Arms.of(study)):
         echo(f"curricle: {few}", err=True)
-    how: dict[str, Any] = {"resume": resume, "keep_stale": keep_stale, "workers": workers}
+    how: dict[str, Any] = {"resume": resume, "workers": workers}
     how |= {"processes": processes, "on": on, "shard": part, "trackers": track or []}
     results = run_with_bars(study, folder, page=show_page, **how)
     report = f", curricle report {quote(folder)}" * results.has_baseline

@@ -19,9 +19,9 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
-from curricle.study.running import Done, arms_in, tuned_before, usable_units
+from curricle.study.running import Done, usable_units
 from curricle.study.store import StudyStore, bytes_a_seed, holds_study, seeds_per_file
-from curricle.study.tuning import check_tuning, number_of_trials
+from curricle.study.tuning import tuned_before
 from curricle.study_file.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
@@ -74,15 +74,14 @@ def print_preview(study: StudyConfig) -> None:
         print_text(total_words(arms.target, *steps, sources=sources))
     print_text(traffic(study, arms, costing))
     if study.tune is not None:
-        most, number = check_tuning(study), number_of_trials(study)
+        number, tried = len(study.tune.variants), Arms.of(study.of_trials())
         runs = number * len(study.tune.seeds)
         seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
         print_text(
-            f"before that, tuning: {counted(study.tune.trials, 'trial')} of each arm on "
-            f"{numbered_seeds(study.tune.seeds)}, {counted(number, 'trial')} in all, "
-            f"{runs * most:,} steps, about {duration(seconds)}; the costs above are of the file's "
-            "own settings, and with the best of the search every arm spends at most "
-            f"{counted(most, 'step')}"
+            f"before that, tuning: {counted(number, 'trial')} on "
+            f"{numbered_seeds(study.tune.seeds)}, {runs * (tried.total or 0):,} steps, about "
+            f"{duration(seconds)}; the costs above are of the file's own settings, and with the "
+            f"best of the trials every arm spends at most {counted(tried.total or 0, 'step')}"
         )
     try:
         study.check_networks()
@@ -141,18 +140,13 @@ def _megabytes(size: int) -> str:
     return f"{size / 1e6:,.1f} MB"
 
 
-def units_left(
-    study: StudyConfig, path: str | Place, shard: tuple[int, int], *, keep_stale: bool
-) -> Iterator[str]:
+def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) -> Iterator[str]:
     """Yield lines on a folder's damaged and stale units, the units to train, and those done."""
-    arms = arms_in(study, path, keep_stale=keep_stale)
-    remarks = list[str]()
-    study, arms = tuned_before(study, arms, path, remarks.append, keep_stale=keep_stale)
-    yield from remarks
+    study = tuned_before(study, place_at(path))
+    arms = Arms.of(study)
     if study.tune is not None:
-        check_tuning(study)
         yield (
-            f"first of all {counted(study.tune.trials, 'trial')} of each arm; what follows is then "
+            f"first of all {counted(len(study.tune.variants), 'trial')}; what follows is then "
             "trained with the best settings, not with those of the file"
         )
     done: Done = {}

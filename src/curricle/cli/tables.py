@@ -19,7 +19,7 @@ from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
-from curricle.study.tuning import BY_TUNING, effects_of, read_tuning, tuning_words
+from curricle.study.tuning import effects_of, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.text import UNBOUNDED, counted, text_table
 
@@ -142,32 +142,30 @@ NONE = "–"
 
 def print_effects(results: StudyResults) -> None:
     """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
-    tuning = read_tuning(results.store)
-    if tuning is not None:
+    tuned, effects = results.record.tuned, effects_of(results)
+    if tuned is not None:
         print()
         print_text(
-            f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
+            f"tuned on {numbered_seeds(tuned.seeds)}, {tuned.total:,} steps a trial and seed, "
             "sources included; these steps are shown here and not charged to the curves"
         )
         best = list[tuple[str, ...]]()
-        for name, arm in tuning.arms.items():
-            score, values = arm.best.score, arm.best.values
-            settings = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
-            number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-            best.append((f"{name}: {settings or 'nothing to tune'}", number, steps, _number(score)))
+        for name, arm in tuned.arms.items():
+            settings = ", ".join(f"{key} = {_number(value)}" for key, value in arm.values.items())
+            number, steps = f"{arm.trials}", f"{tuned.steps(name):,}"
+            label = f"{name}: {settings or 'nothing to tune'}"
+            best.append((label, number, steps, _number(arm.score)))
         print_table(("best trial", "of", "tuning steps", "mean return"), best)
-    for effects in effects_of(results.comparison, results.record, tuning):
-        tuned = effects.kind == BY_TUNING
-        over = (
-            "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
-        )
+    if effects:
         print()
-        print_text(f"main effects: mean return, sources charged, over all {over}")
+        print_text(
+            "main effects: mean return, sources charged, over all arms, 95 % intervals over seeds"
+        )
         rows = [
             (f"{arm}: {key} = {text}", f"{n}", f"{mean:.4g}", f"[{low:.4g}, {high:.4g}]")
-            for arm, key, text, n, mean, low, high in effects.levels
+            for arm, key, text, n, mean, low, high in effects
         ]
-        print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
+        print_table(("", "arms", "mean return", ""), rows)
 
 
 def _number(value: object) -> str:

@@ -106,7 +106,6 @@ class Plan:
         keys_of: KeysOf,
         *,
         controls: Sequence[Control] = (),
-        least_total: int = 0,
         compared: bool = True,
     ) -> Self:
         """Return the plan of curricula, comparable if `compared`, and of learners from scratch."""
@@ -116,7 +115,7 @@ class Plan:
         if compared and isinstance(node.budget, int):
             budget = node.budget
             most = max(most_source_steps(arm) for arm in curricula.values())
-            total = max(-(-(budget + most) // node.eval_freq) * node.eval_freq, least_total)
+            total = -(-(budget + most) // node.eval_freq) * node.eval_freq
         elif compared and len(curricula) + bool(scratches) > 1:
             raise SettingError(
                 f"arms must have one total of steps to be compared: the budget of {target!r} is "

@@ -52,7 +52,7 @@ from curricle.statistics.intervals import mean_interval
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import STUDY, in_use
-from curricle.study.tuning import effects_of, read_tuning
+from curricle.study.tuning import effects_of
 from curricle.text import counted
 
 # -- templates -------------------------------------------------------------------------------------
@@ -166,7 +166,7 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 
 def page_of(study: StudyResults, banner: str = "") -> str:
     """Return the page of a study, an interim page with a `banner`; StoreError without arms."""
-    comparison, tuning, analysis = study.comparison, read_tuning(study.store), study.analysis
+    comparison, analysis = study.comparison, study.analysis
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
     learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
@@ -185,7 +185,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     styles = arm_styles(comparison)
-    columns, effects = findings.COLUMNS, effects_of(comparison, curricula, tuning)
+    columns = findings.COLUMNS
     films, not_shown = replays(curricula, learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
@@ -229,8 +229,9 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         curve_data=curve_data(comparison, styles, panels),
         most_seeds=MOST_SEEDS,
         kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
-        settings_sections=findings.effects_sections(effects, tuning),
-        tuning=tuning,
+        swept=findings.effects_rows(effects_of(study)),
+        best=findings.tuning_rows(study.record.tuned),
+        tuned=study.record.tuned,
         sections=findings.forecast_sections(analysis, curricula, learnt),
         replays=films,
         menu={film.task: [other for other in films if other.task == film.task] for film in films},

@@ -1,7 +1,7 @@
 """A study's plan, its units as they are sent to workers, and the results that workers return."""
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -43,7 +43,7 @@ class Arms(Plan):
         return {file: code[file] for code in parts for file in code}
 
     @classmethod
-    def of(cls, study: StudyConfig, choose: Callable[[Dependencies], str] = key_of) -> Self:
+    def of(cls, study: StudyConfig) -> Self:
         """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
         scratches = study.scratch_curricula() if study.scratch else {}
         controls = study.controls or ()
@@ -67,17 +67,16 @@ class Arms(Plan):
             total = curriculum.setting("budget", target)
             total = total if isinstance(total, int) else None
             keys, dependencies = dict[str, str](), dict[str, Dependencies]()
-            parts = dependencies_of(data[name], curriculum, total, study.folder, choose)
+            parts = dependencies_of(data[name], curriculum, total, study.folder)
             shuffled = is_shuffled(control, curriculum)
             for task, key, depends in parts:
                 if control and (shuffled or task == target):
                     depends = {**depends, "control": control}
-                    key = choose(depends)
+                    key = key_of(depends)
                 keys[task], dependencies[task] = key, depends
             return keys, dependencies
 
-        least = study.total or 0
-        how: Any = {"controls": controls, "least_total": least, "compared": study.compared}
+        how: Any = {"controls": controls, "compared": study.compared}
         return cls.made(study.curricula, scratches, keys_of, **how)
 
 

@@ -163,13 +163,15 @@ class StudyResults:
         Whether the comparison leaves out arms that are still to be trained.
     """
 
-    def __init__(self, path: str | Place | StudyStore):
+    def __init__(self, path: str | Place | StudyStore, record: StudyRecord | None = None):
         self.store = path if isinstance(path, StudyStore) else StudyStore(path)
         self.lacks_arms = False
         study = self.store.description
         if "record" not in study:
             raise StoreError(f"{self.store.path} holds results that are not those of a study")
-        self.record = self.store.checked(STUDY, lambda: read_record(StudyRecord, study["record"]))
+        self.record = record or self.store.checked(
+            STUDY, lambda: read_record(StudyRecord, study["record"])
+        )
 
     def __repr__(self) -> str:
         return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
