@@ -13,7 +13,6 @@ from math import floor, prod
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from scipy.stats.qmc import Halton
 
 from curricle.curriculum.node import OF_TARGETS
 from curricle.learning.seeds import MOST_SEEDS
@@ -312,6 +311,8 @@ def _swept(arm: Variant) -> dict[str, Variant]:
 
 def _tried(arm: Variant, tuning: TuneTable) -> dict[str, Variant]:
     """Return the trials of an arm by name; a single trial if nothing applies to it."""
+    from scipy.stats.qmc import Halton  # it takes half a second to import
+
     settings = tuned_in(arm.study)
     applies = [bool(places_of(arm.study, arm.make, setting)) for setting in settings]
     used, trials = [*compress(settings, applies)], dict[str, Variant]()
