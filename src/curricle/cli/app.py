@@ -187,9 +187,6 @@ def run(
     ] = None,
     resume: Annotated[bool, Option(help="Go on with the units in the folder.")] = False,
     dry_run: Annotated[bool, Option(help="Print the units to train; train nothing.")] = False,
-    show_page: Annotated[
-        bool, Option("--open", help="Open report.html, which is written anew as units end.")
-    ] = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -218,7 +215,7 @@ def run(
         echo(f"curricle: {few}", err=True)
     how: dict[str, Any] = {"resume": resume, "workers": workers}
     how |= {"processes": processes, "on": on, "shard": part, "trackers": track or []}
-    results = run_with_bars(study, folder, page=show_page, **how)
+    results = run_with_bars(study, folder, **how)
     report = f", curricle report {quote(folder)}" * results.has_baseline
     echo(f"Stored in {folder}: curricle show {quote(folder)}{report}")
 

@@ -170,10 +170,12 @@ class Scheduler:
         """Take the result of a unit that has ended, or cancel what needs it."""
         unit = running.pop(future)
         error = self.workers.lost() if future.cancelled() else future.exception()
+        result = None if error else future.result()
+        error = result if isinstance(result, Exception) else error  # another process's
         if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
             raise error  # a lost store, or an interrupt
         if error is None:
-            self.holder.add(unit, future.result())
+            self.holder.add(unit, result)
             return
         self.failures.add(unit, error)
         for other, waiting in [*running.items()]:
@@ -383,8 +385,7 @@ class Training:
         scheduler = Scheduler(send, packing, workers, failures)
 
         def show(stored: Unit | None) -> None:
-            now = scheduler.number(), workers.repeated, workers.link
-            self.show(Progress(units, stored, *now, words))
+            self.show(Progress(units, stored, scheduler.number(), words))
 
         show(None)
         for unit, result in scheduler.results(units):
