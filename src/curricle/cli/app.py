@@ -156,12 +156,13 @@ def check(
     """
     from curricle.cli.progress_bars import announce_compilation
     from curricle.cli.study_preview import print_preview
-    from curricle.cli.tables import explained
+    from curricle.cli.tables import print_words
 
     _announce_imports()
     announce_compilation()
-    with explained(explain):
-        print_preview(_read(file, seeds, changes))
+    print_preview(_read(file, seeds, changes))
+    if explain:
+        print_words()
 
 
 @app.command()
@@ -267,15 +268,16 @@ def show(
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
-    from curricle.cli.tables import decision_lines, explained, print_results
+    from curricle.cli.tables import decision_lines, print_results, print_words
     from curricle.study import StudyResults
 
     if seed is not None and not decisions:
         raise BadParameter(f"--seed needs --decisions: got --seed {seed} alone")
     results = StudyResults(folder)
     if not decisions:
-        with explained(explain):
-            print_results(results, arm, task)
+        print_results(results, arm, task)
+        if explain:
+            print_words()
         return
     for line in decision_lines(results, arm, task, seed):
         echo(line)
@@ -347,15 +349,16 @@ def compare(
     explain: Explain = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
-    from curricle.cli.tables import explained, table_width
+    from curricle.cli.tables import print_words, table_width
     from curricle.study import StudyResults, compare_studies
 
     comparison = compare_studies([StudyResults(folder) for folder in folders])
     answers = {} if against is None else comparison.against(against)
-    with explained(explain):
-        print(comparison.text(table_width()))
-        for name, verdict in answers.items():
-            print(f"{name} gains more than {against}: {verdict}")
+    print(comparison.text(table_width()))
+    for name, verdict in answers.items():
+        print(f"{name} gains more than {against}: {verdict}")
+    if explain:
+        print_words()
 
 
 @app.command()

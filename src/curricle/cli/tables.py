@@ -1,13 +1,9 @@
 """The output of commands: tables as wide as the terminal, explained words, and results."""
 
-import io
-import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Iterable, Sequence
 from shutil import get_terminal_size
 from textwrap import fill
-from typing import Any
 
 import numpy as np
 
@@ -91,48 +87,13 @@ EXPLANATIONS = {
     "learnt": "how far a source came from the random policy's return to its optimum",
 }
 """Words, and what each means."""
-HINT = "(--explain says what the words mean)"
 
 
-class _Copied(io.StringIO):
-    """Standard output that also keeps a copy of the text."""
-
-    def __init__(self, out: Any):
-        super().__init__()
-        self.isatty, self.flush = out.isatty, out.flush  # type: ignore[method-assign]
-        self.out = out
-
-    def write(self, text: str) -> int:
-        self.out.write(text)
-        return super().write(text)
-
-
-@contextmanager
-def explained(wanted: bool) -> Iterator[None]:
-    """Explain the printed words at the end if `wanted`; else tell a terminal about --explain."""
-    out = sys.stdout
-    if not wanted:
-        yield
-        if out.isatty():
-            print(HINT)
-        return
-    with redirect_stdout(_Copied(out)) as copied:
-        yield
+def print_words() -> None:
+    """Print what the words mean."""
     print()
-    for word, meaning in used(copied.getvalue()).items():
+    for word, meaning in EXPLANATIONS.items():
         print_text(f"{word}: {meaning}")
-
-
-def used(text: str) -> dict[str, str]:
-    """Return the known words in a text and their meanings."""
-    left, printed = " ".join(text.split()), set[str]()
-    for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
-        plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
-        pattern = rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha()
-        left, times = re.subn(r"\[[-+]?\d" if word == INTERVAL else pattern, " ", left)
-        if times:
-            printed.add(word)
-    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in printed}
 
 
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
