@@ -4,11 +4,11 @@ import json
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-import pyarrow as pa
 
 from curricle.comparison.controls import check_fit, is_shuffled
 from curricle.comparison.plan import (
@@ -29,7 +29,7 @@ from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import dependencies_of, key_of
-from curricle.study.store import DECISION_SCHEMA, StoredSource, UnitResult
+from curricle.study.store import DecisionRow, StoredSource, UnitResult
 from curricle.study_file.vary import target_alone
 
 
@@ -163,24 +163,23 @@ def train_unit(sent: UnitInput) -> UnitResult:
             arrays[part] = np.array([getattr(fit, part) for fit in trained.calibrations])
     if trained.level is not None:
         arrays |= trained.level.arrays
-    rows = _decisions(trained, arm.curriculum, unit)
-    return UnitResult(arrays, pa.Table.from_pylist(rows, pa.schema(DECISION_SCHEMA.items())))
+    return UnitResult(arrays, _decisions(trained, arm.curriculum, unit))
 
 
-def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dict[str, Any]]:
+def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[DecisionRow]:
     """Return a row for each decision of the stopping rule, or else a row for each seed's end."""
     result, budget = trained.result, curriculum.setting("budget", unit.task)
-    rows = list[tuple[Any, ...]]()
+    rows = list[DecisionRow]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):
         place = unit.task, unit.seeds[k]
         for decision in decisions:
             ends, kernel = decision.spent or decision.ends, decision.kernel
             numbers = decision.lowest, kernel.level, decision.rise, kernel.plateau
             why = decision.criterion
-            rows.append((*place, decision.step, ends, why, *numbers, str(decision)))
+            rows.append(DecisionRow(*place, decision.step, ends, why, *numbers, str(decision)))
         if not decisions:
             used = int(result.steps_used[k])
             why = ended_by(budget, bool(result.out_of_memory[k]))
             reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
-            rows.append((*place, used, True, why, *[float("nan")] * 4, reason))
-    return [dict(zip(DECISION_SCHEMA, row, strict=True)) for row in rows]
+            rows.append(DecisionRow(*place, used, True, why, nan, nan, nan, nan, reason))
+    return rows

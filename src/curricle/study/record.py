@@ -384,10 +384,15 @@ def read_record(model: type[Model], value: Any) -> Model:
     try:
         return model.model_validate_json(json.dumps(value))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"])) or "it"
-        text = first["msg"].removeprefix("Value error, ")
-        raise ValueError(" ".join(f"{place}: {text[0].lower()}{text[1:]}".split())) from None
+        raise ValueError(first_mistake(error)) from None
+
+
+def first_mistake(error: ValidationError) -> str:
+    """Return the first mistake in the content of a file, with its place."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(map(str, first["loc"])) or "it"
+    text = first["msg"].removeprefix("Value error, ")
+    return " ".join(f"{place}: {text[0].lower()}{text[1:]}".split())
 
 
 def plain(record: BaseModel) -> dict[str, Any]:

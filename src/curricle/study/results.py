@@ -52,6 +52,7 @@ from curricle.study.store import (
     SNAPSHOTS,
     STUDY,
     VALUES,
+    DecisionRow,
     StoredUnit,
     StudyStore,
     stored_values,
@@ -117,6 +118,15 @@ def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
         last = max(last, *unit.seeds)
     if group:
         yield group
+
+
+def decisions_table(rows: Sequence[DecisionRow]) -> pa.Table:
+    """Return a unit's decisions as a table."""
+    kinds = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
+    schema = pa.schema([(name, kinds[of]) for name, of in DecisionRow.__annotations__.items()])
+    return pa.Table.from_arrays(
+        [*map(pa.array, zip(*rows, strict=True), schema.types)], schema=schema
+    )
 
 
 def parquet_of(parts: Iterable[pa.Table]) -> bytes:
@@ -384,7 +394,7 @@ class StudyResults:
                 tables = [
                     pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
                     if name == CURVES
-                    else self.store.decisions(unit)
+                    else decisions_table(self.store.decisions(unit))
                     for unit in units
                 ]
                 part = pa.concat_tables(tables)
@@ -401,8 +411,8 @@ class StudyResults:
         """Return the reason for each decision in a task, as sentences by seed."""
         values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
-            for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
-                values.setdefault(row["seed"], []).append(row[column])
+            for row in self.store.decisions(unit):
+                values.setdefault(row.seed, []).append(getattr(row, column))
         return dict(sorted(values.items()))
 
     def ended_by(self, arm: str, task: str) -> dict[int, str]:
