@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from curricle.study import workers
+
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 
 PARENT = """
@@ -78,3 +80,13 @@ def test_a_run_that_ends_leaves_no_process_and_no_pipe_open(tmp_path):
     command = [sys.executable, "-W", "always::ResourceWarning", script]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert (ended.stdout, ended.stderr) == ("1024\n", "")
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="the reaper needs Linux")
+def test_a_run_goes_on_without_its_reaper():
+    with workers._reaper(os.getpid()) as reaper:
+        reaper.kill()
+        reaper.wait()
+        with workers.WorkerProcesses(1) as pool:
+            assert pool.submit(pow, 2, 10).result() == 1024
+    workers._reaper.cache_clear()

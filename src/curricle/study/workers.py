@@ -1,15 +1,79 @@
 """Processes that train units, and end when the process that started them does."""
 
+import atexit
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from multiprocessing import connection, get_context, parent_process, resource_tracker
+from contextlib import contextmanager, suppress
+from functools import cache
+from multiprocessing import connection, parent_process, resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
 from threading import Thread
 from typing import Any
 
 POSIX = hasattr(signal, "pthread_sigmask")
+REAPER = """
+import os, signal, sys
+held = []
+for line in sys.stdin:  # it ends with the last process that can write to it
+    try:
+        held.append(os.pidfd_open(int(line)))
+    except OSError:  # that worker has ended
+        pass
+for worker in held:
+    try:
+        signal.pidfd_send_signal(worker, signal.SIGKILL)
+    except ProcessLookupError:
+        pass
+"""
+"""Ends the workers whose numbers it read when the process that wrote them is gone (Linux).
+
+Workers end by themselves too, but not while they start: they import libraries for seconds.
+"""
+
+
+class _Worker(SpawnProcess):
+    """A process whose number is sent to the reaper as soon as it has started."""
+
+    def start(self) -> None:
+        super().start()
+        if hasattr(os, "pidfd_open"):
+            pipe = _reaper(os.getpid()).stdin
+            assert pipe is not None
+            with suppress(BrokenPipeError):  # without its reaper a run goes on
+                pipe.write(f"{self.pid}\n".encode())
+
+
+class _Workers(SpawnContext):
+    """The context that starts the processes of a :class:`WorkerProcesses` afresh."""
+
+    Process = _Worker
+
+
+@cache
+def _reaper(process: int) -> subprocess.Popen[bytes]:
+    """Return the reaper of this process, whose number is `process`; the first call starts it."""
+    reaper = subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", REAPER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # signals to the run are not for it
+        bufsize=0,
+    )
+    atexit.register(_end, reaper)
+    return reaper
+
+
+def _end(reaper: subprocess.Popen[bytes]) -> None:
+    """End a reaper when this process ends normally, after its workers."""
+    assert reaper.stdin is not None
+    reaper.stdin.close()
+    with suppress(subprocess.TimeoutExpired):  # a process that was forked may have the pipe too
+        reaper.wait(1.0)
 
 
 class WorkerProcesses(ProcessPoolExecutor):
@@ -28,7 +92,7 @@ class WorkerProcesses(ProcessPoolExecutor):
     def __init__(self, workers: int | None = None):
         if POSIX:
             start_tracker()
-        super().__init__(workers, get_context("spawn"), initializer=end_with_parent)
+        super().__init__(workers, _Workers(), initializer=end_with_parent)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         """Submit a call, as any executor does."""
@@ -65,7 +129,7 @@ def interrupts_blocked() -> Iterator[None]:
 def end_with_parent() -> None:
     """Ignore interrupts, and end this process when the process that started it is gone."""
     # A thread waits for that; compiled loops release the GIL, so they do not keep it from running.
-    # It begins before libraries are imported: this module needs none, and units come later.
+    # It is what ends workers where there is no reaper.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
