@@ -1,4 +1,4 @@
-"""The command: help, exit codes, errors as a sentence; and what ``--open`` and ``watch`` open."""
+"""The command: help, exit codes, errors as a sentence; and what ``watch`` opens."""
 
 import os
 import signal
@@ -86,7 +86,7 @@ def test_what_compiles_says_so_once(tmp_path, monkeypatch):
     assert said == [("2\n", 1), ("0\n", 0)]
 
 
-# -- run --open, watch ------------------------------------------------------------
+# -- watch ------------------------------------------------------------
 
 
 @pytest.fixture
@@ -101,27 +101,6 @@ def opened(monkeypatch):
     monkeypatch.setattr(webbrowser, "open", note)
     monkeypatch.setattr(progress_bars, "has_windows", lambda: True)
     return lambda: asked.wait(60) and addresses
-
-
-def test_a_run_opens_its_report_and_writes_it_to_the_end(
-    curricle, opened, study_file, contents, finished
-):
-    code, out, complaint = curricle("run", study_file, "--out", "out", "--open", "--workers", "2")
-    page = Path("out/report.html").resolve()
-    assert (code, opened()) == (0, [page.as_uri()])
-    assert out.startswith("Open out/report.html: ")
-    assert out.splitlines()[-1].startswith("Stored in out: ")
-    assert "page" not in complaint
-    results = StudyResults("out")
-    assert page.read_text("utf-8") == page_of(results)
-    page.unlink()
-    assert contents(results.store.path) == contents(finished)  # it leaves no other trace
-
-
-def test_a_run_that_is_refused_writes_and_opens_nothing(curricle, study_file, copied):
-    code, out, _ = curricle("run", study_file, "--out", copied, "--open")
-    assert (code, out) == (1, "")
-    assert not (copied / "report.html").exists()
 
 
 def test_a_finished_study_is_watched_to_its_end_outside_its_folder(

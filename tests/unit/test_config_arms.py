@@ -15,7 +15,7 @@ from curricle import GridWorld
 from curricle.study import StudyConfig, read_study
 from curricle.study.config import configured, json_schema
 from curricle.study.templates import KINDS, template
-from curricle.study_file.file import Positions, located, merged
+from curricle.study_file.file import Positions, merged
 from curricle.transfer import aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 
@@ -174,24 +174,6 @@ TABLES = st.dictionaries(st.sampled_from("abcd"), TREES, max_size=4)
 def test_merging_twice_is_merging_once_and_nothing_changes_nothing(first, second):
     assert merged(first, {}) == merged({}, first) == merged(first, first) == first
     assert merged(merged(first, second), second) == merged(first, second)
-
-
-def entries(node, path=()):
-    for key, value in node.items():
-        yield (*path, key), value
-        yield from entries(value, (*path, key)) if isinstance(value, dict) else ()
-
-
-@given(TABLES, TABLES)
-def test_a_merged_table_knows_where_each_entry_stands(first, second):
-    files = {"one": first, "other": second}
-    both = merged(*(located(table, (file,)) for file, table in files.items()))
-    positions = Positions("x.toml", arms={"both": both})
-    for path, value in entries(both):
-        node = files
-        for part in positions.in_file(("arms", "both", *path)):
-            node = node[part]
-        assert node == value or (isinstance(value, dict) and node.items() <= value.items())
 
 
 # Setting things from outside.

@@ -168,7 +168,7 @@ sweep={} | sweep must name a setting to sweep: got none
 sweep.tasks.corner.rows=[[0, 9]] | sweep.tasks.corner.rows is refused: a crop must lie
 sweep.learner.epsilon=[1, 1] | must be a list of different values: 1 is there twice
 sweep.learner.epsilon=[3.0] | sweep.learner.epsilon is refused: epsilon must
-sweep.learner=[{ epslon = 1 }, {}] | sweep.learner[0].epslon is unknown, did you mean
+sweep.learner=[{ epslon = 1 }, {}] | sweep.learner.epslon is unknown, did you mean
 sweep.budget=[1, 2] | changes nothing: each task or arm that it could apply to sets it
 sweep.tasks.maze.budget=[1, 2] | must leave the target maze as it is
 sweep.tasks=[1] | a key of one of the tasks, such as tasks.maze.budget
@@ -369,7 +369,7 @@ LINES = [
     \\""" k3 = 1
     """
     k5 = [
-      { k6 = 1 }, # ]
+      { inner-k5 = 1 }, # ]
       "k7 = 1",
     ]
     k9.k9 = 2024-01-01T00:00:00.5
@@ -405,7 +405,7 @@ def test_each_key_has_its_line(text):
     assert {path[-1] for path in keys} == {*keys_in(tomllib.loads(text))}
 
 
-def test_each_entry_of_a_list_has_its_line():
+def test_each_entry_of_a_list_has_the_line_of_its_statement():
     lines = line_numbers("a = [\n  { b = 1 }, # ]\n  2,\n]\n[[c]]\n[[c]]\nd = 1\n")
-    assert [lines[path] for path in (("a", 0), ("a", 0, "b"), ("a", 1))] == [2, 2, 3]
+    assert [lines[path] for path in (("a", 0), ("a", 0, "b"), ("a", 1))] == [1, 1, 1]
     assert [lines[path] for path in (("c", 0), ("c", 1), ("c", 1, "d"))] == [5, 6, 7]

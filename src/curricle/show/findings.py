@@ -15,8 +15,8 @@ from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
-from curricle.study.record import Analysis, CurriculaRecord
-from curricle.study.tuning import Effects, TuningRecord, short
+from curricle.study.record import Analysis, CurriculaRecord, TunedRecord
+from curricle.study.tuning import Level, short
 from curricle.study_file.vary import value_text
 from curricle.text import counted
 
@@ -301,25 +301,26 @@ def forecast_sections(
 Texts = list[tuple[str, ...]]
 
 
-def effects_sections(
-    effects: Sequence[Effects], tuning: TuningRecord | None
-) -> list[tuple[Effects, Texts, Texts]]:
-    """Return the rows of the tables of a sweep and of a tuning, if there are any."""
-    best: Texts = []
-    if tuning is not None:
-        for name, arm in tuning.arms.items():
-            spent = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-            values = [_value(arm.best.values.get(key)) for key in tuning.space]
-            best.append((name, *spent, _value(arm.best.score), *values))
-    sections = list[tuple[Effects, Texts, Texts]]()
-    for kind in effects:
-        rows: Texts = []
-        for name, key, text, number, *ends in kind.levels:
-            mean, low, high = (minus(short(end)) for end in ends)
-            with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
-            rows.append((name, key, minus(text), f"{number}", with_ends))
-        sections.append((kind, rows, best if kind.kind != "sweep" else []))
-    return sections
+def effects_rows(effects: Sequence[Level]) -> Texts:
+    """Return the rows of the table of a sweep."""
+    rows: Texts = []
+    for name, key, text, number, *ends in effects:
+        mean, low, high = (minus(short(end)) for end in ends)
+        with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
+        rows.append((name, key, minus(text), f"{number}", with_ends))
+    return rows
+
+
+def tuning_rows(tuned: TunedRecord | None) -> list[Sequence[str]]:
+    """Return the heads and the rows of the table of the best trials; none without a tuning."""
+    if tuned is None:
+        return []
+    keys = dict.fromkeys(key for arm in tuned.arms.values() for key in arm.values)
+    rows: list[Sequence[str]] = [("best of", "trials", "tuning steps", "mean return", *keys)]
+    for name, arm in tuned.arms.items():
+        spent = f"{arm.trials}", f"{tuned.steps(name):,}"
+        rows.append((name, *spent, *map(_value, (arm.score, *map(arm.values.get, keys)))))
+    return rows
 
 
 def _value(value: object) -> str:

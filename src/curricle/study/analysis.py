@@ -69,7 +69,9 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     threshold, level = study.threshold, STATED
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
         threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
-    fields = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
+    fields = {
+        name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots", "tuned")
+    }
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
     fields |= {"tasks": curricula.tasks, "arms": curricula.arms, "problem": task_summary(node.task)}
     return StudyRecord(threshold=threshold, threshold_from=level, **fields)
