@@ -116,6 +116,37 @@ def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
     assert contents(copied) == before
 
 
+LINE = """
+name = "line"
+seeds = 2
+[tasks.line]
+type = "maze"
+map = "S..T"
+budget = 400
+[tasks.near]
+type = "crop"
+of = "line"
+columns = [1, 4]
+budget = 100
+[[transfers]]
+source = "near"
+target = "line"
+mapping = "same_position"
+"""
+
+
+def test_the_page_of_a_run_is_watched_while_it_runs(tmp_path, monkeypatch):
+    """In another process, which ends as the run does."""
+    monkeypatch.chdir(tmp_path)
+    Path("line.toml").write_text(LINE, "utf-8")
+    command = [sys.executable, "-m", "curricle", "run", "line.toml", "--open"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    page = Path("line-results/report.html")
+    assert f"The run is over: {page}" in run.stdout
+    assert page.read_text("utf-8") == page_of(StudyResults("line-results"))
+
+
 @pytest.mark.parametrize(
     ("variables", "windows"),
     [({}, False), ({"DISPLAY": ":0"}, True), ({"WAYLAND_DISPLAY": "wayland-0"}, True)],

@@ -159,6 +159,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
         for name, nodes in results.results.items()
         for node, learnt in nodes.items()
         if arm in (None, name) and task in (None, node)
+        if node == record.target or not record.arms[name].control_of  # else it is another's source
     ]
     if rows:
         print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)

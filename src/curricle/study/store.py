@@ -293,7 +293,7 @@ ROW_BYTES = 600  # of a decision in memory, about
 MOST_KEPT = 2**28
 """Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
 finished study reads each once."""
-SCHEMA_VERSION = 3  # of the folder's layout; a folder of another version is refused
+SCHEMA_VERSION = 4  # of the folder's layout; a folder of another version is refused
 LARGEST_JSON = 2**24
 """Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
 has a twentieth."""
