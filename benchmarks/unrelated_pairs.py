@@ -1,25 +1,33 @@
 """Pairs of tasks that have nothing to do with each other, and what a mapping found there gains.
 
-    python -m benchmarks.unrelated_pairs fit [--first 0] [--pairs 200]
-    python -m benchmarks.unrelated_pairs play [--first 10000] [--pairs 50] [--seeds 20]
+    python -m benchmarks.unrelated_pairs fit --pairs 700
+    python -m benchmarks.unrelated_pairs play --first 10000 --pairs 50 --seeds 20
 
-A pair is drawn from its number: a target and a source of two kinds, or two random MDPs, or two road
-maps. `fit` prints the scores of the best mapping of each pair. `play` takes the mapping that agrees
-best with the target's dynamics and values whatever the bar says, as a user who accepts it would,
-compares it with scratch under all controls, and prints each answer. Numbers from 10,000 on judge:
-no constant was fitted on them. `pairs` does the same for the pairs of `benchmarks.pairs`.
+A pair is drawn from its number: a target and a source of two kinds, two random MDPs, or two road
+maps. `fit` prints how many of the sensible pairs of the development families and how many unrelated
+pairs are taken, by the largest dynamics error that is allowed; and the same of the verification
+families, without a choice. `play` takes the best mapping of each pair whatever the bar says, as a
+user does who accepts it, and prints the verdict beside all controls that know nothing. Pairs from
+number 10,000 on are kept for that: no constant was fitted on them.
 """
 
 import argparse
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 import curricle as cr
+from benchmarks.found_mappings import pair_cases
+from benchmarks.pairs import Split, pairs
+from curricle.transfer import find_mappings
+from curricle.transfer.search import LEAST_REGAINED, MOST_UNEXPLAINED, clears_bar
 
-TARGET_STEPS, SOURCE_STEPS = 20_000, 5_000
+TARGET_STEPS, SOURCE_STEPS = 20_000, 500
+LIMITS = (0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+"""Largest dynamics errors that are tried."""
 
 
 def road_map(
@@ -107,3 +115,99 @@ def unrelated(number: int) -> tuple[str, Any, Any]:
         target, source = (KINDS[i] for i in rng.integers(len(KINDS), size=2))
         if target is not source or target in OF_ONE_KIND:
             return f"{target.__name__} <- {source.__name__}", target(rng), source(rng)
+
+
+# -- the largest dynamics error --------------------------------------------------------------------
+
+
+def least_error(target: Any, source: Any) -> float:
+    """Return the least dynamics error of the mappings that clear the rest of the bar; else inf."""
+    scores = [one.scores for one in find_mappings(target, source, keep=1000)]
+    return min(
+        (
+            score.dynamics_error
+            for score in scores
+            if score.regained_where_known >= LEAST_REGAINED
+            and score.unexplained <= MOST_UNEXPLAINED
+        ),
+        default=np.inf,
+    )
+
+
+def across(split: str) -> Iterator[tuple[Any, Any]]:
+    """Yield the first target of each family of a split with the first source of each other."""
+    first = {}
+    for pair in pairs(split=cast(Split, split)):
+        first.setdefault(pair.family, pair)
+    for here in first.values():
+        yield from ((here.target, there.source) for there in first.values() if here is not there)
+
+
+def fit(first: int, n: int) -> None:
+    """Print by the largest dynamics error how many sensible and unrelated pairs are taken."""
+    sensible = {pair.name: pair.split for pair in pairs() if pair.sensible}
+    kept: dict[str, list[float]] = {"development": [], "verification": []}
+    for name, target, source in pair_cases():
+        if name in sensible:
+            kept[sensible[name]].append(least_error(target, source))
+    others = {split: [least_error(*tasks) for tasks in across(split)] for split in kept}
+    drawn = [least_error(*unrelated(number)[1:]) for number in range(first, first + n)]
+    others["development"] += drawn
+    for split in kept:
+        print(f"{split}: largest error: sensible and unrelated pairs taken, their shares apart")
+        whole = [np.array([x for x in of[split] if np.isfinite(x)]) for of in (kept, others)]
+        for limit in LIMITS:
+            taken = [int((errors <= limit).sum()) for errors in whole]
+            apart = taken[0] / len(whole[0]) - taken[1] / len(whole[1])
+            counts = (f"{k} of {len(errors)}" for k, errors in zip(taken, whole, strict=True))
+            print(f"  {limit:g}: {', '.join(counts)}, {apart:.2f}", flush=True)
+
+
+# -- what a mapping that is found from there gains -------------------------------------------------
+
+
+def play(first: int, n: int, seeds: int) -> None:
+    """Print what the best mapping of each pair gains, all steps charged, and the verdict."""
+    answers, taken = Counter[str](), 0
+    for number in range(first, first + n):
+        name, target, source = unrelated(number)
+        best = find_mappings(target, source, keep=1)[0]
+        plan = cr.Curriculum(
+            {"source": source, "target": target},
+            [cr.Transfer("source", "target", best.mapping)],
+            budget={"source": SOURCE_STEPS, "target": TARGET_STEPS},
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            controls: Any = ("placebo", "constant", "unrelated")
+            compared = cr.compare(plan, seeds=seeds, controls=controls)
+        contrast = compared.contrasts["transfer"]
+        answers[contrast.answer] += 1
+        taken += clears_bar(best.scores)
+        control = compared.contrasts["transfer, unrelated"].strong_gain
+        print(
+            f"{number} {name}: error {best.scores.dynamics_error:.3f}, "
+            f"{'taken' if clears_bar(best.scores) else 'refused'}; gain {contrast.strong_gain}, of "
+            f"another unrelated task {control.estimate:.3g}: {contrast.answer}",
+            flush=True,
+        )
+    print(f"{taken} of {n} would be taken unseen")
+    for answer, count in answers.most_common():
+        print(f"  {count}: {answer}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("part", choices=("fit", "play"))
+    parser.add_argument("--first", type=int, default=0, help="number of the first pair")
+    parser.add_argument("--pairs", type=int, default=50, help="how many unrelated pairs are drawn")
+    parser.add_argument("--seeds", type=int, default=20, help="of learning")
+    options = parser.parse_args()
+    if options.part == "fit":
+        fit(options.first, options.pairs)
+    else:
+        play(options.first, options.pairs, options.seeds)
+
+
+if __name__ == "__main__":
+    main()

@@ -15,7 +15,7 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
-from curricle.comparison.controls import CONTROLS, Control, Level, check_fit
+from curricle.comparison.controls import CONTROLS, UNRELATED, Control, Level, check_fit
 from curricle.comparison.plan import (
     Failures,
     Learners,
@@ -89,6 +89,8 @@ class Arm:
         The constant that a control without knowledge of the task adds to every value.
     unlearnt : dict of str to (K,) bool
         For each source, which seeds did not learn it by its stopping rule.
+    knows_target : bool
+        Whether a mapping of its curriculum was found in the target's model.
 
     Examples
     --------
@@ -105,6 +107,7 @@ class Arm:
     scratch: bool = False
     level: Level | None = field(default=None, repr=False)
     unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
+    knows_target: bool = False
 
     __repr__ = brief_repr
 
@@ -372,13 +375,21 @@ class Comparison:
         return self._verdicts(self.know_nothing)
 
     @cached_property
+    def unrelated_verdicts(self) -> dict[str, Verdict]:
+        """Whether each curriculum gains more than by a mapping found from an unrelated task."""
+        asked = {name: (f"{name}, {UNRELATED}",) for name in self.controls}
+        return self._verdicts({name: of for name, of in asked.items() if of[0] in self.arms})
+
+    @cached_property
     def reasons(self) -> dict[str, Reason]:
         """Why each curriculum pays: by what it knows, or by its optimism alone."""
         reasons = {}
         for name, pays in self.verdicts.items():
             over = self.knowledge_verdicts.get(name)
             level = None if over is None else self.arms[over.rival].level
-            reasons[name] = Reason(pays, over, 0.0 if level is None else level.mean)
+            mean = 0.0 if level is None else level.mean
+            of_search = self[name].knows_target, self.unrelated_verdicts.get(name)
+            reasons[name] = Reason(pays, over, mean, *of_search)
         return reasons
 
     def times(self, name: str, *, strong: bool = True) -> Times:
@@ -873,6 +884,7 @@ def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
         control=bool(planned.control),
         scratch=planned.scratch,
         level=last.level,
+        knows_target=planned.curriculum.knows_target(plan.target),
         unlearnt={
             source: planned.curriculum.node(source).unlearnt(results[source].result)
             for source in (sources if not planned.control else ())

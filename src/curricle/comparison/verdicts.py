@@ -26,6 +26,7 @@ from curricle.statistics.curves import ROUNDING
 from curricle.statistics.hypothesis_tests import Looks, holm, sign_flip_test, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.text import brief_repr
+from curricle.transfer.transfer import FOUND
 
 ONE_LOOK = Looks((1,))  # no interim analyses
 SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
@@ -240,11 +241,12 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
     )
 
 
+NO_MORE = "not shown to gain more than from an unrelated task"
 SHARE = 0.1  # up to this share of a gain is nothing beside the rest
 ASKING = 'cr.compare(..., controls=["constant", "placebo"])'
 """How the question is asked; in a study file by ``controls = ["constant", "placebo"]``."""
 
-Why = Literal["", "not asked", "knowledge", "mostly level", "level", "not shown"]
+Why = Literal["", "not asked", "knowledge", "mapping", "mostly level", "level", "not shown"]
 
 
 @dataclass(frozen=True)
@@ -255,6 +257,9 @@ class Reason:
     # Whether it gains more than all of its controls that know nothing; None if it has none.
     over_controls: Verdict | None
     level: float = 0.0  # what the strongest of these controls adds to every value, on average
+    knows_target: bool = False  # whether a mapping was found in the target's model
+    # Whether it gains more than by a mapping that is found from an unrelated task; None: not asked
+    over_unrelated: Verdict | None = None
 
     __repr__ = brief_repr
 
@@ -271,7 +276,8 @@ class Reason:
         if over is None or over.withheld:
             return "not asked" if over is None else "not shown"
         if over.direction > 0:
-            return "mostly level" if little else "knowledge"
+            # A search that read the target's model knows it, whatever the source knows.
+            return "mostly level" if little else "mapping" if self.knows_target else "knowledge"
         return "level" if little or over.direction < 0 else "not shown"
 
     @property
@@ -284,15 +290,20 @@ class Reason:
 
     @property
     def words(self) -> str:
-        """The reason as text; empty if it was not asked for, or if the curriculum does not pay."""
+        """The reason as text, and that a mapping was found in the target's model; may be empty."""
         optimism = "optimism" if self.level >= 0 else "pessimism"
         reasons = {
             "knowledge": "by what it knows",
+            "mapping": "by its source or by the search for its mapping",
             "mostly level": f"nearly all by {optimism}",
             "level": f"by {optimism} alone",
             "not shown": "not shown to be by what it knows",
         }
-        return reasons.get(self.why, "")
+        unrelated = self.over_unrelated
+        no_more = self.pays.direction > 0 and unrelated is not None and unrelated.direction <= 0
+        return ", ".join(
+            filter(None, (reasons.get(self.why), NO_MORE * no_more, FOUND * self.knows_target))
+        )
 
 
 def not_asked(reasons: Sequence[Reason]) -> str:

@@ -545,6 +545,7 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
         )
     scratch, control = record.arms[name].scratch, bool(record.arms[name].control_of)
     kind: Any = {"scratch": scratch, "control": control, "level": study.level(name)}
+    kind["knows_target"] = record.arms[name].knows_target
     arm = Arm.of(result, spent, total, record.eval_freq, **kind)
     unlearnt = {
         task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
