@@ -39,8 +39,8 @@ LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping used unseen must regain where it is known."""
 MOST_UNEXPLAINED = 0.75  # share that such a mapping may leave unexplained
 MOST_APART = 0.4
-"""Dynamics error that such a mapping may have: from there on it matches values, not tasks. It splits
-the sensible pairs of the development families best from unrelated ones (benchmarks)."""
+"""Dynamics error that such a mapping may have. Of the limits tried it sets the sensible pairs of
+the development families furthest apart from unrelated ones (benchmarks/unrelated_pairs.py)."""
 MOST_MISSED = 0.05
 """Share of the way to the optimum that a mapping as good as exact may miss where it is known."""
 LEFT_BY_EXACT = 0.01
@@ -224,9 +224,9 @@ def proposed(
 
 def clears_bar(scores: MappingScores) -> bool:
     """Return whether a mapping fits well enough to be used unseen."""
-    # No score suffices alone: two tasks may look alike nearly everywhere and have goals in different
-    # places, a policy that follows wrong values may gain by avoiding the worst, and a search that
-    # reads the target's values finds like ones in any source, whatever leads where.
+    # No score suffices alone: two tasks may look alike nearly everywhere and have goals in
+    # different places, a policy that follows wrong values may gain by avoiding the worst, and a
+    # search that reads the target's values finds like ones in any source, whatever leads where.
     return (
         scores.regained_where_known >= LEAST_REGAINED
         and scores.unexplained <= MOST_UNEXPLAINED
@@ -270,7 +270,8 @@ def auto_mapping(
     In mapped states its greedy policy must regain at least 25 % of the way to the optimum, its
     values may leave unexplained at most 75 % of the variation that a constant leaves unexplained,
     and its dynamics error may be at most 0.4 (:func:`score_mapping`). To accept another, pass the
-    mapping of a candidate of :func:`find_mappings` to the transfer. The scores do not use the value that fits unmapped pairs.
+    mapping of a candidate of :func:`find_mappings` to the transfer. The scores do not use the
+    value that fits unmapped pairs.
 
     Parameters
     ----------
