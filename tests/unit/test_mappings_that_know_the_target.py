@@ -29,6 +29,7 @@ from curricle.transfer import (
     identity,
     score_mapping,
 )
+from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.search import MOST_APART, SEARCHES
 from curricle.transfer.transfer import FOUND, transfer_words
 from tests.comparisons import copied, corner, pursuit
@@ -54,7 +55,10 @@ def auto(target=MAZE, source=MIRRORED, mapping=None, **settings):
 
 
 def test_what_a_search_found_knows_the_target_and_what_a_hand_made_does_not():
-    assert all(one.mapping.knows_target for one in find_mappings(MAZE, MIRRORED))
+    for source in (MIRRORED, CROP):
+        assert all(one.mapping.knows_target for one in find_mappings(MAZE, source))
+    of_names = find_mappings(MAZE, CROP, searches=SEARCHES[:1])[0].mapping  # chosen by its values
+    assert (isinstance(of_names, ComponentMapping), of_names.knows_target) == (True, True)
     assert all(one.mapping.knows_target for one in find_projections(HUNT, CHASE))
     by_hand = cr.project(HUNT, CHASE, predator="predator_1"), cr.same_position(MAZE, CROP)
     assert not any(mapping.knows_target for mapping in (*by_hand, identity(MAZE)))
