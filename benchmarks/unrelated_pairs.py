@@ -2,19 +2,22 @@
 
     python -m benchmarks.unrelated_pairs fit --pairs 700
     python -m benchmarks.unrelated_pairs play --first 10000 --pairs 50 --seeds 20
+    python -m benchmarks.unrelated_pairs sensible --seeds 20
+    python -m benchmarks.unrelated_pairs hunt --seeds 20
 
 A pair is drawn from its number: a target and a source of two kinds, two random MDPs, or two road
 maps. `fit` prints how many of the sensible pairs of the development families and how many unrelated
 pairs are taken, by the largest dynamics error that is allowed; and the same of the verification
 families, without a choice. `play` takes the best mapping of each pair whatever the bar says, as a
 user does who accepts it, and prints the verdict beside all controls that know nothing. Pairs from
-number 10,000 on are kept for that: no constant was fitted on them.
+number 10,000 on are kept for that: no constant was fitted on them. `sensible` plays the sensible
+pairs of the verification families in the same way, and `hunt` the hunt with a mapping by hand.
 """
 
 import argparse
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, cast
 
 import numpy as np
@@ -145,14 +148,14 @@ def across(split: str) -> Iterator[tuple[Any, Any]]:
 
 def fit(first: int, n: int) -> None:
     """Print by the largest dynamics error how many sensible and unrelated pairs are taken."""
-    sensible = {pair.name: pair.split for pair in pairs() if pair.sensible}
+    split_of = {pair.name: pair.split for pair in pairs() if pair.sensible}
     kept: dict[str, list[float]] = {"development": [], "verification": []}
     for name, target, source in pair_cases():
-        if name in sensible:
-            kept[sensible[name]].append(least_error(target, source))
+        if name in split_of:
+            kept[split_of[name]].append(least_error(target, source))
     others = {split: [least_error(*tasks) for tasks in across(split)] for split in kept}
-    drawn = [least_error(*unrelated(number)[1:]) for number in range(first, first + n)]
-    others["development"] += drawn
+    numbers = range(first, first + n)
+    others["development"] += [least_error(*unrelated(number)[1:]) for number in numbers]
     for split in kept:
         print(f"{split}: largest error: sensible and unrelated pairs taken, their shares apart")
         whole = [np.array([x for x in of[split] if np.isfinite(x)]) for of in (kept, others)]
@@ -166,16 +169,34 @@ def fit(first: int, n: int) -> None:
 # -- what a mapping that is found from there gains -------------------------------------------------
 
 
-def play(first: int, n: int, seeds: int) -> None:
-    """Print what the best mapping of each pair gains, all steps charged, and the verdict."""
-    answers, taken = Counter[str](), 0
+Case = tuple[str, Any, Any, int, int]  # name, target, source, and the source's and target's steps
+
+
+def drawn(first: int, n: int) -> Iterator[Case]:
+    """Yield unrelated pairs."""
     for number in range(first, first + n):
         name, target, source = unrelated(number)
+        yield f"{number} {name}", target, source, SOURCE_STEPS, TARGET_STEPS
+
+
+def sensible(split: str) -> Iterator[Case]:
+    """Yield the sensible pairs of a split's families."""
+    names = {pair.name: pair for pair in pairs(split=cast(Split, split)) if pair.sensible}
+    for name, target, source in pair_cases():
+        if name in names:
+            yield name, target, source, names[name].source_budget, names[name].target_budget
+
+
+def play(cases: Iterable[Case], seeds: int) -> None:
+    """Print what the best mapping of each pair gains, all steps charged, and the verdict."""
+    answers, taken = Counter[str](), 0
+    for name, target, source, source_steps, target_steps in cases:
         best = find_mappings(target, source, keep=1)[0]
         plan = cr.Curriculum(
             {"source": source, "target": target},
             [cr.Transfer("source", "target", best.mapping)],
-            budget={"source": SOURCE_STEPS, "target": TARGET_STEPS},
+            budget={"source": cr.StoppingRule(source_steps), "target": target_steps},
+            eval_freq={"target": target_steps // 40},
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -186,27 +207,51 @@ def play(first: int, n: int, seeds: int) -> None:
         taken += clears_bar(best.scores)
         control = compared.contrasts["transfer, unrelated"].strong_gain
         print(
-            f"{number} {name}: error {best.scores.dynamics_error:.3f}, "
+            f"{name}: error {best.scores.dynamics_error:.3f}, "
             f"{'taken' if clears_bar(best.scores) else 'refused'}; gain {contrast.strong_gain}, of "
-            f"another unrelated task {control.estimate:.3g}: {contrast.answer}",
+            f"an unrelated task {control.estimate:.3g}: {contrast.answer}",
             flush=True,
         )
-    print(f"{taken} of {n} would be taken unseen")
+    print(f"{taken} of {answers.total()} would be taken unseen")
     for answer, count in answers.most_common():
         print(f"  {count}: {answer}")
 
 
+def hunt(seeds: int) -> None:
+    """Print the verdict of the right source: a hunt of two from that of one, by hand and found."""
+    both, alone = cr.Pursuit(4, 2), cr.Pursuit(4, 1)
+    by_hand = [cr.project(both, alone, predator=name) for name in both.predator_names]
+    arms = {
+        name: cr.Curriculum(
+            {"source": alone, "target": both},
+            [cr.Transfer("source", "target", mapping) for mapping in mappings],
+            aggregate=cr.minimum,
+            budget={"source": cr.StoppingRule(40_000), "target": 300_000},
+        )
+        for name, mappings in (
+            ("by hand", by_hand),
+            ("found", [find_mappings(both, alone, keep=1)[0].mapping]),
+        )
+    }
+    controls: Any = ("placebo", "constant", "unrelated")
+    print(cr.compare(arms, seeds=seeds, controls=controls))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("part", choices=("fit", "play"))
+    parser.add_argument("part", choices=("fit", "play", "sensible", "hunt"))
     parser.add_argument("--first", type=int, default=0, help="number of the first pair")
     parser.add_argument("--pairs", type=int, default=50, help="how many unrelated pairs are drawn")
     parser.add_argument("--seeds", type=int, default=20, help="of learning")
     options = parser.parse_args()
     if options.part == "fit":
         fit(options.first, options.pairs)
+    elif options.part == "hunt":
+        hunt(options.seeds)
+    elif options.part == "play":
+        play(drawn(options.first, options.pairs), options.seeds)
     else:
-        play(options.first, options.pairs, options.seeds)
+        play(sensible("verification"), options.seeds)
 
 
 if __name__ == "__main__":

@@ -156,11 +156,16 @@ def test_it_stands_in_the_verdict_whatever_the_verdict_is():
 @pytest.mark.parametrize(("unrelated_gain", "says"), [(4.0, False), (10.0, True), (12.0, True)])
 def test_a_reason_says_that_an_unrelated_task_did_as_well(unrelated_gain, says):
     arms = dict(controlled(10.0, 4.0).arms)
+    arms["mean"] = replace(arms["mean"], knows_target=True)
     arms["mean, unrelated"] = flat(unrelated_gain + np.roll(NOISE, 2), True)
     comparison = Comparison("maze", arms, 10, 10, 0.5, 1)
     assert (NO_MORE in comparison.contrasts["mean"].answer) is says
     assert comparison.know_nothing["mean"] == ("mean, constant mean",)
-    lost = {**arms, "mean": flat(NOISE - 5)}
+    by_hand = {**arms, "mean": replace(arms["mean"], knows_target=False)}
+    assert Comparison("maze", by_hand, 10, 10, 0.5, 1).contrasts["mean"].answer == (
+        "pays, by what it knows"
+    )
+    lost = {**arms, "mean": flat(NOISE - 5, knows_target=True)}
     assert NO_MORE not in Comparison("maze", lost, 10, 10, 0.5, 1).contrasts["mean"].answer
 
 
