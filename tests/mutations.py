@@ -316,6 +316,65 @@ MUTATIONS = [
     Mutation("shortest paths without an error", "planning/solution.py",
         "(max(lower, upper) + rounding)", "0.0",
         ("tests/oracle/test_proven_errors.py::test_stochastic_shortest_paths_are_within_their_bound",)),
+    Mutation(
+        "a mapping of names with another value forgets what it knows",
+        "transfer/by_components.py",
+        "return ComponentMapping(self.target, self.source, *read, self.knows_target)",
+        "return ComponentMapping(self.target, self.source, *read)",
+        (
+            "tests/property/test_found_mappings.py::test_what_a_mapping_knows_survives_whatever_is_done_with_it",
+        ),
+    ),
+    Mutation(
+        "a composed mapping forgets what its second part knows",
+        "transfer/mapping.py",
+        "first.knows_target or second.knows_target",
+        "first.knows_target",
+        ("tests/unit/test_mappings_that_know_the_target.py::test_a_copy_between_does_not_hide_it",),
+    ),
+    Mutation(
+        "a search by names is said to know nothing of the target",
+        "transfer/search.py",
+        "yield mapping.knowing_target() if tasks.knows_target else mapping, proposal.how",
+        "yield mapping, proposal.how",
+        (
+            "tests/unit/test_mappings_that_know_the_target.py::test_what_a_search_found_knows_the_target_and_what_a_hand_made_does_not",
+        ),
+    ),
+    Mutation(
+        "a mapping into a copy of the target hides that it was found",
+        "curriculum/curriculum.py",
+        "states.size >= whole.states.size",
+        "states.size > whole.states.size",
+        ("tests/unit/test_mappings_that_know_the_target.py::test_a_copy_between_does_not_hide_it",),
+    ),
+    Mutation(
+        "a mapping is taken though the dynamics disagree",
+        "transfer/search.py",
+        "        and scores.dynamics_error <= MOST_APART\n",
+        "",
+        (
+            "tests/unit/test_mappings_that_know_the_target.py::test_a_mapping_is_refused_where_the_dynamics_disagree",
+        ),
+    ),
+    Mutation(
+        "a found mapping pays by what its source knows",
+        "comparison/verdicts.py",
+        '"mapping" if self.knows_target else "knowledge"',
+        '"knowledge"',
+        (
+            "tests/unit/test_mappings_that_know_the_target.py::test_it_stands_in_the_verdict_whatever_the_verdict_is",
+        ),
+    ),
+    Mutation(
+        "a study forgets that a mapping was found",
+        "study/results.py",
+        '    kind["knows_target"] = record.arms[name].knows_target\n',
+        "",
+        (
+            "tests/unit/test_mappings_that_know_the_target.py::test_it_is_kept_in_the_folder_of_a_study",
+        ),
+    ),
 ]
 # fmt: on
 

@@ -126,6 +126,7 @@ budget = 400
 [tasks.near]
 type = "crop"
 of = "line"
+rows = [0, 1]
 columns = [1, 4]
 budget = 100
 [[transfers]]

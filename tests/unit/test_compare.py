@@ -297,7 +297,7 @@ def pair(*rivals, **settings):
         (pair(evaluation=GreedyEvaluation(discounted=False)), {}, "evaluation: 'one' and 'two' ha"),
         (pair(learner=cr.QLearning(epsilon=0.2)), {}, r"learner: 'one' .* and QLearning\(.*0\.2"),
         (pair(learner=cr.SARSA()), {}, "learner: 'one' and 'two' have QLearning.* and SARSA"),
-        (corner(), {"controls": ["negated", "magic"]}, "random_start, .*, negated: got 'magic'"),
+        (corner(), {"controls": ["negated", "magic"]}, "random_start, .*, unrelated: got 'magic'"),
         (corner(), {"controls": "placebo"}, "controls must be a list of names: got 'placebo'"),
         ({"mine": PLAIN}, {"controls": ["scaled"]}, "arm 'mine' has none into 'maze'"),
         (copied(ring()), {"controls": ["placebo"]}, "given by functions or played live has no tab"),

@@ -15,7 +15,14 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
-from curricle.comparison.controls import CONTROLS, PLACEBO, UNGUARDED, Control, check_fit
+from curricle.comparison.controls import (
+    CONTROLS,
+    PLACEBO,
+    UNGUARDED,
+    UNRELATED,
+    Control,
+    check_fit,
+)
 from curricle.comparison.opponents import (
     OPPONENTS,
     Learners,
@@ -90,6 +97,8 @@ class Arm:
         The value at which Q starts in every state, of an opponent that starts at a constant.
     unlearnt : dict of str to (K,) bool
         For each source, which seeds did not learn it by its stopping rule.
+    knows_target : bool
+        Whether a mapping of its curriculum was found in the target's model.
 
     Examples
     --------
@@ -106,6 +115,7 @@ class Arm:
     curriculum: str = ""
     initial_values: FloatArray | None = field(default=None, repr=False)
     unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
+    knows_target: bool = False
 
     __repr__ = brief_repr
 
@@ -383,10 +393,19 @@ class Comparison:
         return self._verdicts(self.know_nothing)
 
     @cached_property
+    def unrelated_verdicts(self) -> dict[str, Verdict]:
+        """Whether each curriculum with a found mapping gains more than from an unrelated task."""
+        # The control reads the target's model: a mapping that was made by hand need not beat that.
+        known = (name for name in self.controls if self[name].knows_target)
+        asked = {name: (f"{name}, {UNRELATED}",) for name in known}
+        return self._verdicts({name: of for name, of in asked.items() if of[0] in self.arms})
+
+    @cached_property
     def reasons(self) -> dict[str, Reason]:
         """Whether each curriculum pays by what it knows."""
+        over, unrelated = self.knowledge_verdicts, self.unrelated_verdicts
         return {
-            name: Reason(pays, self.knowledge_verdicts.get(name))
+            name: Reason(pays, over.get(name), self[name].knows_target, unrelated.get(name))
             for name, pays in self.verdicts.items()
         }
 
@@ -894,6 +913,7 @@ def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
         scratch=planned.scratch,
         curriculum=planned.of,
         initial_values=last.initial_values,
+        knows_target=planned.curriculum.knows_target(plan.target),
         unlearnt={
             source: planned.curriculum.node(source).unlearnt(results[source].result)
             for source in (sources if not planned.of else ())

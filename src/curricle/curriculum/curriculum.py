@@ -180,6 +180,20 @@ class Curriculum:
             )
         return last[0]
 
+    def knows_target(self, name: str) -> bool:
+        """Return whether a search read the model of a task for a mapping that leads to it.
+
+        So does a mapping into a task before it that is no smaller, and may be its copy.
+        """
+        whole, into = self.tasks[name], (name, *self.ancestors(name))
+        return any(
+            edge.target == name
+            or is_observation_task(whole)
+            or self.tasks[edge.target].states.size >= whole.states.size
+            for edge in self.transfers
+            if edge.target in into and edge.mapping.knows_target
+        )
+
     @property
     def last_tasks(self) -> tuple[str, ...]:
         """The tasks that no other builds on."""

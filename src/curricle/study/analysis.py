@@ -116,6 +116,7 @@ def curricula_record(
             control_of=controls.get(arm, ""),
             depends_on_total=_depends_on_total(curriculum),
             variant=variants.get(arm),
+            knows_target=any(map(curriculum.knows_target, curriculum.last_tasks)),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 

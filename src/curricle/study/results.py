@@ -559,6 +559,7 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
         )
     scratch, changes = record.arms[name].scratch, bool(record.arms[name].control_of)
     kind: Any = {"scratch": scratch, "initial_values": study.initial_values(name)}
+    kind["knows_target"] = record.arms[name].knows_target
     arm = Arm.of(result, spent, total, record.eval_freq, **kind)
     unlearnt = {
         task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
