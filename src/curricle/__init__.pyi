@@ -25,7 +25,7 @@ from .interop.gymnasium import (
 )
 from .interop.potential_shaping import PotentialShaping as PotentialShaping
 from .interop.tabulation import tabulate as tabulate
-from .learning.guard import Guard as Guard
+from .learning.portfolio import Portfolio as Portfolio
 from .learning.learners import (
     SARSA as SARSA,
     DoubleQLearning as DoubleQLearning,

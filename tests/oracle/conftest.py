@@ -329,7 +329,7 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
     return SimpleNamespace(
         values=learners[ahead if guarded else 0].values(step),
         training_return=np.array(training),
-        guard_share=np.array(shares),
+        source_share=np.array(shares),
         episodes=np.array(counts),
         steps_used=step,
         episodes_used=ended_episodes,

@@ -37,7 +37,7 @@ def assert_same(task, learner, steps, shaping, *, seed=0):
     naive = learn_naively(task, learner, steps, seed=seed, turn=turn, **options)
     np.testing.assert_array_equal(result.values[0], naive.values)
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
-    np.testing.assert_array_equal(result.guard_share[0], naive.guard_share)
+    np.testing.assert_array_equal(result.source_share[0], naive.source_share)
     np.testing.assert_array_equal(result.episodes[0], naive.episodes)
     return result, naive
 
@@ -107,7 +107,7 @@ def test_the_table_handed_on_is_the_one_evaluated_last(kind, random_mdp, random_
     shaping = random_shaping(task, cr.StateShaping)
     shaping = replace(shaping, guard=Guard())
     result = cr.learn(task, kind(), 2000, eval_freq=100, seeds=20, shaping=shaping, snapshots=4)
-    assert len({share > 0.5 for share in result.guard_share[:, -1]}) == 2  # both were handed on
+    assert len({share > 0.5 for share in result.source_share[:, -1]}) == 2  # both were handed on
     for values, last in zip(result.values, result.greedy_return[:, -1], strict=True):
         assert returned(task, values) == pytest.approx(last, abs=1e-12)
     kept = result.snapshots

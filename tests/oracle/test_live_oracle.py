@@ -63,7 +63,7 @@ def pair(random_mdp):
 def assert_same(live, tabled, terminal):
     """To the last bit, but for the values of terminal states, which a live task cannot know."""
     np.testing.assert_array_equal(live.values[:, ~terminal], tabled.values[:, ~terminal])
-    curves = "training_return", "greedy_return", "episodes", "guard_share"
+    curves = "training_return", "greedy_return", "episodes", "source_share"
     for name in (*curves, "steps_used", "episodes_used"):
         np.testing.assert_array_equal(getattr(live, name), getattr(tabled, name))
 

@@ -99,7 +99,7 @@ def test_a_guarded_learner_finds_the_optimum_whatever_it_was_told(problem, guard
     phi = data.draw(potentials(problem))
     result = learnt(problem, phi, guard, seed)
     assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(phi)
-    share = result.guard_share[0]
+    share = result.source_share[0]
     assert share[0] == 0.5
     ahead = (share > 0.5) & (share <= guard.share_ahead)
     assert (ahead | (share == guard.share_behind) | (share == 0.5)).all()

@@ -119,7 +119,7 @@ def saved(scratch, size, guard, steps):
     return SimpleNamespace(
         steps=scratch.steps - times.steps,
         missed=int((~times.reached).sum()),
-        guard_share=result.guard_share,
+        source_share=result.source_share,
     )
 
 
@@ -142,7 +142,7 @@ def test_a_source_of_size_3_costs_nothing_with_a_guard(scratch):
     assert interval.high >= 0
     assert interval.estimate > -1000
     # Because of the guard: in most seeds, fewer steps are by the learner with phi.
-    assert (found.guard_share.mean(axis=1) < 0.5).mean() > 0.8
+    assert (found.source_share.mean(axis=1) < 0.5).mean() > 0.8
 
 
 def test_larger_sources_keep_most_of_their_saving_under_a_guard(scratch):

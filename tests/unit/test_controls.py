@@ -184,7 +184,7 @@ def test_the_initial_value_under_a_guard_is_that_without():
     )
     arm = comparison["transfer, constant mean"]
     assert arm.initial_value == pytest.approx(arm.level.values.mean())
-    assert np.isfinite(arm.guard_share).all()
+    assert np.isfinite(arm.source_share).all()
 
 
 def test_sparse_tables_are_sampled_and_a_constant_is_looked_up(calls):

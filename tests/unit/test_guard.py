@@ -41,7 +41,7 @@ def test_the_learners_are_judged_by_discounted_returns():
     shaping = cr.QInitialisation(phi, guard=cr.Guard())
     share = cr.learn(
         task, cr.QLearning(learning_rate=0.01), 2000, seeds=5, shaping=shaping
-    ).guard_share
+    ).source_share
     assert (share[:, 0] == UNDECIDED).all()
     assert (share[:, 10:] == cr.Guard().share_behind).mean() > 0.9
 

@@ -16,7 +16,7 @@ COLUMNS = {
     "mean_return", "weak_mean_return", "scratch_mean_return", "start_return", "final_return",
     "weak_final_gain", "steps_to_threshold", "reached", "threshold", "random_return", "optimum",
     "source_steps", "source_return", "source_optimum",
-    "source_random_return", "source_budget", "target_budget", "total", "guard_share", "verdict",
+    "source_random_return", "source_budget", "target_budget", "total", "source_share", "verdict",
     "reason", "pair_seconds",
 }  # fmt: skip
 
@@ -79,9 +79,9 @@ def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
     assert again == parts
     assert again[1].stat().st_mtime_ns == kept[parts[1]]
     second = pq.read_table(played)
-    shares = [np.asarray(table["guard_share"]) for table in (first, second)]
+    shares = [np.asarray(table["source_share"]) for table in (first, second)]
     np.testing.assert_array_equal(*shares)  # NaN where there is no guard
-    apart = ["pair_seconds", "guard_share"]
+    apart = ["pair_seconds", "source_share"]
     assert second.drop_columns(apart).equals(first.drop_columns(apart))
 
 

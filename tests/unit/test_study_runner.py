@@ -20,7 +20,7 @@ from tests.refusals import check_values
 from tests.studies import HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-CURVES = ("steps", "training_return", "greedy_return", "guard_share", "episodes")
+CURVES = ("steps", "training_return", "greedy_return", "source_share", "episodes")
 SPENT = ("steps_used", "episodes_used", "out_of_memory")
 
 

@@ -81,7 +81,7 @@ class Arm:
     ----------
     curve : Curve
         Greedy return (K, T), with the source steps of each seed.
-    training_return, guard_share : (K, T) float64
+    training_return, source_share : (K, T) float64
         As in :class:`LearningResult`.
     control, scratch : bool
         Whether it is a control of another arm, or learns from scratch with a learner of its own.
@@ -100,7 +100,7 @@ class Arm:
 
     curve: Curve
     training_return: FloatArray = field(repr=False)
-    guard_share: FloatArray = field(repr=False)
+    source_share: FloatArray = field(repr=False)
     control: bool = False
     scratch: bool = False
     level: Level | None = field(default=None, repr=False)
@@ -126,12 +126,12 @@ class Arm:
         n = total // eval_freq + 1
         last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
         place = np.minimum(np.arange(n), last[:, None])
-        greedy, training, guard_share = (
+        greedy, training, source_share = (
             np.take_along_axis(curves, place, axis=1)
-            for curves in (result.greedy_return, result.training_return, result.guard_share)
+            for curves in (result.greedy_return, result.training_return, result.source_share)
         )
         curve = Curve(np.arange(n) * eval_freq, greedy, spent)
-        return cls(curve, training, guard_share, **kind)
+        return cls(curve, training, source_share, **kind)
 
     @property
     def initial_value(self) -> float | None:
@@ -167,7 +167,7 @@ def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate
         first,
         curve=Curve(first.curve.steps, values, spent),
         training_return=join([arm.training_return for arm in arms]),
-        guard_share=join([arm.guard_share for arm in arms]),
+        source_share=join([arm.source_share for arm in arms]),
         level=level,
         unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
     )
@@ -562,11 +562,11 @@ class Comparison:
         if not float(gain.low) > 0:
             return ""
         sign = "+" * (float(gain.estimate) > 0)
-        guarded = " under its guard" * bool(np.isfinite(self[best].guard_share).any())
+        shared = " in its portfolio" * bool(np.isfinite(self[best].source_share).any())
         return (
             f"cheaper than {name}: initial_value={self[best].initial_value:.4g} without any "
             f"source, which is its {best.removeprefix(f'{name}, ')} and gains {sign}{short(gain)}"
-            f"{guarded}"
+            f"{shared}"
         )
 
     def cluster_sentence(self, name: str) -> str:

@@ -1,4 +1,3 @@
-from .guard import Guard as Guard
 from .learners import (
     SARSA as SARSA,
     DoubleQLearning as DoubleQLearning,
@@ -12,6 +11,7 @@ from .potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
+from .portfolio import Portfolio as Portfolio
 from .record import Snapshots as Snapshots, WarmUp as WarmUp
 from .result import LearningResult as LearningResult
 from .run import learn as learn
