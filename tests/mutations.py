@@ -129,7 +129,7 @@ MUTATIONS = [
         "return len(self.frame_steps) > 1 or self.weight.first != self.weight.last",
         "return False",
         (
-            "tests/property/test_guard_properties.py::test_values_that_contain_what_shaping_added_say_so",
+            "tests/property/test_portfolio_properties.py::test_values_that_contain_what_shaping_added_say_so",
         ),
     ),
     Mutation(

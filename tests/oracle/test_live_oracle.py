@@ -21,7 +21,7 @@ SHAPINGS = [
     cr.RewardBonus,
     cr.DecayingAdvice,
     cr.StateShaping,
-    partial(cr.QInitialisation, guard=cr.Guard()),
+    partial(cr.QInitialisation, portfolio=cr.Portfolio()),
 ]
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=3)
 STEPS, EVERY = 900, 100

@@ -60,7 +60,7 @@ def test_an_end_is_worth_nothing_whatever_the_table_starts_with(learner, kind):
     [
         (QLearning, None),
         (QLearning, cr.QInitialisation()),
-        (QLearning, cr.QInitialisation(guard=cr.Guard())),
+        (QLearning, cr.QInitialisation(portfolio=cr.Portfolio())),
         (QLearning, cr.StateShaping()),
         (cr.SARSA, cr.QInitialisation()),
         (cr.DoubleQLearning, None),
@@ -170,8 +170,8 @@ SLOW = {
     "sparse": lambda bad: cr.learn(bad, budget=300, storage=cr.Storage("sparse")),
     "general": lambda bad: cr.learn(bad, cr.SARSA(), 300),
     "double": lambda bad: cr.learn(bad, cr.DoubleQLearning(), 300),
-    "guard": lambda bad: cr.learn(
-        bad, budget=300, shaping=cr.QInitialisation(phi(bad), guard=cr.Guard())
+    "portfolio": lambda bad: cr.learn(
+        bad, budget=300, shaping=cr.QInitialisation(phi(bad), portfolio=cr.Portfolio())
     ),
     "evaluation": lambda bad: cr.learn(bad, budget=300, eval_freq=1),
     "greedy rollouts": lambda bad: greedy_rollouts(phi(bad), episodes=5),

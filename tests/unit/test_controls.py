@@ -180,7 +180,7 @@ def test_no_initial_value_is_named_where_a_constant_is_not_one(shaping):
 
 def test_the_initial_value_under_a_guard_is_that_without():
     comparison = compare(
-        corner(shaping=QInitialisation(guard=cr.Guard())), seeds=1, controls=["constant"]
+        corner(shaping=QInitialisation(portfolio=cr.Portfolio())), seeds=1, controls=["constant"]
     )
     arm = comparison["transfer, constant mean"]
     assert arm.initial_value == pytest.approx(arm.level.values.mean())

@@ -225,7 +225,7 @@ def test_equal_tasks_are_one_task():
     ("shaping", "learner"), [(cr.QInitialisation, cr.QLearning()), (cr.StateShaping, cr.SARSA())]
 )
 def test_a_guard_watches_over_the_tasks_that_have_sources(shaping, learner):
-    guarded = {"shaping": shaping(guard=cr.Guard()), "learner": learner}
+    guarded = {"shaping": shaping(portfolio=cr.Portfolio()), "learner": learner}
     result = build(CHAIN, budget=2000, **guarded).train()
     assert np.isnan(result["near"].source_share).all()
     assert (result["far"].source_share > 0).all()

@@ -80,7 +80,7 @@ def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
     assert again[1].stat().st_mtime_ns == kept[parts[1]]
     second = pq.read_table(played)
     shares = [np.asarray(table["source_share"]) for table in (first, second)]
-    np.testing.assert_array_equal(*shares)  # NaN where there is no guard
+    np.testing.assert_array_equal(*shares)  # NaN where there is no portfolio
     apart = ["pair_seconds", "source_share"]
     assert second.drop_columns(apart).equals(first.drop_columns(apart))
 
@@ -129,10 +129,10 @@ def test_a_loss_is_a_share_of_what_scratch_covers():
 def test_the_guard_must_cap_harm_and_keep_gains():
     good = known("good", raw=0.2, guarded=0.19)
     capped = known("capped", raw=-0.4, guarded=-0.04)
-    assert bar_of(tables.guard([good, capped])).startswith("MET")
+    assert bar_of(tables.portfolio([good, capped])).startswith("MET")
     harmed = known("harmed", raw=-0.4, guarded=-0.06)
-    found = bar_of(tables.guard([good, harmed]))
+    found = bar_of(tables.portfolio([good, harmed]))
     assert found.startswith("NOT MET")
     assert "in 1 of 2 pairs (shown in 1; raw in 1)" in found
     lost = known("lost", raw=0.2, guarded=0.1)
-    assert "keeps 50%" in bar_of(tables.guard([lost]))
+    assert "keeps 50%" in bar_of(tables.portfolio([lost]))

@@ -11,7 +11,7 @@ from curricle import (
     Curriculum,
     GreedyEvaluation,
     GridWorld,
-    Guard,
+    Portfolio,
     QInitialisation,
     QLearning,
     StatePotential,
@@ -26,7 +26,7 @@ from tests.refusals import check_values
 MAZE = GridWorld(["S...", "..P.", "...T"])
 LEARNERS = [
     (QLearning(), None),
-    (QLearning(), Guard()),
+    (QLearning(), Portfolio()),
     (SARSA(), None),
 ]
 
@@ -67,12 +67,12 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
         assert ends == oracle(rule, greedy, checkpoint, step)
 
 
-@pytest.mark.parametrize(("learner", "guard"), LEARNERS)
-def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, guard):
+@pytest.mark.parametrize(("learner", "portfolio"), LEARNERS)
+def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, portfolio):
     settings = {"eval_freq": 50, "seeds": 4}
-    if guard:
+    if portfolio:
         phi = np.full(MAZE.mdp.outcome_row.shape, 5.0)
-        settings["shaping"] = QInitialisation(phi, guard=guard)
+        settings["shaping"] = QInitialisation(phi, portfolio=portfolio)
     whole = learn(MAZE, learner, 4000, **settings)
     rule = StoppingRule(4000, threshold=150.0, patience=3)
     stopped = learn(MAZE, learner, rule, **settings)

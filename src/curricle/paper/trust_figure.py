@@ -1,4 +1,4 @@
-"""Beyond the paper: forecast, calibration, controls, guard and a source left out.
+"""Beyond the paper: forecast, calibration, controls, portfolio and a source left out.
 
 The claims answer the paper's questions, each with a control.
 """
@@ -128,9 +128,9 @@ def trust(studies: Studies) -> FigureResult:
     )
     hunts = hunts_of(studies)
     scratch = mazes.Maze.learnt(studies, -5)
-    guard = studies.run("guard", "guard")
-    guarded = {arm: guard.results[arm]["target"] for arm in MAZES}
-    added = wrong_choices_added(guard)
+    portfolio = studies.run("portfolio", "portfolio")
+    guarded = {arm: portfolio.results[arm]["target"] for arm in MAZES}
+    added = wrong_choices_added(portfolio)
     refused = refused_calibrations(studies, -5)
     studies.say("maze, calibration")
     arena = maze(-5)
@@ -171,7 +171,7 @@ def trust(studies: Studies) -> FigureResult:
         "with 95 % bands; the episodes of a calibration come first and count. Bottom left: mean "
         "return above that of scratch at the same number of target and source steps (strong "
         "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a "
-        "guard (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "
+        "portfolio (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "
         f"with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
         tables={"trust": table},
@@ -230,7 +230,7 @@ def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: fl
         draw_curve(panel, curve, label=name, colour=colour, window=mazes.WINDOW)
     draw_level(panel, threshold, ls=":")
     in_thousands(panel)
-    ylabel, title = "greedy return (sum of rewards)", "a harmful source, with and without a guard"
+    ylabel, title = "greedy return (sum of rewards)", "a harmful source, with and without a portfolio"
     panel.set(xlabel="target steps (thousands)", ylabel=ylabel, ylim=(-1700, 150), title=title)
     panel.legend(loc="lower right")
 
@@ -385,8 +385,8 @@ def _maze_claims(
     alone = steps.pop("scratch")
     saved = {name: mean_interval(alone - reached) for name, reached in steps.items()}
     yield Claim(
-        "trust.guard",
-        "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
+        "trust.portfolio",
+        "A harmful source (size 3) does no harm, within noise, to a learner with a portfolio",
         "10x10 maze, step reward -5; target steps to the threshold saved",
         answer(
             saved["the same, guarded"].high >= 0 and saved["from the 3x3 corner"].high < -10_000
