@@ -18,8 +18,8 @@ from curricle.design import SourceCandidate, mappings_between
 from curricle.design.candidates import MAKERS
 from curricle.design.kinds import Draft, design_target
 from curricle.errors import CurricleError, CurriculumError
-from curricle.learning.portfolio import Portfolio
 from curricle.learning.learners import QLearning
+from curricle.learning.portfolio import Portfolio
 from curricle.learning.schedules import linear
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import SETTLED, StoppingRule

@@ -140,7 +140,9 @@ def test_each_learner_acts_in_any_turns_of_the_longest_rest(portfolio, turns):
     """The theorem of :class:`Portfolio`, for any returns and lengths."""
     acted = np.zeros(len(turns), np.uint64)
     rng = np.random.default_rng(len(turns))
-    turns = np.column_stack([rng.integers(0, 3, len(turns)), turns, rng.integers(0, 99, len(turns))])
+    turns = np.column_stack(
+        [rng.integers(0, 3, len(turns)), turns, rng.integers(0, 99, len(turns))]
+    )
     compiled(_turns, False)(portfolio.kernel, Tally.empty(3), turns, acted)
     rest = portfolio.longest_rest
     for first in range(len(acted) - rest + 1):

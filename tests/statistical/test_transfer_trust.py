@@ -152,7 +152,9 @@ def test_larger_sources_keep_most_of_their_saving_under_a_guard(scratch):
     """
     kept = {}
     for size in range(4, 11):
-        bare, guarded = (saved(scratch, size, portfolio, 60_000) for portfolio in (None, cr.Portfolio()))
+        bare, guarded = (
+            saved(scratch, size, portfolio, 60_000) for portfolio in (None, cr.Portfolio())
+        )
         assert (bare.missed, guarded.missed) == (0, 0)
         assert bare.steps.mean() > 5000
         kept[size] = guarded.steps.mean() / bare.steps.mean()

@@ -133,7 +133,10 @@ def test_the_steps_of_a_calibration_are_charged(calls):
 
 
 def test_an_arm_and_its_controls_have_a_guard():
-    arms = {"bare": corner(), "guarded": corner(shaping=cr.QInitialisation(portfolio=cr.Portfolio()))}
+    arms = {
+        "bare": corner(),
+        "guarded": corner(shaping=cr.QInitialisation(portfolio=cr.Portfolio())),
+    }
     comparison = compare(arms, seeds=2, controls=ALL)
     for name, arm in comparison.arms.items():
         if name.startswith("guarded"):

@@ -239,7 +239,10 @@ ARRAY = cr.StateActionPotential(CHASE, np.zeros((81, 5)))
 REFUSED = {
     "SARSA": ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
     "state": ({"shaping": cr.StateShaping(ARRAY)}, "got QLearning with StateShaping"),
-    "portfolio": ({"shaping": cr.QInitialisation(ARRAY, cr.Portfolio())}, "got QLearning.* and a portfolio"),
+    "portfolio": (
+        {"shaping": cr.QInitialisation(ARRAY, cr.Portfolio())},
+        "got QLearning.* and a portfolio",
+    ),
     "array": (
         {"shaping": cr.QInitialisation(ARRAY)},
         "got StateActionPotential, which is an array",

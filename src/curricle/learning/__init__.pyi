@@ -7,11 +7,11 @@ from .learners import (
     QLearning as QLearning,
     value_bounds as value_bounds,
 )
+from .portfolio import Portfolio as Portfolio
 from .potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
-from .portfolio import Portfolio as Portfolio
 from .record import Snapshots as Snapshots, WarmUp as WarmUp
 from .result import LearningResult as LearningResult
 from .run import learn as learn

@@ -264,7 +264,9 @@ class Run:
     stopping: StoppingKernel
     storage: Storage
     rows: int  # that a sparse table may have; 0 for a dense table
-    bounds: tuple[float, float] | None  # of the values of the optimist in a portfolio, if it has one
+    bounds: (
+        tuple[float, float] | None
+    )  # of the values of the optimist in a portfolio, if it has one
 
     def train(
         self, settings: SeedSettings, start: int, out: FloatTable | None, snapshots: int = 0
@@ -278,8 +280,10 @@ class Run:
         seed = _Seed(start, settings, out, record, used, self.evaluation.for_run(start))
         if self.plain(settings.shaping):
             return self._train_sparsely(seed) if self.rows else self._train_densely(seed)
-        fast = self.learner.update == Q_LEARNING and seed.settings.shaping.starts_at_potential
-        return self._train_members(seed) if fast and self.bounds else self._train_learners(seed)
+        shaping, fast = settings.shaping, self.learner.update == Q_LEARNING and bool(self.bounds)
+        if fast and shaping is not None and shaping.starts_at_potential:
+            return self._train_members(seed)
+        return self._train_learners(seed)
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
@@ -370,7 +374,9 @@ class Run:
             self._width,
             (None,),
         )
-        steps, episodes = self._loop(train_q_learning, seed, (table, None, None), table, table.q[None])
+        steps, episodes = self._loop(
+            train_q_learning, seed, (table, None, None), table, table.q[None]
+        )
         checkpoint, rest = divmod(steps, self.eval_freq)
         stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]

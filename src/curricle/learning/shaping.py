@@ -14,8 +14,8 @@ from curricle.arrays import frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
-from curricle.learning.portfolio import Portfolio
 from curricle.learning.learners import SARSA, Learner, OptimisticQLearning
+from curricle.learning.portfolio import Portfolio
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.mdp import Task, generative_model, same_task
