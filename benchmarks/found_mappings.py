@@ -398,7 +398,7 @@ def refusals(seeds: int) -> None:
 
 
 def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> None:
-    """Print why a mapping is refused; of one that is not, the steps that it loses with a portfolio."""
+    """Print why a mapping is refused; of others, the steps that it loses in a portfolio."""
     try:
         best = auto_mapping(target, source)
     except MappingError as error:

@@ -133,6 +133,15 @@ MUTATIONS = [
         ),
     ),
     Mutation(
+        "a learner of a portfolio is dropped",
+        "learning/portfolio.py",
+        "    if tally.last[SOURCE] <= latest:\n",
+        "    if tally.last[SOURCE] < 0.0:\n",
+        (
+            "tests/property/test_portfolio_properties.py::test_each_learner_acts_in_any_turns_of_the_longest_rest",
+        ),
+    ),
+    Mutation(
         "sign of the shaping term",
         "learning/general_loop.py",
         "return discount * there - carried, there",

@@ -100,7 +100,7 @@ def test_on_a_larger_grid_calibration_halves_the_cost(seven, aggregate):
     assert errors(calibrated[:, -1] - raw[:, -1] / 2) > 6
 
 
-# -- the portfolio -------------------------------------------------------------------------------------
+# -- the portfolio ---------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

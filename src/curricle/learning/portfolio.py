@@ -25,7 +25,7 @@ FIRST_OF_SOURCE = 5.0
 """Turns of the source's learner before the two are compared, spread among those of the other."""
 COMPARED = 2.0  # turns of each learner from which on its returns have a variance
 UNDECIDED = 0.5
-"""The source's share before there is anything to compare. Above it the source's learner is ahead."""
+"""The source's share before there is anything to compare. Above it that learner is ahead."""
 LATEST = 0.05  # least weight of a return in the mean of its start
 HORIZON = 0.02  # least weight of a turn's length in the mean that the optimist's rate depends on
 TURN, WHOLE = 3.0, 10.0
@@ -124,7 +124,9 @@ class Tally(NamedTuple):
         """Return the tally before the first turn."""
         starts = np.zeros(n_states + 1, np.int64)
         share = np.array([UNDECIDED, 0.0])
-        return cls(*np.zeros((5, 2)), np.zeros(n_states + 1), starts, share)
+        turns, last, mean, variance, squares = np.zeros((5, 2))
+        returns = np.zeros(n_states + 1)
+        return cls(turns, last, mean, variance, squares, returns, starts, share)
 
 
 class Members(NamedTuple):

@@ -264,9 +264,7 @@ class Run:
     stopping: StoppingKernel
     storage: Storage
     rows: int  # that a sparse table may have; 0 for a dense table
-    bounds: (
-        tuple[float, float] | None
-    )  # of the values of the optimist in a portfolio, if it has one
+    bounds: tuple[float, float] | None  # of values, where portfolios have an optimist
 
     def train(
         self, settings: SeedSettings, start: int, out: FloatTable | None, snapshots: int = 0
@@ -331,7 +329,8 @@ class Run:
     def _train_members(self, seed: _Seed) -> Outcome:
         """Train the source's learner, an optimist and its second table as rows of one table."""
         shaping, (lowest, highest) = seed.settings.shaping, cast(tuple[float, float], self.bounds)
-        assert shaping is not None and shaping.portfolio is not None
+        assert shaping is not None
+        assert shaping.portfolio is not None
         n, n_actions = self.shape
         q = np.empty((3 * n, n_actions), self.storage.dtype)
         for k, start in enumerate((None, highest, lowest)):

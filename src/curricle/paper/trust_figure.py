@@ -175,8 +175,8 @@ def trust(studies: Studies) -> FigureResult:
         "with 95 % bands; the episodes of a calibration come first and count. Bottom left: mean "
         "return above that of scratch at the same number of target and source steps (strong "
         "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a "
-        "portfolio (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "
-        f"with the source than without it, after {EXAMINED:,} steps.",
+        "portfolio (weak transfer). Bottom right: states whose greedy choice is wrong in more "
+        f"seeds with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
         tables={"trust": table},
         claims=[
