@@ -200,13 +200,11 @@ def main() -> None:
         rows = list(work)
     table = {name: np.array([row[name] for row in rows]) for name in RULES}
     best = np.max([table[name] for name in ("scratch", "source", "optimist")], axis=0)
-    print(f"{'':16}{'gain':>8}{'kept':>8}{'worst loss':>12}{'losses > .1':>13}")
+    print(f"{'':16}{'gain':>8}{'kept':>8}{'worst loss':>12}{'> .1':>10}")
     for name, scores in table.items():
         gain, loss = (scores - table["scratch"]).mean(), best - scores
         kept = gain / (best - table["scratch"]).mean()
-        print(
-            f"{name:16}{gain:8.2f}{kept:8.0%}{loss.max():12.2f}{(loss > 0.1).sum():10d} of {len(loss)}"
-        )
+        print(f"{name:16}{gain:8.2f}{kept:8.0%}{loss.max():12.2f}{(loss > 0.1).sum():10d}")
 
 
 if __name__ == "__main__":
