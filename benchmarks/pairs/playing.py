@@ -85,8 +85,8 @@ def rows_of(pair: Pair, found: Comparison, *, scratch: bool = True) -> Iterator[
                 "steps_to_threshold": float(times.steps[k]),
                 "reached": bool(times.reached[k]),
                 "source_steps": int(played.curve.source_steps[k]),
-                "guard_share": float(np.nanmean(played.guard_share[k]))
-                if np.isfinite(played.guard_share[k]).any()
+                "source_share": float(np.nanmean(played.source_share[k]))
+                if np.isfinite(played.source_share[k]).any()
                 else NAN,
                 "verdict": "" if contrast is None else contrast.verdict,
                 "reason": "" if contrast is None else contrast.reason,

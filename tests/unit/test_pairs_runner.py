@@ -16,7 +16,7 @@ COLUMNS = {
     "mean_return", "weak_mean_return", "scratch_mean_return", "start_return", "final_return",
     "weak_final_gain", "steps_to_threshold", "reached", "threshold", "random_return", "optimum",
     "source_steps", "source_return", "source_optimum",
-    "source_random_return", "source_budget", "target_budget", "total", "guard_share", "verdict",
+    "source_random_return", "source_budget", "target_budget", "total", "source_share", "verdict",
     "reason", "pair_seconds",
 }  # fmt: skip
 
@@ -72,9 +72,9 @@ def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
     assert again == parts
     assert again[1].stat().st_mtime_ns == kept[parts[1]]
     second = pq.read_table(played)
-    shares = [np.asarray(table["guard_share"]) for table in (first, second)]
-    np.testing.assert_array_equal(*shares)  # NaN where there is no guard
-    apart = ["pair_seconds", "guard_share"]
+    shares = [np.asarray(table["source_share"]) for table in (first, second)]
+    np.testing.assert_array_equal(*shares)  # NaN where there is no portfolio
+    apart = ["pair_seconds", "source_share"]
     assert second.drop_columns(apart).equals(first.drop_columns(apart))
 
 
@@ -116,10 +116,10 @@ def bar_of(lines):
 def test_the_guard_must_cap_harm_and_keep_gains():
     good = known("good", raw=0.2, guarded=0.19)
     capped = known("capped", raw=-0.4, guarded=-0.04)
-    assert bar_of(tables.guard([good, capped])).startswith("MET")
+    assert bar_of(tables.portfolio([good, capped])).startswith("MET")
     harmed = known("harmed", raw=-0.4, guarded=-0.06)
-    result = bar_of(tables.guard([good, harmed]))
+    result = bar_of(tables.portfolio([good, harmed]))
     assert result.startswith("NOT MET")
     assert "in 1 of 2 pairs (shown in 1; raw in 1)" in result
     lost = known("lost", raw=0.2, guarded=0.1)
-    assert "keeps 50%" in bar_of(tables.guard([lost]))
+    assert "keeps 50%" in bar_of(tables.portfolio([lost]))
