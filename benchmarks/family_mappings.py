@@ -3,7 +3,7 @@
     python -m benchmarks.found_mappings families --split verification --seeds 10
     python -m benchmarks.found_mappings families --split unseen --seeds 10
 
-Everything is as by default, the guard too; the sources' steps are charged. Gains are in units of
+Everything is as by default, the portfolio too; sources' steps are charged. Gains are in units of
 the way from the random policy's return to the optimum. A pair is harmful through its mapping, its
 source or its budget; a search may find another mapping of the same source, so that a pair that is
 harmful by hand need not be so by search. Negated pairs are left out: they have no mapping of their
@@ -63,7 +63,7 @@ def played(pair: Pair, seeds: int) -> Row:
         arms["auto"], how = replace(own, transfers=(edge,)), best.how
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = cr.compare(arms, seeds=seeds, controls=())
+        found = cr.compare(arms, seeds=seeds, opponents=())
     random_return, optimum = levels(pair.target)
     gains = {
         arm: found.arms[arm].strong_gain(found.scratch) / (optimum - random_return) for arm in arms

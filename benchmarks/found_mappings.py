@@ -150,7 +150,7 @@ def gains(
     print(f"  {name}: searched {seconds:.1f} s; {words}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = cr.compare(arms, seeds=seeds, controls=())
+        found = cr.compare(arms, seeds=seeds, opponents=())
     each = {arm: found.arms[arm].strong_gain(found.scratch) for arm in arms}
     mean = {arm: float(gain.mean()) for arm, gain in each.items()}
     for arm in arms:
@@ -389,7 +389,7 @@ def refusals(seeds: int) -> None:
         lines[row] = lines[row][:column] + "T" + lines[row][column + 1 :]
         other = cr.GridWorld(lines, rewards=arena.rewards, start="uniform")
         settings = maze_settings() | {"budget": {"target": 60_000}, "eval_freq": {"target": 500}}
-        guarded = cr.QInitialisation(guard=cr.Guard())
+        guarded = cr.QInitialisation(portfolio=cr.Portfolio())
         made = of(arena, other, shaping=guarded, **settings)
         tell(f"mirrored maze, goal at {row}, {column}", arena, other, made, seeds)
     for target in (cr.Pursuit(3, 1), cr.Pursuit(4, 1), cr.Pursuit(3, 2), cr.Pursuit(4, 2)):
@@ -398,13 +398,13 @@ def refusals(seeds: int) -> None:
 
 
 def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> None:
-    """Print why a mapping is refused; of one that is not, the steps that it loses with a guard."""
+    """Print why a mapping is refused; of others, the steps that it loses in a portfolio."""
     try:
         best = auto_mapping(target, source)
     except MappingError as error:
         print(f"  {name}: {error}", flush=True)
         return
-    found = cr.compare({"auto": made([edge(best.mapping)])}, seeds=seeds, controls=())
+    found = cr.compare({"auto": made([edge(best.mapping)])}, seeds=seeds, opponents=())
     auto, scratch = (found.times(arm).median().estimate for arm in ("auto", "scratch"))
     lost, steps = (auto - scratch) / found.total, found.arms["auto"].curve.source_steps.mean()
     print(f"  {name}: taken, {best}")

@@ -150,7 +150,7 @@ def learnt(task):
         budget={"source": cr.StoppingRule(budget[0]), "target": budget[1]},
         shaping=cr.QInitialisation(),
     )
-    found = cr.compare(plan, seeds=many)
+    found = cr.compare(plan, seeds=many, opponents=())
     scratch, arm = found.scratch, found["transfer"]
     values = scratch.curve.filled()
     return {

@@ -122,12 +122,12 @@ def exact_optimum(mdp):
 def exact_action_values(mdp, values):
     """Return Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')) of states that are not terminal."""
     gamma = Fraction(mdp.discount)
-    found = {}
+    q = {}
     for s, a in product(np.flatnonzero(~mdp.terminal), range(mdp.actions.size)):
         row = mdp.outcome_row[s, a]
         outcomes = zip(mdp.probability[row], mdp.next_state[row], mdp.reward[row], strict=True)
-        found[s, a] = sum(Fraction(p) * (Fraction(r) + gamma * values[t]) for p, t, r in outcomes)
-    return found
+        q[s, a] = sum(Fraction(p) * (Fraction(r) + gamma * values[t]) for p, t, r in outcomes)
+    return q
 
 
 # -- certificates ----------------------------------------------------------------------------------
@@ -147,43 +147,47 @@ def total_loss(mdp, chosen):
     return max((best - worst)[met_states(mdp)])
 
 
-def agrees_exactly(mdp, found, added):
+def agrees_exactly(mdp, certificate, added):
     """Hold a certificate of the rewards r + `added` to the exact optimal actions of both."""
     states, q = met_states(mdp), action_values(mdp)
     acted = action_values(mdp, added)
-    agrees_with_values(mdp, found, q, acted)
+    agrees_with_values(mdp, certificate, q, acted)
     optimal, chosen = best_actions(q), best_actions(acted)
     lost = total_loss(mdp, chosen)
-    assert found.total_loss >= lost
-    if found.holds is not None:
-        close = 40 * found.error_bound + 1e-6 * float(abs(q).max())
-        assert found.total_loss == pytest.approx(float(lost), abs=close)
-    if found.holds is False:
-        s, a, b = (getattr(found.counterexample, n) for n in ("state", "action", "shaped_action"))
+    assert certificate.total_loss >= lost
+    if certificate.holds is not None:
+        close = 40 * certificate.error_bound + 1e-6 * float(abs(q).max())
+        assert certificate.total_loss == pytest.approx(float(lost), abs=close)
+    if certificate.holds is False:
+        s, a, b = (
+            getattr(certificate.counterexample, n) for n in ("state", "action", "shaped_action")
+        )
         assert s in states
         values = float(q[s, a]), float(q[s, b])
-        assert found.counterexample.values == pytest.approx(values, abs=2 * found.error_bound)
-        assert optimal[s, a] or found.counterexample.lost == 0
-        assert found.counterexample.lost == pytest.approx(
-            float(q[s, a] - q[s, b]) if found.counterexample.lost else 0,
-            abs=4 * found.error_bound,
+        assert certificate.counterexample.values == pytest.approx(
+            values, abs=2 * certificate.error_bound
+        )
+        assert optimal[s, a] or certificate.counterexample.lost == 0
+        assert certificate.counterexample.lost == pytest.approx(
+            float(q[s, a] - q[s, b]) if certificate.counterexample.lost else 0,
+            abs=4 * certificate.error_bound,
         )
 
 
-def agrees_with_values(mdp, found, q, acted):
+def agrees_with_values(mdp, certificate, q, acted):
     """Hold a certificate to the exact values, (S, A), of the task and those acted on."""
     states = met_states(mdp)
     optimal, chosen = best_actions(q)[states], best_actions(acted)[states]
-    if found.holds is None:  # then two values are close, or equal
+    if certificate.holds is None:  # then two values are close, or equal
         differences = [
             np.sort(values[states].max(axis=1, keepdims=True) - values[states], axis=1)[:, 1:]
             for values in (q, acted)
         ]
-        assert min(min(part.ravel()) for part in differences) <= 4 * found.error_bound
+        assert min(min(part.ravel()) for part in differences) <= 4 * certificate.error_bound
     else:
-        assert found.holds is bool((optimal == chosen).all())
+        assert certificate.holds is bool((optimal == chosen).all())
     short = (q.max(axis=1, keepdims=True) - q)[states]
     lost = max(short[chosen])
-    assert found.loss >= lost
-    if found.holds is not None:
-        assert found.loss == pytest.approx(float(lost), abs=40 * found.error_bound)
+    assert certificate.loss >= lost
+    if certificate.holds is not None:
+        assert certificate.loss == pytest.approx(float(lost), abs=40 * certificate.error_bound)

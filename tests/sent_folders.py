@@ -28,6 +28,7 @@ def same(target, source):
 """
 STUDY = """
 name = "own"
+opponents = []
 seeds = 2
 seeds_per_unit = 2
 budget = 400

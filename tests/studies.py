@@ -10,6 +10,7 @@ from curricle.study import read_study
 
 HUNT = """
 name = "hunt"
+opponents = []
 seeds = "0-3"
 seeds_per_unit = 2
 threshold = -8.0
@@ -72,6 +73,7 @@ actions = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 
 """
 MAZE = """
 name = "maze"
+opponents = []
 [tasks.maze]
 type = "maze"
 map = '''

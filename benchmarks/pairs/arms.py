@@ -1,4 +1,4 @@
-"""What each pair is played with: ways in, the guard, and what knows nothing."""
+"""What each pair is played with: ways in, the portfolio, and what knows nothing."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,8 +20,8 @@ def raw(pair: Pair) -> cr.Curriculum:
 
 
 def guarded(pair: Pair) -> cr.Curriculum:
-    """Return the same with a guard."""
-    return pair.curriculum(shaping=cr.QInitialisation(guard=cr.Guard()))
+    """Return the same with a portfolio."""
+    return pair.curriculum(shaping=cr.QInitialisation(portfolio=cr.Portfolio()))
 
 
 def advice(pair: Pair) -> cr.Curriculum:
@@ -48,7 +48,7 @@ def default(pair: Pair) -> cr.Curriculum:
 
 
 def default_unguarded(pair: Pair) -> cr.Curriculum:
-    """Return the same without the guard that is the default."""
+    """Return the same without the portfolio that is the default."""
     return replace(default(pair), shaping=cr.QInitialisation())
 
 

@@ -38,22 +38,18 @@ def play(name: str, arms: Sequence[str], seeds: int) -> list[dict[str, Any]]:
     others = curricula(pair, [arm for arm in arms if arm != RAW])
     defaults = {arm: others.pop(arm) for arm in DEFAULTS if arm in others}
     rows: list[dict[str, Any]] = []
+    alone: Any = {"opponents": (), "workers": 1}  # those that matter are arms
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         facts = facts_of(pair, seeds)
         if RAW in arms:
-            found = cr.compare(
-                {RAW: raw(pair)},
-                seeds=seeds,
-                controls=CONTROLS,
-                workers=1,
-            )
+            found = cr.compare({RAW: raw(pair)}, seeds=seeds, controls=CONTROLS, **alone)
             rows += rows_of(pair, found)
         if others:
-            found = cr.compare(others, seeds=seeds, scratch=scratch_learners(pair), workers=1)
+            found = cr.compare(others, seeds=seeds, scratch=scratch_learners(pair), **alone)
             rows += rows_of(pair, found, scratch=not rows)
         if defaults:
-            found = cr.compare(defaults, seeds=seeds, workers=1)
+            found = cr.compare(defaults, seeds=seeds, **alone)
             rows += rows_of(pair, found, scratch=not rows)
     seconds = time.process_time() - begun
     return [{**row, **facts, "pair_seconds": seconds} for row in rows]
@@ -89,8 +85,8 @@ def rows_of(pair: Pair, found: Comparison, *, scratch: bool = True) -> Iterator[
                 "steps_to_threshold": float(times.steps[k]),
                 "reached": bool(times.reached[k]),
                 "source_steps": int(played.curve.source_steps[k]),
-                "guard_share": float(np.nanmean(played.guard_share[k]))
-                if np.isfinite(played.guard_share[k]).any()
+                "source_share": float(np.nanmean(played.source_share[k]))
+                if np.isfinite(played.source_share[k]).any()
                 else NAN,
                 "verdict": "" if contrast is None else contrast.verdict,
                 "reason": "" if contrast is None else contrast.reason,

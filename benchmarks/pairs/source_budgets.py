@@ -2,7 +2,7 @@
 
     python -m benchmarks.pairs.source_budgets --seeds 10
 
-Only sensible pairs are played, with the default guard. All arms of a pair have one total, and the
+Only sensible pairs are played, with the default portfolio. All arms of a pair have one total; the
 source's steps are charged. Gains over scratch are shares of the way from the random policy's
 return to the optimum. A family counts once, with the mean of its pairs, since pairs of one family
 are much alike; intervals at 95 % are Student's over families. The rule's constants were fitted on
@@ -49,7 +49,7 @@ def arms(pair: Pair) -> dict[str, cr.Curriculum]:
 def played(name: str, seeds: int) -> dict[str, Any]:
     """Return what is kept of a pair: each arm's gain, its loss and its source's steps."""
     pair = pair_named(name)
-    found = cr.compare(arms(pair), seeds=seeds, workers=1)
+    found = cr.compare(arms(pair), seeds=seeds, opponents=(), workers=1)
     random, optimum = levels(pair.target)
     base = (mean_return(found.scratch.curve).mean() - random) / (optimum - random)
     row: dict[str, Any] = {"pair": name, "family": pair.family, "split": pair.split}

@@ -1,4 +1,4 @@
-"""Print what the pairs say: gains, guard, optimism, defaults, ways in, and the bars.
+"""Print what the pairs say: gains, portfolio, optimism, defaults, ways in, and the bars.
 
     python -m benchmarks.pairs.tables pairs.parquet [--split verification]
 
@@ -56,10 +56,10 @@ def gains(pairs: Sequence[Played]) -> Lines:
             yield start + "".join(f"{cell:>12}" for cell in cells)
 
 
-def guard(pairs: Sequence[Played], arm: str = "guarded") -> Lines:
+def portfolio(pairs: Sequence[Played], arm: str = "guarded") -> Lines:
     """Yield the loss of the guarded learner, and the share of the raw gain that it keeps."""
     played = [pair for pair in pairs if pair.has(RAW, arm)]
-    yield f"Guard, weak: loss of {RAW} and of {arm}, loss at the end; weak gain kept"
+    yield f"Portfolio, weak: loss of {RAW} and of {arm}, loss at the end; weak gain kept"
     over, shown, ends, kept = 0, 0, 0, list[float]()
     for pair in played:
         loss, raw, own = (
@@ -142,7 +142,7 @@ def defaults(pairs: Sequence[Played], arm: str = "default") -> Lines:
 
 
 def unguarded_defaults(pairs: Sequence[Played]) -> Lines:
-    """Yield the same for the default settings without their guard."""
+    """Yield the same for the default settings without their portfolio."""
     yield from defaults(pairs, "unguarded default")
 
 
@@ -174,7 +174,7 @@ def bar(met: bool, text: str) -> str:
 
 TABLES: dict[str, Callable[[Sequence[Played]], Lines]] = {
     "gains": gains,
-    "guard": guard,
+    "portfolio": portfolio,
     "optimism": optimism,
     "default": defaults,
     "unguarded default": unguarded_defaults,

@@ -15,6 +15,7 @@ LONG = 3_000_000
 DASK = [sys.executable, "-m", "dask"]
 OWN_STUDY = """
 name = "own"
+opponents = []
 seeds = 6
 seeds_per_unit = 1
 tasks.corner = { type = "factory", factory = "rules:corner", budget = 2_000 }

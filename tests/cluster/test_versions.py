@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from tests.cluster.conftest import LONG, begun, finished, units_in, wait_until, whole
+from tests.cluster.conftest import LONG, begun, units_in, wait_until, whole
 
 OLDER = """
 from importlib import metadata
@@ -22,17 +22,6 @@ def older(tmp_path):
     folder.mkdir()
     (folder / "sitecustomize.py").write_text(OLDER)
     return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}
-
-
-def test_another_version_is_refused_before_anything_runs(study, dask, older, tmp_path):
-    dask.add_worker(**older)
-    dask.ready(4)
-    printed, code = finished(study(), tmp_path / "out", "--on", dask.on)
-    assert code == 1, printed
-    assert f"each worker of {dask.on} must have the versions of the run: tcp://127" in printed
-    assert printed.count(SENTENCE) == 1
-    assert "Traceback" not in printed
-    assert not (tmp_path / "out").exists()
 
 
 def test_another_version_that_joins_late_trains_nothing(study, dask, older, tmp_path):

@@ -306,7 +306,6 @@ def test_a_comparison_of_two_ways_refuses_other_problems():
 
 
 def test_settings_of_a_tuning_that_no_network_takes_are_refused_beforehand(tmp_path):
-    pytest.importorskip("optuna")
     file = tmp_path / "hunt.toml"
     space = "tasks.hunt.learner.settings.n_step = [1, 2]"
     file.write_text(f"{OBSERVED_HUNT}[tune]\ntrials = 2\n[tune.space]\n{space}\n")

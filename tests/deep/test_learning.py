@@ -46,15 +46,6 @@ def same(result, other):
         assert all(np.array_equal(a, b) for a, b in pairs)
 
 
-def test_curves_have_a_checkpoint_at_every_so_many_steps(observed):
-    result = cr.deep.learn_deep(observed, DQN, 250, seeds=[4, 1], eval_freq=100)
-    assert result.steps.tolist() == [0, 100, 200]
-    assert result.greedy_return.shape == (2, 3)
-    assert np.isfinite(result.greedy_return).all()
-    assert result.steps_used.tolist() == [250, 250]
-    assert (np.diff(result.episodes) > 0).all()
-
-
 def test_checkpoints_between_the_steps_of_many_environments_are_recorded(observed):
     many = cr.deep.DeepLearner("DQN", envs=8, settings=QUICK)
     result = cr.deep.learn_deep(observed, many, 20, seeds=2, eval_freq=1)
@@ -285,7 +276,10 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     ("arguments", "message"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
-        ({"shaping": cr.StateShaping(guard=cr.Guard())}, "a guard is for learners with tables"),
+        (
+            {"shaping": cr.StateShaping(portfolio=cr.Portfolio())},
+            "a portfolio is for learners with tables",
+        ),
         ({"evaluation": cr.GreedyEvaluation("exact")}, "since an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),

@@ -59,17 +59,6 @@ def test_a_saved_model_goes_on_learning(tmp_path, lake):
     assert model.num_timesteps == 64
 
 
-def test_the_policy_of_a_residual_keeps_its_potential(tmp_path):
-    task, table = one_hot(MAZE), cr.solve(MAZE).action_values
-    potential = table_potential(MAZE, task, table)
-    result = learn_deep(task, DEEP_Q, 64, shaping=cr.QInitialisation(potential), eval_freq=32)
-    rows = np.eye(MAZE.states.size, dtype=np.float32)
-    wanted = result.values[0].policy.predict(rows, deterministic=True)[0]
-    assert np.array_equal(result.policy.predict(rows), wanted)
-    model = result.policy.model
-    assert np.array_equal(cr.deep.NetworkValues(model.policy).v(rows), result.values[0].v(rows))
-
-
 def test_the_policy_is_that_of_the_best_last_return(lake):
     best = int(lake.greedy_return[:, -1].argmax())
     assert lake.policy is lake.policies[best]

@@ -23,6 +23,7 @@ FEW, MANY = 10, 300
 SECONDS = 20
 STUDY = """
 name = "chain"
+opponents = []
 budget = 300
 seeds = 3
 snapshots = 3

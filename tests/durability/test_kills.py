@@ -9,6 +9,7 @@ import pytest
 STUDIES = {
     "maze": """
 name = "corner"
+opponents = []
 seeds = "0-3"
 seeds_per_unit = 2
 eval_freq = 200
@@ -25,6 +26,7 @@ budget = { max_steps = 2000, threshold = 100.0, patience = 2 }
 """,
     "own_code": """
 name = "own"
+opponents = []
 seeds = "0-3"
 seeds_per_unit = 1
 eval_freq = 200
@@ -39,6 +41,7 @@ transfers = [
 """,
     "stages": """
 name = "stages"
+opponents = []
 seeds = "0-5"
 seeds_per_unit = 2
 eval_freq = 100
@@ -55,6 +58,7 @@ budget = { max_steps = 1000, threshold = 90.0, patience = 2 }
 """,
     "live": """
 name = "live"
+opponents = []
 seeds = "0-1"
 seeds_per_unit = 1
 eval_freq = 250

@@ -111,15 +111,6 @@ def test_episodes_start_uniformly_where_the_prey_is_not_caught(size, capture):
     assert chisquare(counts[possible]).pvalue > 1e-4
 
 
-def test_a_start_is_drawn_again_until_it_is_one():
-    # Any of three predators on four cells touches the prey in 37 of 64 cases.
-    game = cr.Pursuit(2, 3, capture="any")
-    result = np.empty(50_000, np.uint64)
-    started(game.model, random_bits(len(result)), result)
-    assert not game.mdp.terminal[result.astype(int)].any()
-    assert set(result.tolist()) == set(np.flatnonzero(game.mdp.start).tolist())
-
-
 def test_quotients_are_exact_around_the_multiples_of_a_divisor():
     rng, largest = np.random.default_rng(0), 2**43
     divisors = {*range(2, 200), *(2**k for k in range(1, 20)), 999_999, 10**6}

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.learning.run import Run
 from curricle.learning.schedules import constant
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
@@ -61,15 +60,15 @@ def test_schedules_of_the_learning_rate(name, kind, random_mdp, naive_learn):
     )
 
 
-@pytest.mark.parametrize("what", ["epsilon", "inverse_temperature"])
+@pytest.mark.parametrize("setting", ["epsilon", "inverse_temperature"])
 @pytest.mark.parametrize("kind", [cr.QLearning, cr.ExpectedSARSA])
 @pytest.mark.parametrize("name", SCHEDULES)
-def test_schedules_of_exploration(name, kind, what, random_mdp, naive_learn):
-    task, learner = random_mdp(3, time_limit=9), kind(**{what: SCHEDULES[name]})
+def test_schedules_of_exploration(name, kind, setting, random_mdp, naive_learn):
+    task, learner = random_mdp(3, time_limit=9), kind(**{setting: SCHEDULES[name]})
     assert_same(
         cr.learn(task, learner, STEPS, eval_freq=EVERY),
         naive_learn(task, learner, STEPS, eval_freq=EVERY),
-        exact=kind is cr.QLearning or (what == "epsilon" and name != "exponential"),
+        exact=kind is cr.QLearning or (setting == "epsilon" and name != "exponential"),
     )
 
 
@@ -112,47 +111,6 @@ def test_budget_in_episodes(kind, random_mdp, naive_learn):
     assert_same(result, naive)
 
 
-# -- the fast loop against the general one -------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("exploration", "rate", "method"),
-    [
-        ({"epsilon": 0.2}, "constant", "exact"),
-        ({"epsilon": 0.2}, "constant", "rollouts"),
-        ({"epsilon": 0.2}, "harmonic", "exact"),
-        ({"inverse_temperature": 2.0}, "constant", "exact"),
-    ],
-)
-def test_fast_loop_equals_the_general_one(
-    exploration, rate, method, random_mdp, random_shaping, monkeypatch
-):
-    # Here no values tie; with ties see test_nothing_added_changes_nothing. How policies are
-    # evaluated does not depend on the exploration or the rate, nor these on each other.
-    tasks = [random_mdp(s, time_limit=[None, 7][s % 2], n_actions=2 + s % 4) for s in range(8)]
-    learner = cr.QLearning(learning_rate=SCHEDULES[rate], **exploration)
-    settings = {"eval_freq": 50, "evaluation": cr.GreedyEvaluation(method=method, episodes=5)}
-
-    def train():
-        return [
-            cr.learn(
-                t,
-                learner,
-                3000,
-                shaping=random_shaping(t, cr.QInitialisation),
-                **settings,
-            )
-            for t in tasks
-        ]
-
-    fast = train()
-    monkeypatch.setattr(Run, "plain", lambda self, shaping: False)
-    slow = train()
-    for a, b in zip(fast, slow, strict=True):
-        for name in ("values", "training_return", "greedy_return", "episodes", "steps_used"):
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-
-
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("rate", [0.5, 1.0])
 def test_fast_loop_breaks_ties_like_the_naive_learner(rate, seed, naive_learn):
@@ -180,24 +138,6 @@ def test_literal_look_ahead_advice_is_look_ahead_advice(
     naive = naive_learn(task, learner, 3000, shaping=shaping, literal=True)
     np.testing.assert_allclose(result.values[0], naive.values, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(result.training_return[0], naive.training_return)
-
-
-@pytest.mark.parametrize("kind", [cr.QLearning, cr.SARSA])
-@pytest.mark.parametrize("seed", range(40))
-def test_literal_look_ahead_advice_is_exact_in_dyadic_arithmetic(seed, kind, naive_learn):
-    # Halves throughout: 20 steps add at most 2 bits each to small whole numbers, so that nothing
-    # is rounded, ties are ties in both forms, and the tables must agree to the last bit.
-    rng = np.random.default_rng(seed)
-    transition = np.zeros((4, 2, 4))
-    transition[np.arange(4)[:, None], np.arange(2), rng.integers(4, size=(4, 2))] = 1.0
-    task = cr.FiniteMDP.from_dense(
-        transition, rng.integers(-4, 5, size=(4, 2)), terminal=[0, 0, 0, 1], start=0, discount=0.5
-    )
-    phi = cr.StateActionPotential(task, rng.integers(-1, 2, size=(4, 2)))
-    shaping, learner = cr.LookAheadAdvice(phi), kind(learning_rate=0.5, epsilon=0.25)
-    result = cr.learn(task, learner, 20, shaping=shaping, seeds=[seed])
-    naive = naive_learn(task, learner, 20, shaping=shaping, literal=True, seed=seed)
-    np.testing.assert_array_equal(result.values[0], naive.values)
 
 
 # -- greedy evaluation ---------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Learning live against learning on the same rules as tables, and against plain Python."""
+"""Learning live against learning on the same rules as tables."""
 
 from dataclasses import replace
 from functools import partial
@@ -6,10 +6,8 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 
 import curricle as cr
-from curricle.tasks.kernel import stream_start
 from curricle.transfer.rollouts import greedy_rollouts
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
@@ -21,7 +19,7 @@ SHAPINGS = [
     cr.RewardBonus,
     cr.DecayingAdvice,
     cr.StateShaping,
-    partial(cr.QInitialisation, guard=cr.Guard()),
+    partial(cr.QInitialisation, portfolio=cr.Portfolio()),
 ]
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=3)
 STEPS, EVERY = 900, 100
@@ -63,7 +61,7 @@ def pair(random_mdp):
 def assert_same(live, tabled, terminal):
     """To the last bit, but for the values of terminal states, which a live task cannot know."""
     np.testing.assert_array_equal(live.values[:, ~terminal], tabled.values[:, ~terminal])
-    curves = "training_return", "greedy_return", "episodes", "guard_share"
+    curves = "training_return", "greedy_return", "episodes", "source_share"
     for name in (*curves, "steps_used", "episodes_used"):
         np.testing.assert_array_equal(getattr(live, name), getattr(tabled, name))
 
@@ -85,7 +83,9 @@ def test_every_learner_learns_live_what_it_learns_on_tables(kind, exploration, p
 
 
 @pytest.mark.parametrize("way", SHAPINGS)
-def test_every_shaping_and_a_guard(way, pair):
+def test_every_shaping_and_a_portfolio(way, pair, monkeypatch):
+    # Only the rewards of tables bound values: without them there is no optimist.
+    monkeypatch.setattr("curricle.learning.run.optimism", lambda task: None)
     tasks = pair(2, time_limit=9)
     learner = cr.SARSA(epsilon=0.3) if way is cr.LookBackAdvice else cr.QLearning(epsilon=0.3)
     shape = (12,) if way is cr.StateShaping else (12, tasks[0].actions.size)
@@ -117,64 +117,3 @@ def test_greedy_rollouts(pair):
     )
     for name in ("states", "actions", "predicted", "return_to_go", "lengths", "ended", "returns"):
         np.testing.assert_array_equal(getattr(lively, name), getattr(other, name))
-
-
-# -- an environment left to chance, which cuts episodes off itself ---------------------------------
-
-MASK = 2**64 - 1
-
-
-def splitmix64(z):
-    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
-    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
-    return z ^ (z >> 31)
-
-
-def q_learning(env, q, steps, *, seed, epsilon, rate, discount, limit):
-    """Learn in place as `learn` does, ends worth 0; q must have no two equal values in a row."""
-    start = stream_start(seed, "")
-    counter = start
-    state, _ = env.reset(seed=splitmix64(start ^ 1) >> 33)
-    counter, length = counter + 0x9E3779B97F4A7C15 & MASK, 0  # the draw of a start, not needed here
-    returns, total = [], 0.0
-    for _ in range(steps):
-        counter = counter + 0x9E3779B97F4A7C15 & MASK
-        bits = splitmix64(counter)
-        if (bits >> 32) / 2**32 < epsilon:
-            action = ((bits & 0xFFFFFFFF) * q.shape[1]) >> 32
-        else:
-            action = int(q[state].argmax())
-        following, reward, terminated, truncated, _ = env.step(action)
-        target = float(reward) + (0.0 if terminated else discount * q[following].max())
-        q[state, action] += rate * (target - q[state, action])
-        state, length, total = following, length + 1, total + reward
-        if terminated:
-            q[following] = 0.0
-        if terminated or truncated or length >= limit:
-            returns.append(total)
-            state, _ = env.reset()
-            counter, length, total = counter + 0x9E3779B97F4A7C15 & MASK, 0, 0.0
-    return returns
-
-
-@pytest.mark.parametrize("limit", [None, 5])
-@pytest.mark.parametrize("seed", [0, 12345])
-def test_live_learning_equals_a_loop_in_python(seed, limit):
-    def lake():
-        return gym.wrappers.TimeLimit(FrozenLakeEnv(), 11)  # cut by the environment, unannounced
-
-    task = cr.from_gymnasium(lake, discount=0.9, time_limit=limit)
-    assert isinstance(task, cr.tasks.LiveMDP)
-    assert task.time_limit == limit
-    phi = np.random.default_rng(seed).normal(size=(16, 4))
-    learner = cr.QLearning(learning_rate=0.3, epsilon=0.2)
-    potential = cr.StateActionPotential(task, phi)
-    learnt = cr.learn(
-        task, learner, 2000, seeds=[seed], shaping=cr.QInitialisation(potential), eval_freq=2000
-    )
-    q = phi.copy()
-    settings = {"epsilon": 0.2, "rate": 0.3, "discount": 0.9, "limit": limit or np.inf}
-    returns = q_learning(lake(), q, 2000, seed=seed, **settings)
-    np.testing.assert_array_equal(learnt.values[0], q)
-    assert learnt.episodes_used[0] == len(returns)
-    assert learnt.training_return[0, -1] == sum(returns) / len(returns)

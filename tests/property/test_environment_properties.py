@@ -1,14 +1,13 @@
-"""Environments move as their tasks' tables say, and what is learnt in them by hand is the truth."""
+"""Environments move as their tasks' tables say."""
 
-import gymnasium
 import numpy as np
-import pytest
 from hypothesis import given, settings, strategies as st
 
-from curricle import FiniteMDP, GridWorld, Pursuit, evaluate, solve
+from curricle import GridWorld, Pursuit
 from curricle.interop import register
-from curricle.interop.gymnasium import maze_environment, to_gymnasium
+from curricle.interop.gymnasium import to_gymnasium
 from curricle.tasks.mdp import tables
+from tests.tasks import mdps
 
 register()
 STEPS = 4_000
@@ -16,27 +15,8 @@ FALSE_ALARM = 1e-9
 """The chance that one frequency lies outside its bound by accident; each test has some thousand."""
 
 
-@st.composite
-def small_mdps(draw):
-    """MDPs of 2 to 5 states, of which the last is terminal, with many probabilities of 0."""
-    n_states, n_actions = draw(st.integers(2, 5)), draw(st.integers(1, 3))
-    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
-    shape = (n_states, n_actions, n_states)
-    weight = rng.exponential(size=shape) * (rng.random(shape) < draw(st.sampled_from([0.3, 1.0])))
-    weight[weight.sum(axis=2) == 0, 0] = 1
-    start = rng.random(n_states) * (np.arange(n_states) < n_states - 1)
-    return FiniteMDP.from_dense(
-        weight / weight.sum(axis=2, keepdims=True),
-        rng.normal(size=shape),
-        terminal=np.arange(n_states) == n_states - 1,
-        start=start / start.sum(),
-        discount=0.9,
-        time_limit=draw(st.integers(1, 30)),
-    )
-
-
 TASKS = st.one_of(
-    small_mdps(),
+    st.builds(lambda mdp, n: mdp.task(time_limit=n), mdps(max_states=5), st.integers(1, 30)),
     st.sampled_from(
         [
             Pursuit(2, 1),
@@ -107,28 +87,3 @@ def test_a_seed_fixes_all_episodes_that_follow(task, seed):
     used.reset()
     used.step(0)
     assert played(used) == played(to_gymnasium(task))
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: gymnasium.make("Curricle/Maze-v0"),
-        lambda: maze_environment(["..F.", "S.#T"], rewards={"step": -5}),
-    ],
-)
-def test_a_learner_by_hand_finds_the_planned_value(make):
-    environment = make()
-    task = environment.unwrapped.task
-    q = np.zeros((environment.observation_space.n, environment.action_space.n))
-    rng = np.random.default_rng(0)
-    for _ in range(500):
-        state, _ = environment.reset()
-        over = False
-        while not over:
-            action = rng.integers(4) if rng.random() < 0.3 else q[state].argmax()
-            reached, reward, terminated, truncated, _ = environment.step(action)
-            # The maze leaves nothing to chance, so that there is nothing to average.
-            q[state, action] = reward + task.discount * q[reached].max() * (not terminated)
-            state, over = reached, terminated or truncated
-    learnt = evaluate(task, q.argmax(axis=1)).start_value
-    assert learnt == pytest.approx(solve(task).start_value, abs=1e-6)

@@ -1,6 +1,5 @@
 """Factored models and tables of random pursuits: solutions agree within their error bounds."""
 
-import itertools
 import subprocess
 import sys
 
@@ -9,8 +8,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
-from curricle.planning.models import model_of
-from curricle.tasks.models import joint_landing
 from tests.tasks import pursuits
 
 HUNTS = pursuits(["uniform", "cell"], discounts=[0.0, 0.5, 0.9, 0.99])
@@ -48,25 +45,6 @@ def test_factored_models_and_tables_evaluate_alike(game, seed, kind):
     assert abs(factored.action_values - other.action_values).max() <= bound
 
 
-@given(HUNTS)
-def test_planning_models_of_a_pursuit_agree_with_its_tables(game):
-    model, mdp = model_of(game), game.mdp
-    np.testing.assert_array_equal(model.terminal, mdp.terminal)
-    assert model.start_value(model.mean_reward) == pytest.approx(mdp.start @ model.mean_reward)
-    assert model.discount == mdp.discount
-    assert model.n_actions == mdp.actions.size
-
-
-def test_joint_landing_is_numbered_like_states_and_actions():
-    game = cr.Pursuit(size=2, predators=2)
-    landed = joint_landing(game.factored_model.landing, 2)
-    for (p, q), (a, b) in itertools.product(
-        itertools.product(range(4), repeat=2), itertools.product(range(5), repeat=2)
-    ):
-        place, action = p * 4 + q, game.actions.encode(predator_1=a, predator_2=b)
-        assert landed[place, action] == game.landing[p, a] * 4 + game.landing[q, b]
-
-
 def test_a_prey_that_reacts_has_no_factored_model():
     by_cell = np.full((4, 5), 0.2)
     assert cr.Pursuit(size=2, predators=1, prey=by_cell).factored_model is not None
@@ -82,15 +60,6 @@ def test_what_a_prey_returned_stays_its_own():
     assert game.factored_model is not None
     returned[:] = 0.0  # would fail, had it been frozen
     assert game.factored_model.prey_policy.min() == 0.2
-
-
-@pytest.mark.parametrize("predators", [1, 2])
-def test_solve_takes_the_factored_model_of_a_pursuit(predators, monkeypatch):
-    by_tables = cr.solve(cr.Pursuit(size=3, predators=predators).mdp)
-    monkeypatch.setattr(cr.Pursuit, "mdp", property(lambda _: pytest.fail("tables were built")))
-    solution = cr.solve(cr.Pursuit(size=3, predators=predators))
-    assert abs(solution.values - by_tables.values).max() <= 2e-8
-    assert (solution.optimal == by_tables.optimal).all()
 
 
 PEAK = """

@@ -1,6 +1,8 @@
 """Theorems about mappings that are found: equal Q* along homomorphisms, images found again."""
 
 import itertools
+import pickle
+from copy import copy, deepcopy
 from dataclasses import replace
 from fractions import Fraction
 
@@ -8,10 +10,18 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle import FiniteMDP
+import curricle as cr
+from curricle import FiniteMDP, project
 from curricle.errors import MappingError
 from curricle.planning import solve
-from curricle.transfer import TaskPair, by_homomorphism, find_mappings, lax_bisimulation
+from curricle.transfer import (
+    TaskPair,
+    by_homomorphism,
+    compose,
+    find_mappings,
+    identity,
+    lax_bisimulation,
+)
 from curricle.transfer.bisimulation import (
     equivalent_pairs,
     joint_models,
@@ -205,3 +215,43 @@ def test_lax_bisimulation_of_a_renumbered_task_is_zero_where_it_is_the_same(dens
     assert lax.error <= 1.1e-3 * largest  # TOLERANCE, and the error of both solutions
     assert lax.states[new, np.arange(len(new))].max() <= 2 * lax.error
     assert lax.pairs.max() <= 2 * lax.error
+
+
+# -- that a mapping knows its target ---------------------------------------------------------------
+
+OPERATIONS = {
+    "another value": lambda mapping: mapping.with_unmapped_value(-2.0),
+    "a copy": copy,
+    "a deep copy": deepcopy,
+    "pickled": lambda mapping: pickle.loads(pickle.dumps(mapping)),
+    "before another": lambda mapping: compose(mapping, identity(mapping.source)),
+    "after another": lambda mapping: compose(identity(mapping.target), mapping),
+    "in a transfer": lambda mapping: (
+        cr.Curriculum(
+            {"a": mapping.source, "b": mapping.target},
+            [cr.Transfer("a", "b", mapping, scale=2.0, shift=-1.0)],
+            budget=10,
+        )
+        .replace("b", budget=20)
+        .transfers[0]
+        .mapping
+    ),
+}
+
+
+@given(
+    mdps(),
+    st.lists(st.sampled_from(sorted(OPERATIONS)), max_size=4),
+    st.booleans(),
+    st.sampled_from(("names", "index", "copied index")),
+)
+def test_what_a_mapping_knows_survives_whatever_is_done_with_it(dense, operations, knows, kind):
+    task = dense.task()
+    mapping = project(task, task) if kind == "names" else identity(task)
+    if kind == "copied index":
+        mapping = replace(mapping, how="found", steps=3)
+    mapping = mapping.knowing_target() if knows else mapping
+    for operation in operations:
+        mapping = OPERATIONS[operation](mapping)
+        assert mapping.knows_target is knows
+    assert mapping.steps == 3 * (kind == "copied index")

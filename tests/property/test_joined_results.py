@@ -4,14 +4,13 @@ from dataclasses import fields
 from functools import cache
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from curricle import Episodes, GreedyEvaluation, GridWorld, StoppingRule, Storage, learn
 from curricle.learning.result import arrays_of, joined_results
 from curricle.study.record import UnitRecord
-from curricle.study.store import UnitResult, joined_units, unit_content
+from curricle.study.store import DecisionRow, UnitResult, joined_units, unit_content
 
 MAZE = GridWorld(["S...", "..P.", "...T"], time_limit=30)
 SEEDS = (0, 1, 3, 7, 8)
@@ -87,13 +86,14 @@ def test_any_groups_joined_are_all_together(budget, storage, labels, snapshots):
 
 
 def unit_of(seeds, budget, storage, snapshots):
+    numbers = 0.0, 0.0, 0.0, 0.0
     decisions = [
-        {"seed": seed, "steps": step, "reason": f"{seed} at {step}"}
+        DecisionRow("line", seed, step, step == 40, "why", *numbers, f"{seed} at {step}")
         for seed in seeds
         for step in (20, 40)
     ]
     arrays = arrays_of(learnt(seeds, budget, storage, snapshots))
-    return UnitResult(arrays, pa.Table.from_pylist(decisions))
+    return UnitResult(arrays, decisions)
 
 
 @for_any_groups

@@ -8,9 +8,7 @@ from curricle import StoppingRule
 from curricle.learning.stopping import MIN_EVALUATIONS, RECENT, share_of_rise
 
 RETURNS = arrays(
-    np.float64,
-    st.integers(1, 120),
-    elements=st.floats(-1e6, 1e6) | st.just(float("nan")),
+    np.float64, st.integers(1, 120), elements=st.floats(-1e6, 1e6) | st.just(float("nan"))
 )
 
 

@@ -57,11 +57,6 @@ def test_smooth_equals_the_mean_of_each_window(curve, data):
         np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)
 
 
-@given(RETURNS, st.integers(1, 30))
-def test_smoothing_keeps_a_constant_exactly(value, window):
-    assert np.all(smooth(np.full((1, 30), value), window) == value)
-
-
 @given(curves(), RETURNS, RETURNS)
 def test_a_higher_threshold_takes_no_less_time(curve, threshold, other):
     low, high = sorted([threshold, other])

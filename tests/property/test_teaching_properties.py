@@ -58,6 +58,7 @@ def test_one_task_is_plain_learning_bit_for_bit(settings):
         assert_same(teach({"t": task}, target="t", **settings).learning, alone)
 
 
+@pytest.mark.slow  # to compile
 def test_one_task_is_plain_learning_with_the_loops_as_shipped(as_shipped):
     maze = cr.GridWorld(["S...PT", ".PP...", "......"])
     lake = cr.tasks.FrozenLake("8x8")

@@ -3,7 +3,7 @@
 import numpy as np
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, comparison_plan
+from curricle.comparison.comparison import Arm, Comparison, comparison_plan
 from curricle.comparison.plan import Memory
 from curricle.design import choice
 from curricle.statistics.curves import SCRATCH, Curve
@@ -22,14 +22,13 @@ def test_equal_arms_seldom_pay():
     steps = np.arange(of_all.steps[1] // of_all.eval_freq + 1) * of_all.eval_freq
     rng = np.random.default_rng(0)
 
-    def play(some, seeds, opponents, title):
+    def play(plan, seeds, title):
         arms = {}
-        for name in (SCRATCH, *some):
+        for name in plan.arms:
             flat = rng.normal(size=(len(seeds), 1)) + np.zeros(len(steps))
             curve = Curve(steps, flat, np.zeros(len(seeds), np.int64))
             arms[name] = Arm(curve, flat, flat, scratch=name == SCRATCH)
-        return of_all, arms
+        return Comparison(plan.target, arms, *plan.steps, 0.0, 1)
 
-    curricula = dict.fromkeys(names, plan)
-    pay = sum(bool(choice.chosen(curricula, play).name) for _ in range(REPEATS))
+    pay = sum(bool(choice.chosen(of_all, play).name) for _ in range(REPEATS))
     assert pay <= MOST

@@ -16,6 +16,7 @@ from tests.studies import complaints_of, reader
 # each seed at its own step, and one arm pays for a calibration.
 CHAIN = """
 name = "chain"
+opponents = []
 seeds = 4
 seeds_per_unit = 2
 eval_freq = 50

@@ -4,61 +4,53 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import (
-    DoubleQLearning,
-    Episodes,
-    GreedyEvaluation,
-    GridWorld,
-    QLearning,
-    StateActionPotential,
-    StatePotential,
-    learn,
-)
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.schedules import constant
 from curricle.planning import rollout
 from tests.refusals import check_refusal
 
 NAN, INF = float("nan"), float("inf")
-LINE = GridWorld("S.T")
-NO_LIMIT = GridWorld("S.T", time_limit=None)
-PHI = StateActionPotential(LINE, np.ones((3, 4)))
+LINE = cr.GridWorld("S.T")
+NO_LIMIT = cr.GridWorld("S.T", time_limit=None)
+PHI = cr.StateActionPotential(LINE, np.ones((3, 4)))
 UNIFORM = np.full((3, 4), 0.25)
 
 
 def ask(*args, **settings):
     """Learn briefly on the line."""
-    learner = args[0] if args else QLearning()
-    return learn(LINE, learner, **({"budget": 100} | settings))
+    learner = args[0] if args else cr.QLearning()
+    return cr.learn(LINE, learner, **({"budget": 100} | settings))
 
 
 SETTINGS = [
     (lambda: ask(budget=0), "a budget in steps must be a whole number, at least 1: got 0"),
     (lambda: ask(budget=True), "got True"),
-    (lambda: ask(budget=Episodes(0)), "in episodes must be a whole number, at least 1: got 0"),
-    (lambda: learn(NO_LIMIT, budget=Episodes(5)), "needs a task with a time limit"),
+    (lambda: ask(budget=cr.Episodes(0)), "in episodes must be a whole number, at least 1: got 0"),
+    (lambda: cr.learn(NO_LIMIT, budget=cr.Episodes(5)), "needs a task with a time limit"),
     (lambda: ask(seeds=0), "seeds must be a whole number, at least 1: got 0"),
     (lambda: ask(seeds=[3, 3]), r"different, .*got \[3, 3\]"),
     (lambda: ask(seeds=[0, -1]), "each of seeds must be a whole number, at least 0: got -1"),
     (lambda: ask(eval_freq=0), "between checkpoints, must be a whole number, at least 1: got 0"),
     (lambda: ask(eval_freq=101), "exceed the budget of 100 steps: got 101"),
     (lambda: ask(workers=0), "workers must be a whole number, at least 1: got 0"),
-    (lambda: GreedyEvaluation("best"), "must be one of auto, exact, rollouts, off: got 'best'"),
-    (lambda: GreedyEvaluation(episodes=0), "at least 1: got 0"),
+    (lambda: cr.GreedyEvaluation("best"), "must be one of auto, exact, rollouts, off: got 'best'"),
+    (lambda: cr.GreedyEvaluation(episodes=0), "at least 1: got 0"),
+    (lambda: cr.GreedyEvaluation("rollouts", episodes=1_000_001), "episodes of an evaluation"),
+    (lambda: ask(snapshots=10**40), "snapshots must be a whole number below"),
     (
-        lambda: learn(NO_LIMIT, budget=9, evaluation=GreedyEvaluation(discounted=False)),
+        lambda: cr.learn(NO_LIMIT, budget=9, evaluation=cr.GreedyEvaluation(discounted=False)),
         "needs a task with a time limit",
     ),
-    (lambda: QLearning(learning_rate=1.5), r"learning_rate .*\[0, 1\]: got 1.5"),
-    (lambda: DoubleQLearning(learning_rate=NAN), "finite: got nan"),
+    (lambda: cr.QLearning(learning_rate=1.5), r"learning_rate .*\[0, 1\]: got 1.5"),
+    (lambda: cr.DoubleQLearning(learning_rate=NAN), "finite: got nan"),
     (
-        lambda: QLearning(learning_rate=cr.learning.linear(0.5, 2, steps=9)),
+        lambda: cr.QLearning(learning_rate=cr.learning.linear(0.5, 2, steps=9)),
         r"learning_rate .*got 2",
     ),
-    (lambda: QLearning(epsilon=1.1), r"epsilon must lie in \[0, 1\]: got 1.1"),
-    (lambda: QLearning(inverse_temperature=-1), "inverse_temp.*got -1"),
-    (lambda: QLearning(epsilon=0.1, inverse_temperature=2.0), "and inverse_temperature=2.0"),
-    (lambda: QLearning(initial_value=INF), "finite: got inf"),
+    (lambda: cr.QLearning(epsilon=1.1), r"epsilon must lie in \[0, 1\]: got 1.1"),
+    (lambda: cr.QLearning(inverse_temperature=-1), "inverse_temp.*got -1"),
+    (lambda: cr.QLearning(epsilon=0.1, inverse_temperature=2.0), "and inverse_temperature=2.0"),
+    (lambda: cr.QLearning(initial_value=INF), "finite: got inf"),
     (lambda: constant(NAN), "finite: got nan"),
     (lambda: cr.learning.linear(1, 0, steps=0), "steps must be positive: got 0"),
     (lambda: cr.learning.linear(1, INF, steps=9), "last must be finite: got inf"),
@@ -67,12 +59,21 @@ SETTINGS = [
     (lambda: ask(shaping=cr.LookBackAdvice(PHI)), "on-policy SARSA .*got QLearning"),
     (lambda: ask(shaping=cr.QInitialisation(PHI.to_state())), r"phi\(s, a\): got StatePotential"),
     (lambda: ask(shaping=[cr.QInitialisation(PHI)] * 2, seeds=3), "entry per seed, 3: got 2"),
-    (lambda: ask(shaping=cr.QInitialisation(guard=cr.Guard())), "got a shaping without one"),
-    (lambda: cr.StateShaping(PHI, guard=True), "guard of StateShaping must be a Guard: got True"),
-    (lambda: cr.Guard(share_behind=0), "share_behind of a guard must be above 0"),
-    (lambda: cr.Guard(share_ahead=0.5), "share_ahead of a guard must be above 0.5, and below 1"),
-    (lambda: cr.Guard(memory=1), "memory of a guard must be a whole number, at least 2: got 1"),
-    (lambda: cr.evaluate(GridWorld("S.T", discount=1), [3, 1, 0]), "1 needs .*from state 0"),
+    (
+        lambda: ask(shaping=cr.QInitialisation(portfolio=cr.Portfolio())),
+        "got a shaping without one",
+    ),
+    (
+        lambda: cr.StateShaping(PHI, portfolio=True),
+        "portfolio of StateShaping must be a Portfolio: got True",
+    ),
+    (lambda: cr.Portfolio(first_turns=1), "first_turns of a portfolio must be a whole number"),
+    (lambda: cr.Portfolio(longest_rest=1), "longest_rest of a portfolio must be a whole number"),
+    (
+        lambda: cr.Portfolio(memory=1),
+        "memory of a portfolio must be a whole number, at least 2: got 1",
+    ),
+    (lambda: cr.evaluate(cr.GridWorld("S.T", discount=1), [3, 1, 0]), "1 needs .*from state 0"),
     (lambda: rollout(LINE, [1, 1]), r"\(3,\) or \(3, 4\): got \(2,\)"),
     (lambda: rollout(LINE, [1, 4, 0]), r"0\.\.3: state 1 has 4"),
     (lambda: rollout(LINE, [1.0, 1.0, 0.0]), "integers: got float64"),
@@ -84,17 +85,20 @@ SETTINGS = [
 ]
 
 POTENTIALS = [
-    (lambda: StateActionPotential(LINE, np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),
-    (lambda: StatePotential(LINE, [1, 2]), r"\(3,\) or \(M, 3\): got \(2,\)"),
+    (lambda: cr.StateActionPotential(LINE, np.ones((4, 3))), r"\(3, 4\): got \(4, 3\)"),
+    (lambda: cr.StatePotential(LINE, [1, 2]), r"\(3,\) or \(M, 3\): got \(2,\)"),
     (
-        lambda: StateActionPotential(LINE, np.where(np.arange(12) == 6, NAN, 0).reshape(3, 4)),
+        lambda: cr.StateActionPotential(LINE, np.where(np.arange(12) == 6, NAN, 0).reshape(3, 4)),
         r"phi must be finite: entry \(1, 2\) is nan",
     ),
-    (lambda: StatePotential(LINE, [0, -INF, 0]), r"Phi .*entry \(1,\) is -inf"),
-    (lambda: StatePotential(LINE, [0, 0, NAN]), r"Phi must be finite: entry \(2,\)"),  # an end
-    (lambda: StatePotential(LINE, np.ones((2, 3))), r"2 potentials: got \[0\]"),
-    (lambda: StatePotential(LINE, np.ones(3), frame_steps=[1]), r"from 0.*got \[1\]"),
-    (lambda: StatePotential(LINE, np.ones((3, 3)), frame_steps=[0, 5, 5]), r"0.*got \[0, 5, 5\]"),
+    (lambda: cr.StatePotential(LINE, [0, -INF, 0]), r"Phi .*entry \(1,\) is -inf"),
+    (lambda: cr.StatePotential(LINE, [0, 0, NAN]), r"Phi must be finite: entry \(2,\)"),  # an end
+    (lambda: cr.StatePotential(LINE, np.ones((2, 3))), r"2 potentials: got \[0\]"),
+    (lambda: cr.StatePotential(LINE, np.ones(3), frame_steps=[1]), r"from 0.*got \[1\]"),
+    (
+        lambda: cr.StatePotential(LINE, np.ones((3, 3)), frame_steps=[0, 5, 5]),
+        r"0.*got \[0, 5, 5\]",
+    ),
 ]
 
 
@@ -111,11 +115,11 @@ def test_bad_potentials_are_refused_in_one_sentence(call, says):
 @pytest.mark.parametrize(
     "allowed",
     [
-        lambda: QLearning(learning_rate=0, epsilon=1),
+        lambda: cr.QLearning(learning_rate=0, epsilon=1),
         lambda: ask(eval_freq=100),
         lambda: ask(budget=np.int32(100), seeds=np.int64(1)),
         lambda: ask(budget=1e2),
-        lambda: QLearning(inverse_temperature=np.float32(0.5)),
+        lambda: cr.QLearning(inverse_temperature=np.float32(0.5)),
     ],
 )
 def test_what_is_just_within_the_rules_is_allowed(allowed):
@@ -128,7 +132,7 @@ def test_a_number_beyond_64_bits_is_refused_in_one_sentence(huge):
         ask(budget=huge)
     if abs(huge) > 2**63:
         with pytest.raises(SettingError, match=r"must be finite: got [^\n]{1,40}$"):
-            QLearning(learning_rate=huge)
+            cr.QLearning(learning_rate=huge)
 
 
 def test_a_refused_learning_runs_nothing_and_leaves_the_potential():

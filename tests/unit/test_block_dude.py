@@ -128,11 +128,7 @@ def search(number):
 
 @pytest.mark.parametrize(
     ("number", "reached", "moves"),
-    [
-        (1, 788, 19),
-        pytest.param(2, 172_100, 73, marks=pytest.mark.slow),
-        (3, 14_199, 94),
-    ],
+    [(1, 788, 19), pytest.param(2, 172_100, 73, marks=pytest.mark.slow), (3, 14_199, 94)],
 )
 def test_levels_agree_with_a_search_by_burlap_s_rules(number, reached, moves):
     task = BlockDude(number)

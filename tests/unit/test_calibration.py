@@ -53,13 +53,6 @@ def test_a_truncated_episode_is_bootstrapped():
     np.testing.assert_allclose(rollouts.return_to_go, -2 * (1 - rollouts.bootstrap_discount))
 
 
-@pytest.mark.parametrize("factor", [0.1, 1.0, 3.0])
-def test_a_scaled_optimum_is_scaled_back(factor):
-    fitted = cr.calibrate(optimum(LINE).rescaled(1 / factor), episodes=5)
-    assert (fitted.scale, fitted.explained) == pytest.approx((factor, 1.0))
-    np.testing.assert_allclose(fitted.potential.values, optimum(LINE).values)
-
-
 def test_the_scale_is_the_least_squares_one():
     phi = mapped(cr.mean)
     rollouts = greedy_rollouts(phi, episodes=200, seed=7, stream="calibrate")
@@ -189,9 +182,9 @@ def test_calibration_is_charged_to_the_target():
 
 
 @pytest.mark.parametrize("learner", [cr.QLearning(), cr.SARSA()])
-@pytest.mark.parametrize("guard", [None, cr.Guard()])
-def test_learning_starts_after_the_warm_up(learner, guard):
-    shaping = cr.QInitialisation(mapped(), guard)
+@pytest.mark.parametrize("portfolio", [None, cr.Portfolio()])
+def test_learning_starts_after_the_warm_up(learner, portfolio):
+    shaping = cr.QInitialisation(mapped(), portfolio)
     warm_up = WarmUp(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
     options = {"shaping": shaping, "eval_freq": 50, "seeds": [3], "snapshots": 100}
     late = cr.learn(HUNT, learner, 1130, warm_up=[warm_up], **options)
@@ -322,5 +315,5 @@ def test_taxi_is_compared_with_itself_calibrated_within_30_000_steps():
     plan = cr.Curriculum({"source": taxi, "taxi": taxi}, [edge], budget=budget, eval_freq=5_000)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of seeds that are refused
-        comparison = cr.compare({"calibrated": plan}, seeds=2, controls=())
+        comparison = cr.compare({"calibrated": plan}, seeds=2, opponents=())
     assert list(comparison.arms) == ["scratch", "calibrated"]

@@ -1,19 +1,19 @@
 """Choosing a curriculum: halving, opponents, studies that choose first, and carrying over."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.comparison import Arm
+from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.plan import Plan, PlannedArm
 from curricle.design import choice as module
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
 from curricle.statistics.curves import Curve
-from curricle.study import StudyStore, run_study
-from curricle.study.choosing import CHOICE, NO_CURRICULUM, chosen_file, read_choice
-from curricle.study.tuning import TRIALS
+from curricle.study import StudyStore, merge, run_study
+from curricle.study.choosing import NO_CURRICULUM, chosen_file
+from curricle.study.tuning import CHOICE
 from curricle.tasks import pursuit_family
 from curricle.transfer import StateActionMapping
 from tests.unit.test_study_runner import Inline
@@ -25,6 +25,13 @@ choose = true
 budget = 20_000
 learner.learning_rate = 0.2
 tasks.hunt = { family = "pursuit", size = 3, predators = 2 }
+"""
+SMALL = """
+name = "maze"
+seeds = 2
+choose = true
+budget = 1_000
+tasks.maze = { type = "maze", map = "S..T" }
 """
 SETTINGS = {"budget": 20_000, "learner": cr.QLearning(learning_rate=0.2)}
 MAZE = cr.GridWorld(["S....", ".....", "....T"], rewards=cr.Rewards(step=-1, treasure=20))
@@ -53,38 +60,30 @@ def file(tmp_path):
 # -- Halving, with made-up returns -----------------------------------------------------------------
 
 
-def played(monkeypatch, heights, opponents, noise=0.0):
+def played(heights, opponents, noise=0.0):
     """Return the rounds that are played where arms have these mean returns, as (names, seeds)."""
     rounds = []
 
-    def play(names, seeds, _, title):
-        rounds.append((list(names), seeds))
+    def play(plan, seeds, _):
+        rounds.append(([name for name in plan.arms if name not in opponents], seeds))
         arms = {}
-        every = [*opponents, *names]
-        for name in every:
-            rng = np.random.default_rng([every.index(name), *seeds[:1]])
+        for place, name in enumerate(plan.arms):
+            rng = np.random.default_rng([place, *seeds[:1]])
             flat = heights[name] + noise * rng.normal(size=(len(seeds), 1)) + np.zeros(3)
             source = np.zeros(len(seeds), np.int64)
             curve = Curve(np.array([0, 10, 20]), flat, source)
             arms[name] = Arm(curve, flat, flat, scratch=name in opponents)
-        return None, arms
+        return Comparison(plan.target, arms, 20, 20, 0.0, 1)
 
-    class Enough(Exception):
-        """The last round is not needed here."""
-
-    def last(*_):
-        raise Enough
-
-    monkeypatch.setattr(module, "threshold_before", last)
-    names = [name for name in heights if name not in opponents]
-    with pytest.raises(Enough):
-        module.chosen(dict.fromkeys(names), play)
+    alone = cr.Curriculum({"maze": MAZE}, budget=20)
+    arms = {name: PlannedArm(alone, {}, scratch=name in opponents) for name in heights}
+    module.chosen(Plan(arms, "maze", 20, 20, 10), play)
     return rounds
 
 
-def test_each_round_keeps_the_better_half_on_further_seeds(monkeypatch):
+def test_each_round_keeps_the_better_half_on_further_seeds():
     heights = {"scratch": 0.0} | {f"c{n}": 1.0 + n / 1000 for n in range(20)}
-    rounds = played(monkeypatch, heights, ["scratch"], noise=0.2)
+    rounds = played(heights, ["scratch"], noise=0.2)
     assert [len(names) for names, _ in rounds[:3]] == [20, 10, 5]
     seeds = [seed for _, seeds in rounds for seed in seeds]
     assert len(set(seeds)) == len(seeds)
@@ -93,16 +92,16 @@ def test_each_round_keeps_the_better_half_on_further_seeds(monkeypatch):
     assert len(rounds[-1][1]) == module.FINAL_SEEDS
 
 
-def test_halving_stops_when_the_best_is_clear(monkeypatch):
+def test_halving_stops_when_the_best_is_clear():
     heights = {"scratch": 0.0} | {f"c{n}": 10.0 * n for n in range(20)}
-    rounds = played(monkeypatch, heights, ["scratch"], noise=0.1)
+    rounds = played(heights, ["scratch"], noise=0.1)
     assert len(rounds) == 2
     assert rounds[-1][0] == ["c19"]
 
 
-def test_halving_stops_when_none_can_pay(monkeypatch):
+def test_halving_stops_when_none_can_pay():
     heights = {"scratch": 0.0, "scratch, better": 9.0} | {f"c{n}": 1.0 for n in range(20)}
-    assert len(played(monkeypatch, heights, ["scratch", "scratch, better"], noise=0.1)) == 2
+    assert len(played(heights, ["scratch", "scratch, better"], noise=0.1)) == 2
 
 
 # -- A choice in memory ----------------------------------------------------------------------------
@@ -111,7 +110,7 @@ def test_halving_stops_when_none_can_pay(monkeypatch):
 def test_a_source_that_pays_is_chosen(hunt, choice):
     assert choice.curriculum.order == ("pursuit(size=2, predators=1)", "target")
     assert isinstance(choice.curriculum.setting("shaping", "target"), cr.QInitialisation)
-    assert choice.curriculum.setting("shaping", "target").guard is None
+    assert choice.curriculum.setting("shaping", "target").portfolio is None
     best = choice.rows[0]
     assert best["name"] == choice.name
     assert best["gain_low"] > 0
@@ -147,7 +146,6 @@ def test_none_pays_where_a_learner_without_source_does_as_well():
 def test_a_constant_is_named_where_it_does_as_well(monkeypatch):
     # A source that knows only how high values are is no better than its mean as a constant.
     monkeypatch.setattr(module, "OPPONENTS", ("constant",))
-    monkeypatch.setattr(module, "WITHOUT_SOURCE", ())
     target = pursuit_family(size=3, predators=2).task
     flat = cr.FiniteMDP.from_outcomes(
         [[[(1.0, 0, -0.1, False)]]], start=[1.0], discount=0.99, time_limit=50
@@ -202,7 +200,7 @@ def test_only_as_many_curricula_are_played_as_time_allows(hunt, monkeypatch):
     ("how", "error", "says"),
     [
         ({"kinds": ()}, CurriculumError, "candidates to choose from"),
-        ({"candidates": "crop"}, CurriculumError, "a list, or a dict"),
+        ({"candidates": "crop"}, CurriculumError, "curricula or SourceCandidates"),
         ({"candidates": [MAZE]}, CurriculumError, "curricula or SourceCandidates"),
         ({"kinds": ["near"]}, CurriculumError, "kind"),
         ({"seed": -1, "kinds": ["crop"]}, SettingError, "seed"),
@@ -251,10 +249,8 @@ def test_a_live_target_needs_a_relative():
 
 def test_a_study_and_memory_choose_alike(file, tmp_path):
     pool = Inline()
-    run = run_study(file, tmp_path / "out", executor=pool)
-    record, choice = read_choice(StudyStore(tmp_path / "out")), cr.choose(file)
-    assert record.text == str(choice)
-    assert record.name == choice.name
+    run, choice = run_study(file, tmp_path / "out", executor=pool), cr.choose(file)
+    assert run.record.chosen == str(choice)
     arms = list(run.comparison.controls)
     assert arms == [choice.name]
     assert run.comparison.verdicts[choice.name].seeds == 6
@@ -263,32 +259,35 @@ def test_a_study_and_memory_choose_alike(file, tmp_path):
 @pytest.mark.parametrize("left", [0, 10])
 def test_a_choice_resumes(file, tmp_path, left):
     folder, pool = tmp_path / "out", Inline()
-    run_study(file, folder, executor=pool)
-    before = json.loads((folder / CHOICE).read_text())
-    (folder / CHOICE).unlink()
-    trials = StudyStore(folder / TRIALS)
+    before = run_study(file, folder, executor=pool).record
+    trials = StudyStore(folder / CHOICE)
     units = sorted(trials.units(), key=lambda unit: unit.path)
     trials.remove([unit.path for unit in units[left:]])
-    run_study(file, folder, resume=True, executor=pool)
-    assert json.loads((folder / CHOICE).read_text()) == before
+    assert run_study(file, folder, resume=True, executor=pool).record == before
+    said = []
+    nothing = Inline(0)  # fails where anything is sent to it
+    run_study(file, folder, resume=True, executor=nothing, report=said.append)
+    assert said == []
 
 
-def test_a_choice_that_is_there_is_not_made_again(file, tmp_path, monkeypatch):
-    folder, pool = tmp_path / "out", Inline()
-    run_study(file, folder, executor=pool)
-    monkeypatch.setattr("curricle.study.choosing.chosen", None)
-    run_study(file, folder, resume=True, executor=pool)
+def test_parts_choose_alike_and_are_merged(tmp_path):
+    path = tmp_path / "maze.toml"
+    path.write_text(SMALL.replace("seeds = 2", "seeds = 12"))
+    parts = [tmp_path / "one", tmp_path / "two"]
+    for k, part in enumerate(parts):
+        run_study(path, part, shard=(k + 1, 2), executor=Inline())
+    merged = merge(tmp_path / "merged", parts)
+    assert len(merged.seeds) == 12
+    assert merged.record.chosen
+    assert StudyStore(tmp_path / "merged" / CHOICE).units()
 
 
 def test_a_study_in_which_none_pays_learns_without_sources(tmp_path):
     path = tmp_path / "maze.toml"
-    path.write_text(
-        'name = "maze"\nseeds = 2\nchoose = true\nbudget = 1_000\n'
-        'tasks.maze = { type = "maze", map = "S..T" }\n'
-    )
+    path.write_text(SMALL)
     run = run_study(path, tmp_path / "out", executor=Inline())
     assert list(run.comparison.controls) == [NO_CURRICULUM]
-    assert not read_choice(StudyStore(tmp_path / "out")).name
+    assert run.record.chosen.startswith("no curriculum: ")
 
 
 def test_the_chosen_study_is_written_and_read_again(file, tmp_path):
@@ -315,20 +314,18 @@ def test_the_chosen_study_is_written_and_read_again(file, tmp_path):
     [
         ("sweep.learner.learning_rate = [0.1, 0.2]", "no sweep"),
         ("scratch = false", "comparison with scratch"),
+        ("seeds = [2_000_000]", "below 2,000,000"),
         ('tasks.near = { type = "candidate", of = "hunt", kind = "odd", candidate = "x" }', "kind"),
         ('tasks.near = { type = "candidate", of = "h", kind = "crop", candidate = "x" }', "name"),
     ],
 )
 def test_a_study_that_cannot_choose_says_why(file, line, says):
-    file.write_text(HUNT + line)
+    file.write_text(
+        HUNT.replace("seeds = 6", line if "seeds" in line else "seeds = 6")
+        + line * ("seeds" not in line)
+    )
     with pytest.raises(cr.CurricleError, match=says):
         cr.read_study(file)
-
-
-def test_a_study_with_seeds_of_trials_is_refused(file, tmp_path):
-    study = cr.read_study(file, set=["seeds=[2_000_000]"])
-    with pytest.raises(SettingError, match="below 2,000,000"):
-        run_study(study, tmp_path / "out", executor=Inline())
 
 
 def test_an_unknown_candidate_is_refused(file):
@@ -358,9 +355,6 @@ def test_show_says_how_far_a_choice_is_and_what_it_was(file, tmp_path, curricle)
     with pytest.raises(StudyError):
         run_study(file, folder, executor=Inline(20))
     shown = " ".join(curricle("show", folder)[1].split())
-    stored, of = map(
-        int, re.search(r"its arm is chosen first: (\d+) of (\d+) trials", shown).groups()
-    )
-    assert 0 < stored < of == 36 + 3
-    run_study(file, folder, resume=True, executor=Inline())
-    assert read_choice(StudyStore(folder)).text.splitlines()[0][:30] in curricle("show", folder)[1]
+    assert int(re.search(r"its arm is chosen first: (\d+) files? of trials", shown)[1]) > 0
+    run = run_study(file, folder, resume=True, executor=Inline())
+    assert run.record.chosen in curricle("show", folder)[1]

@@ -1,4 +1,4 @@
-"""The command: help, exit codes, errors as a sentence; and what ``--open`` and ``watch`` open."""
+"""The command: help, exit codes, errors as a sentence; and what ``watch`` opens."""
 
 import os
 import signal
@@ -86,7 +86,7 @@ def test_what_compiles_says_so_once(tmp_path, monkeypatch):
     assert said == [("2\n", 1), ("0\n", 0)]
 
 
-# -- run --open, watch ------------------------------------------------------------
+# -- watch ------------------------------------------------------------
 
 
 @pytest.fixture
@@ -103,27 +103,6 @@ def opened(monkeypatch):
     return lambda: asked.wait(60) and addresses
 
 
-def test_a_run_opens_its_report_and_writes_it_to_the_end(
-    curricle, opened, study_file, contents, finished
-):
-    code, out, complaint = curricle("run", study_file, "--out", "out", "--open", "--workers", "2")
-    page = Path("out/report.html").resolve()
-    assert (code, opened()) == (0, [page.as_uri()])
-    assert out.startswith("Open out/report.html: ")
-    assert out.splitlines()[-1].startswith("Stored in out: ")
-    assert "page" not in complaint
-    results = StudyResults("out")
-    assert page.read_text("utf-8") == page_of(results)
-    page.unlink()
-    assert contents(results.store.path) == contents(finished)  # it leaves no other trace
-
-
-def test_a_run_that_is_refused_writes_and_opens_nothing(curricle, study_file, copied):
-    code, out, _ = curricle("run", study_file, "--out", copied, "--open")
-    assert (code, out) == (1, "")
-    assert not (copied / "report.html").exists()
-
-
 def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
     curricle, opened, copied, contents
 ):
@@ -135,6 +114,38 @@ def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
     assert page.read_text("utf-8") == page_of(StudyResults(copied))
     assert out.splitlines()[-1] == f"The run is over: {page}"
     assert contents(copied) == before
+
+
+LINE = """
+name = "line"
+seeds = 2
+[tasks.line]
+type = "maze"
+map = "S..T"
+budget = 400
+[tasks.near]
+type = "crop"
+of = "line"
+rows = [0, 1]
+columns = [1, 4]
+budget = 100
+[[transfers]]
+source = "near"
+target = "line"
+mapping = "same_position"
+"""
+
+
+def test_the_page_of_a_run_is_watched_while_it_runs(tmp_path, monkeypatch):
+    """In another process, which ends as the run does."""
+    monkeypatch.chdir(tmp_path)
+    Path("line.toml").write_text(LINE, "utf-8")
+    command = [sys.executable, "-m", "curricle", "run", "line.toml", "--open"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    page = Path("line-results/report.html")
+    assert f"The run is over: {page}" in run.stdout
+    assert page.read_text("utf-8") == page_of(StudyResults("line-results"))
 
 
 @pytest.mark.parametrize(
@@ -169,11 +180,7 @@ def test_watching_ends_when_interrupted_and_leaves_the_folder(copied, contents, 
     before, page = contents(copied), tmp_path / "page.html"
     command = [sys.executable, "-m", "curricle", "watch", copied, "--out", page]
     with subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=interruptible,
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
     ) as watching:
         assert watching.stdout.readline().startswith(f"Open {page}")
         assert 'data-seconds="0' not in page.read_text("utf-8")

@@ -1,5 +1,6 @@
 """The commands that make, run and read studies: what they print, leave, and exit with."""
 
+import re
 import shutil
 import signal
 import subprocess
@@ -94,7 +95,6 @@ def test_the_words_are_explained_if_asked(curricle, finished):
     assert code == 0
     assert out.startswith(plain)
     assert "\nstrong gain: mean return above" in out
-    assert "\nphi: " not in out  # it was not printed
 
 
 def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tmp_path):
@@ -115,7 +115,7 @@ def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tm
     assert not any(row[:2] == ["state:", "corner"] for row in bill)  # shared with the arm before
     assert "about" in out
     assert "one processor" in out
-    assert "arm chain\nForecast for 'maze': " in out
+    assert re.search("arm chain\ntraining .*\nForecast for 'maze': ", out)
     # Of "state" and "calibrated" too. Trials train tasks of other names, the target's among them.
     trained = [call["stream"] for call in calls]
     once = [name for name in trained if not name.endswith("/trial")]
@@ -315,31 +315,29 @@ TUNE = "[tune]\ntrials = 2\nseeds = 1\n[tune.space]\nlearner.epsilon = [0.1, 0.3
 
 
 def test_check_says_what_a_sweep_and_a_tuning_cost(curricle, tmp_path):
-    pytest.importorskip("optuna")
     (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
     code, out, _ = curricle("check", "mazes.toml")
     assert code == 0
     assert "mazes: 4 arms, 2 seeds, 6 units" in out
     assert "swept: learner.learning_rate = 0.1, 0.3" in out
     text = " ".join(out.split())
-    assert "before that, tuning: 2 trials of each arm on seed 1000000, 8 trials in all" in text
+    assert "before that, tuning: 8 trials on seed 1000000, 9,600 steps, about" in text
     assert "forecasts are for the first settings of each arm" in out
 
 
 def test_a_tuned_sweep_is_run_shown_and_resumed(curricle, tmp_path):
-    pytest.importorskip("optuna")
     (tmp_path / "mazes.toml").write_text(MAZES + SWEEP + TUNE)
     code, out, _ = curricle("run", "mazes.toml", "--dry-run")
     assert code == 0
-    assert out.startswith("first of all 2 trials of each arm")
+    assert out.startswith("first of all 8 trials; ")
     code, _, complaint = curricle("run", "mazes.toml")
     assert code == 0
-    assert "tuning: trials 1 to 2 of 2, of each arm" in complaint
+    assert "tuning: 8 trials" in complaint
     code, out, _ = curricle("show", "mazes-results")
     assert code == 0
     assert "tuned on seed 1000000, " in out
     assert "shown here and not charged to the curves" in " ".join(out.split())
-    assert out.count("main effects: mean return") == 2
+    assert out.count("main effects: mean return") == 1
     assert "scratch: learner.learning_rate = 0.3" in out
     assert "nan" not in out
     code, out, _ = curricle("run", "mazes.toml", "--dry-run", "--resume")

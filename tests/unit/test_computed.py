@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 
 import curricle as cr
-from curricle import Component, ComputedMDP, QLearning, Space, Storage
+from curricle import Component, ComputedMDP, QLearning, Space
 from curricle.errors import TaskError
 from curricle.planning.rollouts import random_rollouts
 from curricle.transfer.rollouts import greedy_rollouts
@@ -37,32 +37,14 @@ def test_functions_lead_to_the_values_of_their_tables(initial_value):
 
 
 @pytest.mark.parametrize(
-    ("learner", "kind"),
-    [
-        (QLearning, "dense"),
-        (QLearning, "sparse"),
-        (cr.SARSA, "dense"),
-        (cr.ExpectedSARSA, "dense"),
-        (cr.DoubleQLearning, "dense"),
-    ],
-)
-def test_an_end_is_worth_nothing_whatever_the_table_starts_with(learner, kind):
-    spaces = Space([Component("place", 4)]), Space([Component("move", 1)])
-    line = ComputedMDP(*spaces, line_start, line_step, discount=0.5)
-    optimistic = learner(learning_rate=1.0, initial_value=100.0)
-    values = cr.learn(line, optimistic, 200, storage=Storage(kind)).values[0]
-    q = values.at([0, 1, 2]) if kind == "sparse" else values[:3]
-    assert q.ravel().tolist() == [1.75, 1.5, 1.0]
-
-
-@pytest.mark.parametrize(
     ("learner", "shaping"),
     [
         (QLearning, None),
         (QLearning, cr.QInitialisation()),
-        (QLearning, cr.QInitialisation(guard=cr.Guard())),
+        (QLearning, cr.QInitialisation(portfolio=cr.Portfolio())),
         (QLearning, cr.StateShaping()),
         (cr.SARSA, cr.QInitialisation()),
+        (cr.ExpectedSARSA, None),
         (cr.DoubleQLearning, None),
     ],
 )
@@ -170,8 +152,8 @@ SLOW = {
     "sparse": lambda bad: cr.learn(bad, budget=300, storage=cr.Storage("sparse")),
     "general": lambda bad: cr.learn(bad, cr.SARSA(), 300),
     "double": lambda bad: cr.learn(bad, cr.DoubleQLearning(), 300),
-    "guard": lambda bad: cr.learn(
-        bad, budget=300, shaping=cr.QInitialisation(phi(bad), guard=cr.Guard())
+    "portfolio": lambda bad: cr.learn(
+        bad, budget=300, shaping=cr.QInitialisation(phi(bad), portfolio=cr.Portfolio())
     ),
     "evaluation": lambda bad: cr.learn(bad, budget=300, eval_freq=1),
     "greedy rollouts": lambda bad: greedy_rollouts(phi(bad), episodes=5),
@@ -242,25 +224,3 @@ def test_functions_that_numba_cannot_use_are_refused_in_one_sentence(changes, me
     with pytest.raises(TaskError, match=message) as caught:
         cr.learn(bad, budget=10, evaluation=OFF)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("reward", [NAN, INF, -INF, 1e101, 10**400])
-@pytest.mark.parametrize("learner", [cr.QLearning(), cr.SARSA()])
-def test_a_live_reward_that_is_not_finite_is_refused(reward, learner):
-    class Odd:
-        place = 0
-
-        def reset(self, seed=None):
-            self.place = 0
-            return 0, {}
-
-        def step(self, action):
-            self.place += 1
-            return self.place, reward if self.place == 4 else 0.0, False, False, {}
-
-        def close(self):
-            pass
-
-    live = cr.tasks.LiveMDP(PLACES, MOVES, Odd, time_limit=8)
-    with pytest.raises(TaskError, match=r"finite, .*: the environment .* (on|back) in state 3"):
-        cr.learn(live, learner, 30, evaluation=OFF)

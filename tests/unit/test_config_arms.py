@@ -15,7 +15,7 @@ from curricle import GridWorld
 from curricle.study import StudyConfig, read_study
 from curricle.study.config import configured, json_schema
 from curricle.study.templates import KINDS, template
-from curricle.study_file.file import Positions, located, merged
+from curricle.study_file.file import Positions, merged
 from curricle.transfer import aggregate as aggregation
 from tests.studies import HUNT, MAZE, only
 
@@ -176,24 +176,6 @@ def test_merging_twice_is_merging_once_and_nothing_changes_nothing(first, second
     assert merged(merged(first, second), second) == merged(first, second)
 
 
-def entries(node, path=()):
-    for key, value in node.items():
-        yield (*path, key), value
-        yield from entries(value, (*path, key)) if isinstance(value, dict) else ()
-
-
-@given(TABLES, TABLES)
-def test_a_merged_table_knows_where_each_entry_stands(first, second):
-    files = {"one": first, "other": second}
-    both = merged(*(located(table, (file,)) for file, table in files.items()))
-    positions = Positions("x.toml", arms={"both": both})
-    for path, value in entries(both):
-        node = files
-        for part in positions.in_file(("arms", "both", *path)):
-            node = node[part]
-        assert node == value or (isinstance(value, dict) and node.items() <= value.items())
-
-
 # Setting things from outside.
 
 
@@ -223,6 +205,7 @@ def test_two_ways_to_write_a_study_are_one_configuration(read):
     long = read(
         """
         name = 'hunt'
+        opponents = []
         seeds = [0, 1, 2, 3]
         seeds_per_unit = 2.0
         threshold = -8
@@ -252,7 +235,9 @@ def test_two_ways_to_write_a_study_are_one_configuration(read):
 
 def test_a_configuration_holds_its_maps(read, tmp_path):
     (tmp_path / "maze.txt").write_text("....T\n.PPP.\nS....\n")
-    by_file = read("name = 'maze'\ntasks.maze = { type = 'maze', file = 'maze.txt' }")
+    by_file = read(
+        "name = 'maze'\nopponents = []\ntasks.maze = { type = 'maze', file = 'maze.txt' }"
+    )
     (tmp_path / "maze.txt").unlink()
     assert by_file == read(MAZE)
     again = StudyConfig.from_data(by_file.to_data(), Path("elsewhere"))
@@ -266,7 +251,7 @@ SMALL = st.fixed_dictionaries(
         "time_limit": st.integers(1, 99) | st.just("none"),
         "budget": st.integers(1, 10**6) | st.fixed_dictionaries({"episodes": st.integers(1, 99)}),
         "shaping": st.sampled_from(
-            ["StateShaping", {"guard": True}, {"guard": {"share_behind": 0.3}}]
+            ["StateShaping", {"portfolio": True}, {"portfolio": {"memory": 9}}]
         ),
         "learner": st.fixed_dictionaries(
             {},

@@ -1,14 +1,10 @@
 """The estimate of what a study costs."""
 
-from pathlib import Path
-
 import pytest
 
 from curricle import Pursuit
-from curricle.cli.study_preview import traffic
-from curricle.study import StudyConfig, cost, read_study, store
+from curricle.study import cost, read_study
 from curricle.study.arms import Arms
-from curricle.study.store import bytes_a_seed
 
 PACE = 1e-6
 
@@ -60,22 +56,6 @@ def test_a_distillation_takes_seconds_and_no_steps(tmp_path):
     (row,) = (row for row in cost.costs(study, Arms.of(study)) if row.task == "small")
     assert row.steps == 0
     assert row.seconds == len(study.seeds) * cost.DISTILLING
-
-
-def test_where_results_go_on_a_cluster(monkeypatch):
-    plan = {"tasks": {"line": {"type": "maze", "map": "S..T", "budget": 500}}}
-    study = StudyConfig.from_data({"name": "line", "seeds": 6, "arms": {"a": plan}}, Path())
-    arms = Arms.of(study)
-    rows = cost.costs(study, arms)
-    nodes = [(row.seeds, arms.curricula[row.arm].node(row.task)) for row in rows]
-    small = sum(seeds * bytes_a_seed(node) for seeds, node in nodes) / 1e6
-    assert traffic(study, arms, rows) == (
-        f"on a cluster, results come back here: {small:.1f} MB at most"
-    )
-    monkeypatch.setattr(store, "FULL", 1)
-    assert traffic(study, arms, rows).endswith(
-        "; with --out at a URL, workers write those of line there, and 0.0 MB come back"
-    )
 
 
 def test_tables_too_large_to_be_solved_are_not_built(monkeypatch):

@@ -52,14 +52,6 @@ def test_sources_come_before_their_targets(pairs):
     assert len(order) == len(set(order))
 
 
-def test_ancestors_are_the_tasks_trained_before():
-    diamond = build(DIAMOND)
-    assert set(diamond.ancestors("far")) == {"near", "left", "right"}
-    assert diamond.ancestors("left") == ("near",)
-    assert diamond.ancestors("near") == ()
-    assert diamond.ancestors("far")[0] == "near"
-
-
 # -- source steps --------------------------------------------------------------------------------
 
 
@@ -214,21 +206,14 @@ def test_a_curriculum_does_not_change_with_the_callers_containers():
     assert set(curriculum.train().nodes) == {"near", "far"}
 
 
-def test_equal_tasks_are_one_task():
-    hunts, chases = ([cr.Pursuit(size=2, predators=n) for _ in range(2)] for n in (2, 1))
-    edge = cr.Transfer("chase", "hunt", cr.project(hunts[0], chases[0], predator="predator_1"))
-    curriculum = cr.Curriculum({"hunt": hunts[1], "chase": chases[1]}, [edge], budget=200)
-    assert curriculum.train()["hunt"].steps_used.tolist() == [200]
-
-
 @pytest.mark.parametrize(
     ("shaping", "learner"), [(cr.QInitialisation, cr.QLearning()), (cr.StateShaping, cr.SARSA())]
 )
 def test_a_guard_watches_over_the_tasks_that_have_sources(shaping, learner):
-    guarded = {"shaping": shaping(guard=cr.Guard()), "learner": learner}
+    guarded = {"shaping": shaping(portfolio=cr.Portfolio()), "learner": learner}
     result = build(CHAIN, budget=2000, **guarded).train()
-    assert np.isnan(result["near"].guard_share).all()
-    assert (result["far"].guard_share > 0).all()
+    assert np.isnan(result["near"].source_share).all()
+    assert (result["far"].source_share > 0).all()
 
 
 def test_a_curriculum_fills_the_potential_in():

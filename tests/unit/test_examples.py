@@ -54,7 +54,6 @@ def test_a_gymnasium_class_of_ones_own_is_studied_from_its_file(tmp_path):
 
 
 def test_a_sweep_and_a_tuning_run(tmp_path):
-    pytest.importorskip("optuna")
     small = ["seeds=2", "tasks.hunt.size=3", "tasks.chase.size=3", "tasks.hunt.budget=2_000"]
     changes = {
         "sweep": ["sweep.tasks.chase.budget=[300, 900]"],

@@ -12,6 +12,7 @@ pytestmark = pytest.mark.usefixtures("quick_disk")
 
 STUDY = """
 name = "mirror"
+opponents = []
 seeds = 2
 eval_freq = 100
 budget = 300

@@ -1,6 +1,7 @@
 """A results folder is data: reading one from anywhere runs no code of it, and waits for nothing."""
 
 import io
+import json
 import os
 import re
 import socket
@@ -11,15 +12,14 @@ import zipfile
 from getpass import getuser
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 import curricle as cr
 from curricle.errors import StoreError
 from curricle.files import SEAL, sealed_archive
 from curricle.show.report import write_report
-from curricle.study import StudyResults, StudyStore, merge
-from curricle.study.store import DECISION_SCHEMA, as_parquet
+from curricle.study import StudyStore, merge
+from curricle.study.store import LARGEST_DECISIONS
 from tests.sent_folders import a_unit, change, npy, put, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -218,8 +218,6 @@ def test_units_without_what_belongs_to_them_are_refused(folder):
     unit = a_unit(folder)
     put(unit, steps__npy=None)
     refuses(folder, "it has no steps")
-    with pytest.raises(StoreError, match=r"\.npz is not as Curricle writes it: it has no steps"):
-        StudyResults(folder).table("decisions.parquet")
 
 
 UNFIT = [{"key": "0f"}, {"seeds": [5, 6]}, {"seeds": []}, {"task": 3}, {"task": "../maze"}]
@@ -237,27 +235,14 @@ def test_a_unit_that_says_to_be_another_is_not_used(folder, about):
 
 def test_decisions_that_are_none_or_too_long_are_refused(folder):
     unit = a_unit(folder)
-
-    def put_table(columns):
-        put(unit, decisions__parquet=as_parquet(pa.table(columns)))
-
-    put(unit, decisions__parquet=b"PAR1 not at all PAR1")
-    refuses(folder, r"\.npz is not as .*no table")
-    put(unit, decisions__parquet=None)
-    refuses(folder, r"\.npz is not as .*must have decisions\.parquet")
-    put_table({"seed": [0]})
-    refuses(folder, "must have the columns")
-    rows = {column: pa.nulls(10**5, kind) for column, kind in DECISION_SCHEMA.items()}
-    put_table(rows)
-    refuses(folder, "must have at most .* rows")
-    put_table({column: values[:1] for column, values in rows.items()})
-    refuses(folder, "must have a value in each row")
-
-
-def test_a_small_table_of_long_texts_is_refused(folder):
-    rows = {"int64": [0] * 3, "double": [0.0] * 3, "bool": [True] * 3, "string": [""] * 3}
-    columns = {column: pa.array(rows[kind], kind) for column, kind in DECISION_SCHEMA.items()}
-    content = as_parquet(pa.table({**columns, "task": ["x" * 10**8] * 3}))
-    assert len(content) < 2**26
-    put(a_unit(folder), decisions__parquet=content)
-    refuses(folder, "its texts must have at most .* bytes")
+    put(unit, decisions__json=b"not at all")
+    refuses(folder, r"\.npz is not as .*invalid JSON")
+    put(unit, decisions__json=None)
+    refuses(folder, r"\.npz is not as .*must have decisions\.json")
+    put(unit, decisions__json=b'[["maze", 0, 100]]')
+    refuses(folder, r"0\.3: field required")
+    row = ["maze", 0, 100, True, "threshold reached", 0.0, 0.0, 0.0, 0.0, "words"]
+    put(unit, decisions__json=json.dumps([[*row[:3], "yes", *row[4:]]]).encode())
+    refuses(folder, r"should be a valid boolean")
+    put(unit, decisions__json=json.dumps([row]).encode() + b" " * LARGEST_DECISIONS)
+    refuses(folder, r"decisions\.json, uncompressed, of at most")

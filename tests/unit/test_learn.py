@@ -2,24 +2,10 @@
 
 import numpy as np
 
-from curricle import (
-    SARSA,
-    DecayingAdvice,
-    Episodes,
-    FiniteMDP,
-    GreedyEvaluation,
-    GridWorld,
-    Pursuit,
-    QInitialisation,
-    QLearning,
-    StateActionPotential,
-    StatePotential,
-    StateShaping,
-    learn,
-)
+import curricle as cr
 from curricle.learning import linear
 
-LINE = GridWorld("S..T")
+LINE = cr.GridWorld("S..T")
 ARRAYS = ("values", "steps", "training_return", "greedy_return", "episodes", "steps_used")
 
 
@@ -32,70 +18,50 @@ def same(result, other):
 
 
 def test_a_budget_of_steps_is_spent_to_the_last_one():
-    result = learn(LINE, budget=1234, seeds=3)
+    result = cr.learn(LINE, budget=1234, seeds=3)
     assert result.steps_used.tolist() == [1234] * 3
     assert result.values.shape == (3, 4, 4)
-    assert learn(LINE, budget=1000).steps.tolist() == list(range(0, 1001, 10))
-    assert learn(LINE, budget=1000, eval_freq=300).steps.tolist() == [0, 300, 600, 900]
-    assert learn(LINE, budget=50).steps.tolist() == list(range(51))
-    assert learn(LINE, budget=1000, eval_freq=1000).steps.tolist() == [0, 1000]
+    assert cr.learn(LINE, budget=1000).steps.tolist() == list(range(0, 1001, 10))
+    assert cr.learn(LINE, budget=1000, eval_freq=300).steps.tolist() == [0, 300, 600, 900]
+    assert cr.learn(LINE, budget=50).steps.tolist() == list(range(51))
+    assert cr.learn(LINE, budget=1000, eval_freq=1000).steps.tolist() == [0, 1000]
 
 
 def test_a_budget_of_episodes_is_spent_exactly():
-    result = learn(LINE, budget=Episodes(30), seeds=4, eval_freq=10)
+    result = cr.learn(LINE, budget=cr.Episodes(30), seeds=4, eval_freq=10)
     assert result.episodes_used.tolist() == [30] * 4
     assert len(set(result.steps_used.tolist())) > 1
     assert result.steps[-1] == result.steps_used.max() // 10 * 10
-    result = learn(GridWorld("S..T", time_limit=50, ends=()), budget=Episodes(7))
+    result = cr.learn(cr.GridWorld("S..T", time_limit=50, ends=()), budget=cr.Episodes(7))
     assert result.steps.tolist() == [0, 100, 200, 300]
     assert result.steps_used.tolist() == [350]
 
 
 def test_the_last_value_stands_after_a_seed_has_spent_its_episodes():
-    result = learn(LINE, budget=Episodes(30), seeds=4, eval_freq=10)
+    result = cr.learn(LINE, budget=cr.Episodes(30), seeds=4, eval_freq=10)
     for k, used in enumerate(result.steps_used):
         taken = result.steps <= used
         last = taken.sum() - 1
         assert (result.greedy_return[k, ~taken] == result.greedy_return[k, last]).all()
         assert (result.episodes[k, ~taken] == result.episodes[k, last]).all()
         assert np.isnan(result.training_return[k, ~taken]).all()
-        alone = learn(LINE, budget=Episodes(30), seeds=[k], eval_freq=10)
+        alone = cr.learn(LINE, budget=cr.Episodes(30), seeds=[k], eval_freq=10)
         assert (alone.greedy_return[0] == result.greedy_return[k, taken]).all()
-
-
-def test_episodes_are_counted_when_they_end():
-    only_way = FiniteMDP.from_outcomes(
-        [[[(1.0, 1, 2.0, False)]], [[(1.0, 2, 3.0, True)]], [[]]], start=0, discount=1
-    )
-    result = learn(only_way, budget=7, eval_freq=1)
-    assert result.episodes.tolist() == [[0, 0, 1, 1, 2, 2, 3, 3]]
-    assert result.episodes_used.tolist() == [3]
-    expected = [np.nan, np.nan, 5, np.nan, 5, np.nan, 5, np.nan]
-    np.testing.assert_array_equal(result.training_return, [expected])
-
-
-def test_the_training_return_is_unshaped_and_undiscounted():
-    one_way = FiniteMDP.from_outcomes([[[(1.0, 1, 4.0, True)]], [[]]], start=0, discount=0.5)
-    phi = StatePotential(one_way, [-100, 0])
-    assert (
-        learn(one_way, budget=5, eval_freq=5, shaping=StateShaping(phi)).training_return[0, 1] == 4
-    )
-
-
-# -- seeds ---------------------------------------------------------------------------------------
 
 
 # -- evaluation ----------------------------------------------------------------------------------
 
 
 def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
-    exact, auto = GreedyEvaluation("exact"), GreedyEvaluation("auto")
-    assert same(learn(LINE, budget=200, evaluation=exact), learn(LINE, budget=200, evaluation=auto))
-    large, rolled = Pursuit(size=3, predators=2), GreedyEvaluation("rollouts")
+    exact, auto = cr.GreedyEvaluation("exact"), cr.GreedyEvaluation("auto")
+    assert same(
+        cr.learn(LINE, budget=200, evaluation=exact), cr.learn(LINE, budget=200, evaluation=auto)
+    )
+    large, rolled = cr.Pursuit(size=3, predators=2), cr.GreedyEvaluation("rollouts")
     assert large.mdp.outcome_row.size * 5 > 20_000
     assert same(
-        learn(large, budget=50, eval_freq=50, evaluation=rolled),
-        learn(large, budget=50, eval_freq=50, evaluation=auto),
+        cr.learn(large, budget=50, eval_freq=50, evaluation=rolled),
+        cr.learn(large, budget=50, eval_freq=50, evaluation=auto),
     )
 
 
@@ -103,19 +69,21 @@ def test_auto_is_exact_on_small_tasks_and_rolls_out_on_large_ones():
 
 
 def test_each_seed_may_have_its_own_potential():
-    low, high = (StateActionPotential(LINE, np.full((4, 4), v)) for v in (1.0, 2.0))
-    frozen = QLearning(learning_rate=0)
+    low, high = (cr.StateActionPotential(LINE, np.full((4, 4), v)) for v in (1.0, 2.0))
+    frozen = cr.QLearning(learning_rate=0)
     for shaping, expected in (
-        ([QInitialisation(low), QInitialisation(high)], [1, 2]),
-        (QInitialisation(low), [1, 1]),
+        ([cr.QInitialisation(low), cr.QInitialisation(high)], [1, 2]),
+        (cr.QInitialisation(low), [1, 1]),
     ):
-        result = learn(LINE, frozen, 10, seeds=2, shaping=shaping)
+        result = cr.learn(LINE, frozen, 10, seeds=2, shaping=shaping)
         assert result.values[:, 0, 0].tolist() == expected
 
 
 def test_advice_is_acted_on_and_not_part_of_the_values():
-    advice = DecayingAdvice(np.full((4, 4), 5.0), weight=linear(1.0, 0.5, steps=10))
-    result = learn(LINE, SARSA(learning_rate=0), 25, shaping=advice, eval_freq=10, snapshots=9)
+    advice = cr.DecayingAdvice(np.full((4, 4), 5.0), weight=linear(1.0, 0.5, steps=10))
+    result = cr.learn(
+        LINE, cr.SARSA(learning_rate=0), 25, shaping=advice, eval_freq=10, snapshots=9
+    )
     assert (result.values == 0).all()
     assert result.snapshots.steps.tolist() == [0, 10, 20, 25]
     assert result.snapshots.values[:, 0, 0].tolist() == [5.0, 2.5, 2.5, 2.5]
@@ -123,12 +91,12 @@ def test_advice_is_acted_on_and_not_part_of_the_values():
 
 def test_one_shaping_of_all_seeds_makes_one_potential(monkeypatch):
     made = list[int]()
-    make = StateActionPotential.__post_init__
+    make = cr.StateActionPotential.__post_init__
     monkeypatch.setattr(
-        StateActionPotential, "__post_init__", lambda self: (made.append(1), make(self))[1]
+        cr.StateActionPotential, "__post_init__", lambda self: (made.append(1), make(self))[1]
     )
     phi = np.ones((LINE.states.size, LINE.actions.size))
-    together = learn(LINE, budget=100, seeds=4, shaping=QInitialisation(phi))
+    together = cr.learn(LINE, budget=100, seeds=4, shaping=cr.QInitialisation(phi))
     assert len(made) == 1
-    apart = learn(LINE, budget=100, seeds=4, shaping=[QInitialisation(phi)] * 4)
+    apart = cr.learn(LINE, budget=100, seeds=4, shaping=[cr.QInitialisation(phi)] * 4)
     assert same(together, apart)

@@ -291,20 +291,14 @@ MAPPINGS = [
         "lists all pairs of the target, at most 1,000,000,000: it has 12,500,000,000",
     ),
     (lambda: compose(identity(ROW), FIRST), "source to be the second's"),
-    (
-        lambda: identity(HUNT, CHASE),
-        "the target's states have prey, predator_1, predator_2, the source's prey, predator; ",
-    ),
+    (lambda: identity(HUNT, CHASE), "prey, predator_1, predator_2, the source's prey, predator; "),
     (lambda: identity(chain(4), chain()), r"have place\[4\], the source's place\[3\]; "),
     (lambda: identity(chain(low=1), chain()), r"place\[3 from 1\], the source's place\[3\]; "),
     (
         lambda: identity(GridWorld("S#.T"), GridWorld("S.#T")),
         "states of row, column are 3 in the target and 3 in the source, not the same points in the",
     ),
-    (
-        lambda: identity(chain(), chain(labels=("right", "left"))),
-        "values of move are left, right in the target and right, left in the source; ",
-    ),
+    (lambda: identity(chain(), chain(labels=("right", "left"))), "and right, left in the source; "),
     (
         lambda: identity(observation_task("MountainCar-v0"), observation_task("CartPole-v1")),
         r"target's observations are Box\(\[-1.2  -0.07\].*, the source's Box\(.*; a function of",

@@ -11,7 +11,7 @@ from curricle.learning import OptimisticQLearning, value_bounds
 from curricle.study import run_study
 from curricle.study.arms import Arms
 from tests.comparisons import HERE, MAZE, copied, corner, pursuit
-from tests.studies import CORNER, reader
+from tests.studies import CORNER as WITHOUT, reader
 from tests.tasks import ring
 
 OF_PHI = [f"transfer, {label}" for label in CONSTANTS]
@@ -154,6 +154,7 @@ def test_other_names_are_refused(opponents):
 
 # -- in study files --------------------------------------------------------------------------------
 
+CORNER = WITHOUT.replace("opponents = []\n", "")
 SHORT = ["seeds=3", "window=1", "tasks.maze.budget=1_000", "tasks.corner.budget=200"]
 
 

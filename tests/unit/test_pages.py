@@ -14,8 +14,9 @@ import pytest
 import typer
 
 from curricle.cli.app import app
-from curricle.comparison.verdicts import Reason, Verdict, not_asked, too_few_seeds
+from curricle.comparison.verdicts import NO_MORE, Reason, Verdict, not_asked, too_few_seeds
 from curricle.statistics import Interval
+from curricle.transfer.transfer import FOUND
 from tests.pages import Command, blocks, commands_of
 from tests.walk import Ended, faults, walk
 
@@ -169,13 +170,12 @@ def test_every_word_of_a_verdict_is_explained():
     for p, gain in itertools.product((0.01, 0.5), (interval, replace(interval, estimate=-1.0))):
         verdict = Verdict(gain, "scratch", 1, p, p, 9, 6)
         words |= {verdict.against_scratch, verdict.answer}
-        pays = replace(verdict, gain=replace(interval, low=4.0), p=0.01, adjusted_p=0.01)
-        for high in (0.1, 9.0):
-            over = replace(verdict, gain=replace(gain, high=high))
-            words.add(Reason(pays, over, 1.0).words)
+        pays = replace(verdict, gain=interval, p=0.01, adjusted_p=0.01)
+        words.add(Reason(pays, verdict).words)
+        words.add(Reason(pays, verdict, True).words.removesuffix(f", {FOUND}"))
     assert len(words) == 11
     assert [word for word in sorted(words) if f"| {word} |" not in page] == []
-    assert "*pessimism*" in page
+    assert all(f"**{words}**" in page for words in (FOUND, NO_MORE))
     assert not_asked([Reason(verdict_of_one(interval), None)]).partition(":")[0] in page
 
 

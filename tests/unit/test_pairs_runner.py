@@ -16,7 +16,7 @@ COLUMNS = {
     "mean_return", "weak_mean_return", "scratch_mean_return", "start_return", "final_return",
     "weak_final_gain", "steps_to_threshold", "reached", "threshold", "random_return", "optimum",
     "source_steps", "source_return", "source_optimum",
-    "source_random_return", "source_budget", "target_budget", "total", "guard_share", "verdict",
+    "source_random_return", "source_budget", "target_budget", "total", "source_share", "verdict",
     "reason", "pair_seconds",
 }  # fmt: skip
 
@@ -39,21 +39,14 @@ def test_a_row_is_an_arm_of_a_pair_with_a_seed(played):
     assert {(pair, seed) for pair, _, seed in keys} == {
         (p, k) for p in (CORNER, LOST) for k in (0, 1)
     }
-    arms = {
-        "scratch",
-        RAW,
-        f"{RAW}, negated",
-        f"{RAW}, placebo",
-        "guarded",
-        "default",
-    }
+    arms = {"scratch", RAW, f"{RAW}, negated", f"{RAW}, placebo", "guarded", "default"}
     assert arms <= {arm for _, arm, _ in keys}
 
 
 def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
-    (pair,) = (one for one in read([played]) if one.name == CORNER)
-    found = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, workers=1)
-    gain = found[RAW].strong_gain(found.scratch)
+    (pair,) = (row for row in read([played]) if row.name == CORNER)
+    result = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, opponents=())
+    gain = result[RAW].strong_gain(result.scratch)
     np.testing.assert_array_equal(pair.arms[RAW]["gain"], gain)
     np.testing.assert_array_equal(pair.gains(RAW), gain / pair.way)
     assert pair.facts["source_budget"] == 1_500
@@ -79,9 +72,9 @@ def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
     assert again == parts
     assert again[1].stat().st_mtime_ns == kept[parts[1]]
     second = pq.read_table(played)
-    shares = [np.asarray(table["guard_share"]) for table in (first, second)]
-    np.testing.assert_array_equal(*shares)  # NaN where there is no guard
-    apart = ["pair_seconds", "guard_share"]
+    shares = [np.asarray(table["source_share"]) for table in (first, second)]
+    np.testing.assert_array_equal(*shares)  # NaN where there is no portfolio
+    apart = ["pair_seconds", "source_share"]
     assert second.drop_columns(apart).equals(first.drop_columns(apart))
 
 
@@ -120,19 +113,13 @@ def bar_of(lines):
     return next(line for line in lines if line.startswith(("MET", "NOT MET")))
 
 
-def test_a_loss_is_a_share_of_what_scratch_covers():
-    pair = known("a", guarded=-0.06)
-    assert pair.base() == pytest.approx(0.5)
-    assert pair.losses("guarded").estimate == pytest.approx(0.12)
-
-
 def test_the_guard_must_cap_harm_and_keep_gains():
     good = known("good", raw=0.2, guarded=0.19)
     capped = known("capped", raw=-0.4, guarded=-0.04)
-    assert bar_of(tables.guard([good, capped])).startswith("MET")
+    assert bar_of(tables.portfolio([good, capped])).startswith("MET")
     harmed = known("harmed", raw=-0.4, guarded=-0.06)
-    found = bar_of(tables.guard([good, harmed]))
-    assert found.startswith("NOT MET")
-    assert "in 1 of 2 pairs (shown in 1; raw in 1)" in found
+    result = bar_of(tables.portfolio([good, harmed]))
+    assert result.startswith("NOT MET")
+    assert "in 1 of 2 pairs (shown in 1; raw in 1)" in result
     lost = known("lost", raw=0.2, guarded=0.1)
-    assert "keeps 50%" in bar_of(tables.guard([lost]))
+    assert "keeps 50%" in bar_of(tables.portfolio([lost]))

@@ -98,6 +98,7 @@ def test_the_policies_of_tables_are_read_from_a_folder(finished, study_file):
 
 NO_EPISODE = """
 name = "hall"
+opponents = []
 seeds = 1
 budget = 300
 snapshots = 0
@@ -120,11 +121,7 @@ def hall(folder):
     ("arguments", "code", "message"),
     [
         ([], 2, "--arm must be one of scratch, chain, state, calibrated: got none"),
-        (
-            ["--set", "tasks.maze.budget=5", "--arm", "chain"],
-            2,
-            "--set needs --study",
-        ),
+        (["--set", "tasks.maze.budget=5", "--arm", "chain"], 2, "--set needs --study"),
         (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),
         (["--arm", "chain", "--out", "maze.mp4"], 1, "must end in .gif: got 'maze.mp4'"),

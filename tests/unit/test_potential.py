@@ -6,7 +6,6 @@ import pytest
 import curricle as cr
 from curricle import StateActionPotential, StatePotential, maximum, mean, minimum, total
 from curricle.errors import CurriculumError, PotentialError
-from curricle.learning import linear
 from curricle.planning import Target, target as target_module
 from curricle.tasks.mdp import reachable_states
 from curricle.transfer import rollouts as quality
@@ -66,21 +65,6 @@ def test_no_aggregate_is_asked_of_pairs_that_no_source_knows():
 
 LINE = cr.GridWorld("S.T", discount=0.5)  # Q* = 98.5 and 199 to the east
 MAZE = cr.GridWorld(["F..T", ".P..", "S..#"], discount=0.9, time_limit=30)
-
-
-def test_the_shaping_reward_is_the_discounted_difference():
-    phi = StatePotential(LINE, [4, 6, 9])
-    assert phi.shaping_reward(0, 1) == 0.5 * 6 - 4
-    assert phi.shaping_reward([0, 1], [0, 2]).tolist() == [0.5 * 4 - 4, -6]
-
-
-def test_frames_and_weights_change_with_time():
-    phi = StatePotential(LINE, [[1, 1, 0], [8, 8, 0]], frame_steps=(0, 10))
-    assert [phi.at(t)[0] for t in (0, 9, 10, 99)] == [1, 1, 8, 8]
-    assert phi.shaping_reward(0, 1, step=9) == 0.5 * 8 - 1
-    phi = StatePotential(LINE, [4, 4, 0], weight=linear(1, 0, steps=4))
-    assert phi.at(1).tolist() == [3, 3, 0]
-    assert phi.shaping_reward(0, 1, step=1) == 0.5 * 2 - 3
 
 
 @pytest.mark.parametrize("task", [ring_by_tables(), ring()], ids=["tables", "functions"])
@@ -153,22 +137,6 @@ def test_every_measure_agrees_with_a_plain_loop(seed):
     # Both Q* are within the tolerance that a target is solved to, 1e-6, of the truth.
     near = judged.excess, judged.mean_absolute_value, judged.largest_underestimate
     assert near == pytest.approx((excess, size, below), abs=2e-6)
-
-
-def test_an_underestimate_counts_only_where_optimal_policies_lead():
-    """A cell off the way does not count; of two cells on the way the worse one is named."""
-    maze = cr.GridWorld(["...", "S.T"], discount=0.5)
-    target = Target.of(maze)
-    q = target.solution.action_values.copy()
-    q[0] = -1000.0
-    assert potential_quality(cr.StateActionPotential(maze, q), target).largest_underestimate == 0.0
-    q[3:5] = [[-40.0], [-50.0]]  # worth 98.5 and 199, but only values below 0 count
-    judged = potential_quality(cr.StateActionPotential(maze, q), target)
-    assert (judged.largest_underestimate, judged.most_underestimated_state) == (50.0, 4)
-    # Where the truth is 98.5, values of 10 and 0 do not count; -10 does.
-    for value, expected in ((10.0, 0.0), (0.0, 0.0), (-10.0, 10.0)):
-        phi = cr.StateActionPotential(LINE, np.full((3, 4), value))
-        assert potential_quality(phi, Target.of(LINE)).largest_underestimate == expected
 
 
 @pytest.mark.parametrize("task", [LINE, MAZE, cr.Pursuit(3, 2), *map(random_mdp, range(20))])

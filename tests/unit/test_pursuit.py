@@ -101,8 +101,7 @@ def test_the_table_is_the_joint_dynamics_under_every_capture_rule(size, predator
 
 
 @pytest.mark.parametrize(
-    ("capture", "ends_at"),
-    [("all", 3), ("any", 1), ("as_published", 1), (1, 1), (2, 2), (3, 3)],
+    ("capture", "ends_at"), [("all", 3), ("any", 1), ("as_published", 1), (1, 1), (2, 2), (3, 3)]
 )
 def test_an_episode_ends_when_enough_predators_touch_the_prey(capture, ends_at):
     game = Pursuit(size=2, predators=3, capture=capture)
@@ -147,12 +146,3 @@ def test_a_table_too_large_is_refused_before_anything_is_allocated():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1_000_000
-
-
-def test_a_game_is_a_value():
-    policy = np.full((4, 5), 0.2)
-    game = Pursuit(size=2, prey=policy)
-    assert game == Pursuit(size=2, prey=policy.tolist())
-    assert hash(game) == hash(Pursuit(size=2, prey=policy))
-    policy[:] = 0
-    assert game == Pursuit(size=2, prey=np.full((4, 5), 0.2))

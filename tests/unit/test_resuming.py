@@ -17,6 +17,7 @@ pytestmark = pytest.mark.usefixtures("quick_disk")
 # The source has an own task, the target an own mapping and an own aggregate. Scratch has neither.
 STUDY = """
 name = "own"
+opponents = []
 seeds = 2
 eval_freq = 100
 budget = 300
@@ -150,39 +151,6 @@ def test_line_ends_and_places_are_no_change(copy, tmp_path):
     assert again(copy.rename(tmp_path / "elsewhere")) == ([], [])
 
 
-def test_stale_units_are_kept_if_asked_for(copy, contents):
-    before = contents(copy / "out" / "units")
-    change(copy / "rules.py")
-    change(copy / "aggregates.py")
-    kept = [f"{OWN}, seeds 0-1, is stale and kept: aggregates.py changed"]
-    kept += [f"{SHORT}, seeds 0-1, is stale and kept: rules.py changed"]
-    assert again(copy, keep_stale=True) == ([], sorted(kept))
-    assert contents(copy / "out" / "units") == before
-    assert StudyResults(copy / "out").seeds == (0, 1)
-    assert again(copy, keep_stale=True) == ([], sorted(kept))
-
-
-def test_stale_units_can_be_kept_after_training_them_again_was_begun(copy):
-    def interrupt(progress):
-        if progress.stored is not None:
-            raise KeyboardInterrupt
-
-    change(copy / "rules.py")
-    study = read_study(copy / "own.toml", set=["seeds=1"])
-    with pytest.raises(KeyboardInterrupt):
-        run_study(study, copy / "out", resume=True, progress=interrupt)
-    assert len(StudyStore(copy / "out").finished()) == 5  # one more, of a single seed
-    trained, (sentences,) = again(copy, keep_stale=True)
-    assert trained == []
-    assert sentences == f"{SHORT}, seeds 0-1, is stale and kept: rules.py changed"
-
-
-def test_only_code_is_kept_when_stale(copy):
-    change(copy / "rules.py")
-    trained, _ = again(copy, keep_stale=True, set=["tasks.long.learner.epsilon=0.5"])
-    assert trained == [ONE, OWN, SCRATCH]
-
-
 @pytest.fixture
 def upgraded(monkeypatch):
     """A function: library -> its version before; from then on it is 9.0."""
@@ -198,7 +166,6 @@ def upgraded(monkeypatch):
 
 def test_another_version_of_curricle_makes_units_stale(copy, upgraded):
     why = f"Curricle was {upgraded('curricle')} and is 9.0"
-    assert again(copy, keep_stale=True)[0] == []
     trained, sentences = again(copy)
     assert trained == [ONE, SHORT, OWN, SCRATCH]
     assert sentences[-1] == stale(SCRATCH, why)
@@ -298,19 +265,13 @@ def test_a_dry_run_tells_the_same_and_changes_nothing(copy, contents):
     damaged = next((copy / "out" / "units").glob("short-*/*.npz"))
     damaged.write_bytes(damaged.read_bytes()[::-1])
     before, study = contents(copy), read_study(copy / "own.toml")
-    lines = [*units_left(study, copy / "out", (1, 1), keep_stale=False)]
+    lines = [*units_left(study, copy / "out", (1, 1))]
     assert lines == [
         f"{damaged} is damaged: its units are trained again",
         stale(OWN, "aggregates.py changed"),
         f"{SHORT}, seeds 0-1: 300 steps at most",
         f"{OWN}, seeds 0-1: 600 steps at most",
         f"2 units to do, 2 done, in {copy / 'out'}",
-    ]
-    kept = [*units_left(study, copy / "out", (1, 1), keep_stale=True)]
-    assert kept[1:] == [
-        lines[1].replace("trained again", "kept"),
-        lines[2],
-        f"1 unit to do, 3 done, in {copy / 'out'}",
     ]
     assert contents(copy) == before
     assert again(copy) == ([SHORT, OWN], sorted(lines[:2]))

@@ -208,16 +208,6 @@ def test_counts_and_optima_agree_with_a_search(name):
     assert (len(paid), sum(paid)) == (shortest, best)
 
 
-# By hand: n - 1 moves to the key in the north-west, 2 n - 4 past the pits to the lock, and 2 uses.
-@pytest.mark.parametrize("size", [4, 6, 8, 11])
-def test_the_optimum_of_a_room(size):
-    task = KeyLockPit.room(size)
-    met, shortest, best = search(task.map)
-    assert shortest == 3 * size - 5 + 2
-    assert best == 1500 - 10 * (3 * size - 5)
-    assert met == task.states.size == 2 * size**2 + 1
-
-
 def test_all_states_of_every_status_are_there_once():
     task = KeyLockPit(["SK.", "L#K", "P.L"], needs=[[1], [1, 2]])
     # Sets of locks that may be open: 1 without a key or with the second, 2 with the first, 4 with

@@ -48,12 +48,6 @@ def test_folders_are_made_and_the_ending_is_added(tmp_path, learnt):
     assert LearningResult.load(file).seeds == (5, 2)
 
 
-def test_numpy_reads_the_arrays_without_pickles(tmp_path, learnt):
-    with np.load(learnt.save(tmp_path / "maze"), allow_pickle=False) as file:
-        assert np.array_equal(file["values"], learnt.values)
-        assert np.array_equal(file["greedy_return"], learnt.greedy_return, equal_nan=True)
-
-
 def test_what_is_loaded_goes_on_as_the_original(tmp_path, learnt):
     again = LearningResult.load(learnt.save(tmp_path / "maze"), MAZE)
     assert str(again) == str(learnt)
@@ -105,7 +99,7 @@ def test_what_is_no_path_is_refused(learnt, trained):
 def test_a_url_is_refused_and_nothing_is_written(tmp_path, learnt, trained, monkeypatch):
     monkeypatch.chdir(tmp_path)
     saves = (learnt, trained, learnt.policy)
-    for save in (*(one.save for one in saves), LearningResult.load):
+    for save in (*(saved.save for saved in saves), LearningResult.load):
         with pytest.raises(StoreError, match=r"on this machine, not at a URL: got 's3://b/maze"):
             save("s3://b/maze")
     with pytest.raises(StoreError, match=r"not at a URL: got 'gs://b/maze\.gif'"):
@@ -202,9 +196,7 @@ def same(result, other):
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [{}, {"calibrate": cr.transfer.Calibrate(episodes=5)}],
-    ids=["plain", "calibrated"],
+    "settings", [{}, {"calibrate": cr.transfer.Calibrate(episodes=5)}], ids=["plain", "calibrated"]
 )
 def test_a_curriculum_is_loaded_as_it_was(tmp_path, settings):
     curriculum = plan(**settings)
@@ -258,7 +250,7 @@ def test_a_frame_has_a_row_for_each_checkpoint_up_to_a_seeds_end(learnt):
     frame = learnt.frame()
     assert [*frame.columns] == [
         *("seed", "checkpoint", "steps"),
-        *("training_return", "greedy_return", "guard_share", "episodes"),
+        *("training_return", "greedy_return", "source_share", "episodes"),
     ]
     assert len(frame) == 2 * len(learnt.steps)
     last = frame.groupby("seed").last()

@@ -105,11 +105,6 @@ def test_probability_of_crossing_is_that_of_the_multivariate_normal():
     assert inside == pytest.approx(0.9, abs=2e-5)
 
 
-def test_a_goal_met_at_the_last_look_counts():
-    result = add_seeds(noisy(), first=20, most=20, precision=5.0)
-    assert (result.stopped_by, result.looks) == ("precision", 1)
-
-
 def test_settings_are_refused_before_anything_is_measured():
     measure, asked = recorded(noisy())
     for both in ({}, {"precision": 1.0, "difference": True}):

@@ -14,17 +14,6 @@ from curricle.design.candidates import KINDS
 from curricle.design.kinds import betweenness
 from curricle.errors import CurriculumError, TaskError
 from curricle.paper.mazes import maze as paper_maze
-from curricle.tasks import (
-    CliffWalking,
-    DeepSea,
-    FourRooms,
-    FrozenLake,
-    RiverSwim,
-    Taxi,
-    frozen_lake_family,
-    goal_distance,
-    pursuit_family,
-)
 from curricle.tasks.start_states import goal_states
 from curricle.transfer import family_mappings
 from curricle.transfer.mapping import ENDED, UNMAPPED, terminal_states
@@ -66,7 +55,7 @@ def chain(n=8, slip=0.2, **settings):
 
 
 def test_members_are_those_that_are_easier_with_the_familys_mappings():
-    target = pursuit_family(size=3, predators=2)
+    target = cr.tasks.pursuit_family(size=3, predators=2)
     candidates = only("member", target)
     assert set(names(candidates)) == {
         "pursuit(size=3, predators=1)",
@@ -80,7 +69,7 @@ def test_members_are_those_that_are_easier_with_the_familys_mappings():
         assert (mapping.index == expected.index).all()
     assert candidate.words.endswith("size 2 instead of 3, predators 1 instead of 2")
     with pytest.raises(CurriculumError, match="up to 20,000,000 state-action pairs"):
-        source_candidates(pursuit_family(size=10, predators=2))
+        source_candidates(cr.tasks.pursuit_family(size=10, predators=2))
 
 
 # -- crops ---------------------------------------------------------------------------------------
@@ -96,10 +85,10 @@ def test_a_target_is_cropped_around_its_goal():
         assert (candidate.mapping.index == same_position(MAZE, candidate.task).index).all()
     sides = {len(candidate.task.map) for candidate in candidates}
     assert sides <= set(range(2, 10))
-    assert names(only("crop", RiverSwim(size=4))) == ["positions 2..3", "positions 1..3"]
-    assert names(only("crop", DeepSea(size=3))) == ["lowest 1 rows", "lowest 2 rows"]
-    assert "rows 5..7, columns 5..7" in names(only("crop", FrozenLake("8x8")))
-    assert len(only("crop", FourRooms(size=9))) > 1
+    assert names(only("crop", cr.tasks.RiverSwim(size=4))) == ["positions 2..3", "positions 1..3"]
+    assert names(only("crop", cr.tasks.DeepSea(size=3))) == ["lowest 1 rows", "lowest 2 rows"]
+    assert "rows 5..7, columns 5..7" in names(only("crop", cr.tasks.FrozenLake("8x8")))
+    assert len(only("crop", cr.tasks.FourRooms(size=9))) > 1
 
 
 # -- what is removed -----------------------------------------------------------------------------
@@ -112,7 +101,7 @@ def test_hazards_are_removed_together_and_one_by_one():
     assert candidates["no hazards"].task.map == ("S...", "....", "...T")
     assert candidates["no pit at (2, 0)"].task.map == ("S.PF", "....", "...T")
     assert candidates["no pit"].mapping.coverage().unmapped == 0
-    candidates = only("removed", FrozenLake("4x4"))
+    candidates = only("removed", cr.tasks.FrozenLake("4x4"))
     assert candidates["no hole"].task.map == ("SFFF", "FFFF", "FFFF", "FFFG")
     assert len(candidates) == 5
     rewards = cr.Rewards(pit=5.0)
@@ -134,7 +123,7 @@ def test_predators_are_removed_unless_the_prey_looks_at_them():
 
 
 def test_penalties_are_rewards_below_those_of_most_steps():
-    target = CliffWalking(rows=3, columns=5)
+    target = cr.tasks.CliffWalking(rows=3, columns=5)
     (candidate,) = only("removed", target)
     assert candidate.name == "no penalties"
     assert set(np.unique(candidate.task.mdp.reward)) == {-1.0}
@@ -155,20 +144,24 @@ def test_the_likeliest_outcome_of_each_pair_stays():
     assert (candidate.task.next_state[row, 0], candidate.task.reward[row, 0]) == (0, 1.0)
     with pytest.raises(CurriculumError, match="1 cannot be made"):
         only("deterministic", Pursuit(size=3, predators=1))
-    (candidate,) = only("deterministic", FrozenLake("4x4"))
-    assert candidate.task == FrozenLake("4x4", slippery=False)
+    (candidate,) = only("deterministic", cr.tasks.FrozenLake("4x4"))
+    assert candidate.task == cr.tasks.FrozenLake("4x4", slippery=False)
 
 
-@pytest.mark.parametrize("target", [MAZE, chain(), RiverSwim(size=9), Taxi(size=3, stands=2)])
+@pytest.mark.parametrize(
+    "target", [MAZE, chain(), cr.tasks.RiverSwim(size=9), cr.tasks.Taxi(size=3, stands=2)]
+)
 def test_start_rings_grow_from_the_goal(target):
     candidates = only("starts", target)
     far = [
-        goal_distance(candidate.task, np.flatnonzero(goal_of(target)))[
+        cr.tasks.goal_distance(candidate.task, np.flatnonzero(goal_of(target)))[
             candidate.task.mdp.start > 0
         ].max()
         for candidate in candidates
     ]
-    last = goal_distance(target, np.flatnonzero(goal_of(target)))[target.mdp.start > 0].max()
+    last = cr.tasks.goal_distance(target, np.flatnonzero(goal_of(target)))[
+        target.mdp.start > 0
+    ].max()
     assert sorted(far) == list(range(1, last))
     for candidate in candidates:
         live = ~terminal_states(target)
@@ -177,13 +170,13 @@ def test_start_rings_grow_from_the_goal(target):
 
 
 def goal_of(target):
-    if isinstance(target, RiverSwim):
+    if isinstance(target, cr.tasks.RiverSwim):
         return np.arange(target.size) == target.size - 1
     return goal_states(target)
 
 
 def test_bottlenecks_of_four_rooms_are_hallways():
-    target = FourRooms(size=13)
+    target = cr.tasks.FourRooms(size=13)
     candidates = only("bottleneck", target)
     cells = {
         tuple(target.layout.cells[ends(candidate, target)].tolist()) for candidate in candidates
@@ -250,7 +243,7 @@ def test_a_bottleneck_from_which_the_goal_is_out_of_reach_is_dropped():
 
 
 def test_members_of_a_family_read_each_other_as_it_declares():
-    target = pursuit_family(size=3, predators=2)
+    target = cr.tasks.pursuit_family(size=3, predators=2)
     members = only("member", target)
     small = members["pursuit(size=2, predators=1)"]
     for name, ways in (("pursuit(size=3, predators=1)", 1), ("pursuit(size=2)", 2)):
@@ -356,22 +349,16 @@ def made(mappings):
 
 NEAR = CORRIDOR.crop(rows=(0, 1), columns=(3, 6))
 FAR = proposed(NEAR, target=GridWorld("S.T"))
-ALONE = pursuit_family(size=2, predators=1)
+ALONE = cr.tasks.pursuit_family(size=2, predators=1)
 LARGE = Pursuit(size=13, predators=1)
 REFUSALS = {
     CurriculumError: {
-        "family with one member": (
-            lambda: only("member", ALONE),
-            "than the target: pursuit",
-        ),
+        "family with one member": (lambda: only("member", ALONE), "than the target: pursuit"),
         "no kinds": (lambda: source_candidates(CORRIDOR, kinds=[]), "at least one kind"),
         "propose returns tasks": (proposing(NEAR), "return SourceCandidates: got GridWorld"),
         "one name twice": (proposing(proposed(NEAR), proposed(NEAR)), "'mine' is there twice"),
         "mapping of another target": (proposing(FAR), "must be from the target: one of 'mine'"),
-        "mapping to another task": (
-            made(same_position(CORRIDOR, CORRIDOR)),
-            "lead to its task",
-        ),
+        "mapping to another task": (made(same_position(CORRIDOR, CORRIDOR)), "lead to its task"),
         "no mapping": (made([]), "needs mappings from the target"),
         "no tables between": (
             lambda: mappings_between(ring(), proposed(NEAR), proposed(NEAR)),
@@ -380,7 +367,10 @@ REFUSALS = {
         "unknown": (lambda: source_candidates(CORRIDOR)["far"], "a candidate must be one of rows"),
     },
     TaskError: {
-        "family in place of a member": (lambda: source_candidates(pursuit_family), "FiniteMDP"),
+        "family in place of a member": (
+            lambda: source_candidates(cr.tasks.pursuit_family),
+            "FiniteMDP",
+        ),
         "no tables": (lambda: source_candidates(ring()), "has no tables"),
         "too many states": (lambda: betweenness(LARGE), "20,000 states: this one has 28,561"),
     },
@@ -398,7 +388,7 @@ def test_wrong_values_are_named():
 
 
 def test_every_kind_has_its_turn_in_some_target():
-    candidates = source_candidates(frozen_lake_family(map="8x8"), most=7)
+    candidates = source_candidates(cr.tasks.frozen_lake_family(map="8x8"), most=7)
     assert {candidate.kind for candidate in candidates} == set(KINDS)
     assert len(KINDS) == 7
     assert all(a.name != b.name for a, b in pairwise(candidates))

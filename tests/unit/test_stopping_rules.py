@@ -6,32 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import example, given, strategies as st
 
-from curricle import (
-    SARSA,
-    Curriculum,
-    GreedyEvaluation,
-    GridWorld,
-    Guard,
-    QInitialisation,
-    QLearning,
-    StatePotential,
-    StateShaping,
-    StoppingRule,
-    learn,
-)
+import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning.stopping import stops
 from tests.refusals import check_values
 
-MAZE = GridWorld(["S...", "..P.", "...T"])
-LEARNERS = [
-    (QLearning(), None),
-    (QLearning(), Guard()),
-    (SARSA(), None),
-]
+MAZE = cr.GridWorld(["S...", "..P.", "...T"])
+LEARNERS = [(cr.QLearning(), None), (cr.QLearning(), cr.Portfolio()), (cr.SARSA(), None)]
 
 
-def oracle(rule: StoppingRule, greedy: list[float], checkpoint: int, step: int) -> bool:
+def oracle(rule: cr.StoppingRule, greedy: list[float], checkpoint: int, step: int) -> bool:
     """The rule in plain words, written anew."""
     n = rule.patience
     last, before = greedy[: checkpoint + 1][-n:], greedy[: checkpoint + 1][-2 * n : -n]
@@ -57,7 +41,7 @@ def oracle(rule: StoppingRule, greedy: list[float], checkpoint: int, step: int) 
 )
 @example(greedy=[0.0, 0.0, 5.0], value=3.0, plateau=None, evaluations=2, when="any", least=0)
 def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, when, least):
-    rule = StoppingRule(
+    rule = cr.StoppingRule(
         100, min_steps=least, threshold=value, plateau=plateau, patience=evaluations, when=when
     )
     for checkpoint in range(len(greedy)):
@@ -67,15 +51,15 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
         assert ends == oracle(rule, greedy, checkpoint, step)
 
 
-@pytest.mark.parametrize(("learner", "guard"), LEARNERS)
-def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, guard):
+@pytest.mark.parametrize(("learner", "portfolio"), LEARNERS)
+def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, portfolio):
     settings = {"eval_freq": 50, "seeds": 4}
-    if guard:
+    if portfolio:
         phi = np.full(MAZE.mdp.outcome_row.shape, 5.0)
-        settings["shaping"] = QInitialisation(phi, guard=guard)
-    whole = learn(MAZE, learner, 4000, **settings)
-    rule = StoppingRule(4000, threshold=150.0, patience=3)
-    stopped = learn(MAZE, learner, rule, **settings)
+        settings["shaping"] = cr.QInitialisation(phi, portfolio=portfolio)
+    whole = cr.learn(MAZE, learner, 4000, **settings)
+    rule = cr.StoppingRule(4000, threshold=150.0, patience=3)
+    stopped = cr.learn(MAZE, learner, rule, **settings)
     ended = False
     for k in range(4):
         steps = int(stopped.steps_used[k])
@@ -88,21 +72,21 @@ def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, guard):
         assert decisions[-1].ends or steps == 4000
         assert not stopped.out_of_memory[k]
         ended |= decisions[-1].ends
-        shorter = learn(MAZE, learner, steps, **{**settings, "seeds": [k]})
+        shorter = cr.learn(MAZE, learner, steps, **{**settings, "seeds": [k]})
         np.testing.assert_array_equal(shorter.values[0], stopped.values[k])
     assert ended
 
 
 def test_fraction_stands_for_a_return_between_random_and_optimal():
-    whole = learn(
-        MAZE, budget=StoppingRule(20_000, fraction=0.9, patience=2), eval_freq=100, seeds=3
+    whole = cr.learn(
+        MAZE, budget=cr.StoppingRule(20_000, fraction=0.9, patience=2), eval_freq=100, seeds=3
     )
     assert (whole.steps_used < 20_000).all()
     last = whole.greedy_return[:, -1]
-    optimum = learn(MAZE, budget=40_000, eval_freq=40_000).greedy_return[0, -1]
+    optimum = cr.learn(MAZE, budget=40_000, eval_freq=40_000).greedy_return[0, -1]
     assert (last > 0.8 * optimum).all()
     with pytest.raises(SettingError, match="not both"):
-        StoppingRule(10, threshold=1.0, fraction=0.5)
+        cr.StoppingRule(10, threshold=1.0, fraction=0.5)
 
 
 @pytest.mark.parametrize(
@@ -117,14 +101,14 @@ def test_fraction_stands_for_a_return_between_random_and_optimal():
     ],
 )
 def test_the_criterion_of_a_decision_has_no_numbers(settings, greedy, criterion):
-    rule = StoppingRule(30, patience=2, **settings)
+    rule = cr.StoppingRule(30, patience=2, **settings)
     decisions = rule.decisions([0, 10, 20, 30], greedy, level=6.5)
     assert [decision.criterion for decision in decisions] == ["", "", "", criterion]
 
 
 def test_a_rule_that_makes_no_sense_is_refused():
     nan = float("nan")
-    check_values(SettingError, StoppingRule, {"max_steps": [0]})
+    check_values(SettingError, cr.StoppingRule, {"max_steps": [0]})
     wrong = {
         "min_steps": [11],
         "settled": [-0.1, "much"],
@@ -133,32 +117,32 @@ def test_a_rule_that_makes_no_sense_is_refused():
         "plateau": [-1],
     }
     wrong |= {"threshold": [nan], "when": ["both"]}
-    check_values(SettingError, partial(StoppingRule, 10), wrong)
+    check_values(SettingError, partial(cr.StoppingRule, 10), wrong)
 
 
 def test_snapshots_hold_the_policy_at_their_steps():
-    result = learn(MAZE, budget=2000, eval_freq=100, seeds=[3, 4], snapshots=5)
+    result = cr.learn(MAZE, budget=2000, eval_freq=100, seeds=[3, 4], snapshots=5)
     snapshots = result.snapshots
     assert snapshots.seed == 3
     assert snapshots.steps[[0, -1]].tolist() == [0, 2000]
     np.testing.assert_array_equal(snapshots.values[-1], result.values[0].astype(np.float32))
     for step, values in zip(snapshots.steps[1:], snapshots.values[1:], strict=True):
-        then = learn(MAZE, budget=int(step), eval_freq=100, seeds=[3])
+        then = cr.learn(MAZE, budget=int(step), eval_freq=100, seeds=[3])
         np.testing.assert_array_equal(values, then.values[0].astype(np.float32))
 
 
 def test_snapshots_of_stopped_and_shaped_runs_end_with_what_was_learnt():
-    phi = StatePotential(MAZE, np.where(MAZE.mdp.terminal, 0.0, 7.0))
-    rule = StoppingRule(5000, threshold=150.0, patience=1)
-    result = learn(MAZE, budget=rule, eval_freq=50, snapshots=6, shaping=StateShaping(phi))
+    phi = cr.StatePotential(MAZE, np.where(MAZE.mdp.terminal, 0.0, 7.0))
+    rule = cr.StoppingRule(5000, threshold=150.0, patience=1)
+    result = cr.learn(MAZE, budget=rule, eval_freq=50, snapshots=6, shaping=cr.StateShaping(phi))
     assert result.snapshots.steps[-1] == result.steps_used[0]
     np.testing.assert_allclose(result.snapshots.values[-1], result.values[0], rtol=1e-6)
-    assert learn(MAZE, budget=100).snapshots is None
+    assert cr.learn(MAZE, budget=100).snapshots is None
 
 
 @pytest.mark.parametrize("place", [1, 2, 3])
 def test_an_unknown_return_among_the_last_neither_reaches_a_level_nor_drops(place):
-    rule = StoppingRule(1000, threshold=5.0, drop=1.0, patience=3)
+    rule = cr.StoppingRule(1000, threshold=5.0, drop=1.0, patience=3)
     for known in (9.0, -9.0):
         greedy = np.array([0.0, known, known, known])
         assert rule.decisions([0, 1, 2, 3], greedy)[-1].ends
@@ -169,13 +153,13 @@ def test_an_unknown_return_among_the_last_neither_reaches_a_level_nor_drops(plac
 
 
 def test_the_steps_of_evaluations_are_counted_and_said_to_be_free():
-    rule = StoppingRule(max_steps=500, threshold=1e9)
+    rule = cr.StoppingRule(max_steps=500, threshold=1e9)
     exact, rolled = (
-        Curriculum(
+        cr.Curriculum(
             {"maze": MAZE},
             budget=rule,
             eval_freq=100,
-            evaluation=GreedyEvaluation(method, episodes=7),
+            evaluation=cr.GreedyEvaluation(method, episodes=7),
         ).train(seeds=2)
         for method in ("exact", "rollouts")
     )

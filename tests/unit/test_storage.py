@@ -239,7 +239,10 @@ ARRAY = cr.StateActionPotential(CHASE, np.zeros((81, 5)))
 REFUSED = {
     "SARSA": ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
     "state": ({"shaping": cr.StateShaping(ARRAY)}, "got QLearning with StateShaping"),
-    "guard": ({"shaping": cr.QInitialisation(ARRAY, cr.Guard())}, "got QLearning.* and a guard"),
+    "portfolio": (
+        {"shaping": cr.QInitialisation(ARRAY, cr.Portfolio())},
+        "got QLearning.* and a portfolio",
+    ),
     "array": (
         {"shaping": cr.QInitialisation(ARRAY)},
         "got StateActionPotential, which is an array",
@@ -298,21 +301,6 @@ def test_as_many_actions_as_can_be_numbered():
 
 
 # -- single precision ----------------------------------------------------------------------------
-
-
-def test_single_precision_is_exact_where_nothing_is_rounded():
-    # Halves of small whole numbers, few updates of each pair: 24 bits hold every sum.
-    learner = QLearning(learning_rate=0.5, epsilon=1.0)
-    hunt = cr.Pursuit(2, 2, discount=0.5, time_limit=40).mdp
-    results = [
-        cr.learn(hunt, learner, 4000, storage=Storage(dtype=dtype), evaluation=ROLLED)
-        for dtype in ("float64", "float32")
-    ]
-    double, single = (r.values for r in results)
-    assert (double.dtype, single.dtype) == (np.float64, np.float32)
-    np.testing.assert_array_equal(double, single)
-    assert len(np.unique(double)) > 5
-    same_curves(*results)
 
 
 @pytest.mark.parametrize("kind", [QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning])

@@ -28,12 +28,15 @@ def path(request, tmp_path):
 
 
 def reduced(path):
-    """What to set so that a study is trained in no time: tiny budgets, short calibrations."""
+    """What to set so that a study is trained in no time: tiny budgets, networks, calibrations."""
     study = tomllib.loads(path.read_text("utf-8"))
     arms = study.get("arms", {})
     network = "n_steps" in str(study.get("learner"))
-    changes = [f"learner.settings.{of}=50" for of in ("n_steps", "batch_size") if network]
+    small = {"n_steps": 50, "batch_size": 50, "policy_kwargs.net_arch": [8]} if network else {}
+    changes = [f"learner.settings.{name}={value}" for name, value in small.items()]
     for name, task in study["tasks"].items():
+        changes += [f"tasks.{name}.resets=2"] if task.get("type") == "distilled" else []
+        changes += [f"tasks.{name}.evaluation.episodes=1"] if "evaluation" in task else []
         stops = "max_steps" in task["budget"] if isinstance(task.get("budget"), dict) else False
         short = f"{{ max_steps = {STEPS}, min_steps = 0 }}" if stops else STEPS
         changes.append(f"tasks.{name}.budget={short}")
@@ -69,13 +72,13 @@ def test_it_is_trained(path):
 
 def test_there_are_examples_of_each_kind_of_task():
     assert len(EXAMPLES) >= 6
-    found = {
+    kinds = {
         task.get("type", "family")
         for name in EXAMPLES
         for task in tomllib.loads((FOLDER / name).read_text("utf-8"))["tasks"].values()
     }
     tables = {"maze", "crop", "pursuit", "gymnasium", "factory", "family"}
-    assert found == tables | {"observation_task", "distilled"}
+    assert kinds == tables | {"observation_task", "distilled"}
 
 
 # The schema that editors check files by says the same. This much of JSON Schema it uses:

@@ -20,7 +20,7 @@ from tests.refusals import check_values
 from tests.studies import HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-CURVES = ("steps", "training_return", "greedy_return", "guard_share", "episodes")
+CURVES = ("steps", "training_return", "greedy_return", "source_share", "episodes")
 SPENT = ("steps_used", "episodes_used", "out_of_memory")
 
 
@@ -178,7 +178,7 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
 
 def test_the_comparison_is_that_of_compare(study_file, finished):
     results = StudyResults(finished).comparison
-    wanted = cr.compare(read_study(study_file).curricula, seeds=4, workers=1)
+    wanted = cr.compare(read_study(study_file).curricula, seeds=4, opponents=())
     assert list(results.arms) == list(wanted.arms)
     for name, arm in wanted.arms.items():
         np.testing.assert_array_equal(results[name].curve.steps, arm.curve.steps)
@@ -237,6 +237,7 @@ def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
 
 
 SPARSE = [
+    "opponents=[]",
     *('seeds="3,7,8"', "seeds_per_unit=2", "tasks.hunt.storage.kind='sparse'"),
     *("tasks.chase.budget=400", "tasks.hunt.budget=400"),
 ]

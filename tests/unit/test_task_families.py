@@ -92,9 +92,7 @@ def test_members_are_values():
 
 
 @pytest.mark.parametrize(
-    "family",
-    [corridor, *BUILT_IN.values()],
-    ids=lambda family: repr(family)[:40],
+    "family", [corridor, *BUILT_IN.values()], ids=lambda family: repr(family)[:40]
 )
 def test_families_and_members_are_pickled(family):
     assert pickle.loads(pickle.dumps(family)) == family
@@ -158,10 +156,7 @@ def one_word(word: str = "a") -> GridWorld:
     ("wrong", "said"),
     [
         (lambda: corridor(), "length of corridor must be given: it has no default, and is 2..9"),
-        (
-            lambda: corridor(lenght=4),
-            "must be one of length, .*: got 'lenght', did you mean 'length'",
-        ),
+        (lambda: corridor(lenght=4), "be one of length, .*: got 'lenght', did you mean 'length'"),
         (lambda: corridor(length=9, slope="steep"), "a long corridor must be flat: got corridor"),
         (lambda: list(corridor.members(length=[3, 99])), r"must lie in \[2, 9\]: got 99"),
         (lambda: corridor(length=3)["size"], "a parameter of corridor must be one of"),
@@ -202,15 +197,6 @@ def test_wrong_values_are_named():
     check_values(TaskError, partial(TaskFamily, "f", one_word), wrong)
     check_values(TaskError, partial(TaskFamily, "f"), {"factory": [3]})
     check_values(TaskError, ComponentsByName, {"unequal": ["stretch"], "renaming": [3, {"a": 1}]})
-
-
-def test_a_default_without_an_annotation_says_the_kind():
-    lane = TaskFamily("lane", lambda length=3, wet=False, notes=(): one_word(), [])
-    assert [(parameter.name, parameter.kind) for parameter in lane.parameters] == [
-        ("length", int),
-        ("wet", bool),
-    ]
-    assert lane(length=4)["length"] == 4
 
 
 def test_a_member_where_a_task_is_needed_is_told_from_its_task():

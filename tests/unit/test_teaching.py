@@ -190,7 +190,7 @@ REFUSALS = {
         "no goal": (
             lambda: teach({"n": NO_GOAL}, Learnability(), target="n"),
             "goal needs at least one state.*task 'n'",
-        ),
+        )
     },
 }
 
@@ -243,7 +243,7 @@ def uniform_over(tasks):
 def rates(seen, window):
     """Return the share of successes among the last `window` episodes of each task."""
     outcomes = [[e.success for e in seen if e.task == i][-window:] for i in range(N_TASKS)]
-    return [np.mean(one) if one else 0.0 for one in outcomes]
+    return [np.mean(successes) if successes else 0.0 for successes in outcomes]
 
 
 @pytest.mark.parametrize(("seed", "n"), CASES)

@@ -7,14 +7,8 @@ from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 from hypothesis import given, settings, strategies as st
 from scipy.sparse.csgraph import floyd_warshall
 
+import curricle as cr
 from curricle import from_gymnasium, solve
-from curricle.tasks import (
-    CliffWalking,
-    FrozenLake,
-    Taxi,
-    frozen_lake_family,
-    goal_distance,
-)
 from curricle.tasks.mdp import reachable_states
 
 
@@ -45,7 +39,7 @@ def assert_equal_to_gymnasium(task, name, **arguments):
 @pytest.mark.parametrize("name", ["4x4", "8x8"])
 @pytest.mark.parametrize("slippery", [False, True])
 def test_lakes_are_those_of_gymnasium(name, slippery):
-    lake = FrozenLake(name, slippery=slippery)
+    lake = cr.tasks.FrozenLake(name, slippery=slippery)
     assert_equal_to_gymnasium(lake, "FrozenLake-v1", map_name=name, is_slippery=slippery)
     assert lake.time_limit == gym.spec("FrozenLake-v1").max_episode_steps
 
@@ -61,7 +55,7 @@ def test_lakes_are_those_of_gymnasium(name, slippery):
 def test_random_lakes_are_those_of_gymnasium(size, share, seed, success_rate, rewards):
     lines = generate_random_map(size=size, p=share, seed=seed)
     goal, hole, frozen = rewards
-    lake = frozen_lake_family(
+    lake = cr.tasks.frozen_lake_family(
         map="random",
         size=size,
         frozen_share=share,
@@ -78,7 +72,7 @@ def test_random_lakes_are_those_of_gymnasium(size, share, seed, success_rate, re
 
 @pytest.mark.parametrize("slippery", [False, True])
 def test_the_cliff_is_that_of_gymnasium(slippery):
-    walk = CliffWalking(slippery=slippery)
+    walk = cr.tasks.CliffWalking(slippery=slippery)
     assert_equal_to_gymnasium(walk, "CliffWalking-v1", is_slippery=slippery)
     assert walk.time_limit == gym.spec("CliffWalking-v1").max_episode_steps
 
@@ -86,9 +80,9 @@ def test_the_cliff_is_that_of_gymnasium(slippery):
 @pytest.mark.parametrize(
     ("taxi", "theirs"),
     [
-        (Taxi(), {"is_rainy": False}),
-        (Taxi(rainy=True), {"is_rainy": True}),
-        (Taxi(rainy=True, success_rate=0.5), {"is_rainy": True, "rainy_probability": 0.5}),
+        (cr.tasks.Taxi(), {"is_rainy": False}),
+        (cr.tasks.Taxi(rainy=True), {"is_rainy": True}),
+        (cr.tasks.Taxi(rainy=True, success_rate=0.5), {"is_rainy": True, "rainy_probability": 0.5}),
     ],
 )
 def test_the_taxi_is_that_of_gymnasium(taxi, theirs):
@@ -100,7 +94,7 @@ def test_the_taxi_is_that_of_gymnasium(taxi, theirs):
 
 
 def test_a_part_of_a_lake_is_the_lake_there():
-    whole = FrozenLake("8x8", slippery=False)
+    whole = cr.tasks.FrozenLake("8x8", slippery=False)
     part = whole.crop(rows=(3, 8), columns=(2, 8))
     assert part.map == tuple(line[2:] for line in whole.map[3:])
     row, column = part.layout.cells.T
@@ -117,8 +111,8 @@ def test_a_part_of_a_lake_is_the_lake_there():
 
 @pytest.mark.parametrize(("rows", "columns"), [(2, 3), (3, 6), (4, 12), (5, 20)])
 def test_a_walk_of_any_size_takes_the_way_past_the_cliff(rows, columns):
-    walk = CliffWalking(rows, columns, discount=0.9)
-    assert goal_distance(walk)[walk.mdp.start_states].tolist() == [columns + 1]
+    walk = cr.tasks.CliffWalking(rows, columns, discount=0.9)
+    assert cr.tasks.goal_distance(walk)[walk.mdp.start_states].tolist() == [columns + 1]
     best = -(1 - 0.9 ** (columns + 1)) / (1 - 0.9)
     assert solve(walk).start_value == pytest.approx(best)
     assert walk.states.label(walk.states.size - 1) == "row=3 column=11"
@@ -129,7 +123,7 @@ def test_a_walk_of_any_size_takes_the_way_past_the_cliff(rows, columns):
 @pytest.mark.parametrize("walls", [False, True])
 def test_every_ride_in_every_town_is_possible(size, stands, walls):
     """The best value of each start is that of the shortest ride, found on the map of the town."""
-    town = Taxi(size, stands, walls=walls)
+    town = cr.tasks.Taxi(size, stands, walls=walls)
     n = town.size**2
     beside = np.zeros((n, n))
     for cell, (row, column) in enumerate(np.ndindex(size, size)):
@@ -149,7 +143,7 @@ def test_every_ride_in_every_town_is_possible(size, stands, walls):
         assert best[state] == pytest.approx(expected)
 
 
-LAKE, WALK = FrozenLake(["SFHF", "FHHG"], origin=(3, 8)), CliffWalking(3, 4)
+LAKE, WALK = cr.tasks.FrozenLake(["SFHF", "FHHG"], origin=(3, 8)), cr.tasks.CliffWalking(3, 4)
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,12 @@ from tests.comparisons import (  # noqa: F401
 LINE = cr.GridWorld("S..T", time_limit=30)
 
 
+@pytest.fixture
+def unopposed(monkeypatch):
+    """Trials against the target's own learner and no other."""
+    monkeypatch.setattr(trials, "OPPONENTS", ())
+
+
 def words_of(text):
     return " ".join(str(text).split())
 
@@ -49,7 +55,7 @@ def test_a_trial_is_the_comparison_with_its_tasks_renamed():
     assert (comparison.budget, comparison.window) == (renamed.budget, renamed.window)
 
 
-def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):  # noqa: F811
+def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls, unopposed):  # noqa: F811
     plan = corner()
     cr.forecast(plan, seeds=3)
     streams = [call["stream"] for call in calls]
@@ -61,7 +67,7 @@ def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):  #
     assert (experiment[:, None] == experiment[None]).all(axis=2).sum() == 20  # each equals itself
 
 
-def test_each_candidate_pays_for_its_own_sources_only():
+def test_each_candidate_pays_for_its_own_sources_only(unopposed):
     tasks = {"left": MAZE, "right": MAZE, "far": MAZE, "first": MAZE}
     edges = [
         cr.Transfer(source, target, cr.transfer.identity(MAZE))
@@ -99,6 +105,13 @@ def test_the_candidates_are_what_they_are_called():
     assert candidates["mean"].curriculum.setting("aggregate", "hunt") is cr.mean
 
 
+def test_a_trial_is_against_fair_opponents():
+    foreseen = cr.forecast(rooms(), seeds=2)
+    assert foreseen.trial.comparison.best_opponent("mean") == "scratch, OptimisticQLearning"
+    assert foreseen.answer == "likely costs more than it brings"
+    assert " by scratch, OptimisticQLearning; takes " in foreseen.trial.numbers("mean")
+
+
 # -- what it says ----------------------------------------------------------------------------------
 
 
@@ -115,7 +128,7 @@ def rooms():
     )
 
 
-def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
+def test_a_source_that_pays_is_said_to_pay_and_by_how_much(unopposed):
     foreseen = cr.forecast(rooms(), seeds=2)
     assert (foreseen.answer, foreseen.used.gain.low > 0) == ("likely pays", True)
     gain = foreseen.trial.comparison.contrasts["mean"].strong_gain
@@ -253,7 +266,7 @@ def test_the_used_candidate_alone_is_tried_where_all_would_take_long(monkeypatch
     assert seeds == int(1.5 * trials.FEWEST)
 
 
-def test_trials_share_what_is_learnt_without_sources(calls):  # noqa: F811
+def test_trials_share_what_is_learnt_without_sources(unopposed, calls):  # noqa: F811
     judged, arms = (
         JudgedPotentials(),
         [corner(target=300), corner(target=300, aggregate=cr.maximum)],

@@ -5,8 +5,6 @@ import os
 import zipfile
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from curricle.errors import LONGEST, ConfigError, LostStoreError, StoreError, TaskError
@@ -14,14 +12,12 @@ from curricle.files import RemotePath, opened_archive, read_npy
 from curricle.study import StudyConfig, read_study, run_study
 from curricle.study.store import (
     CHECKPOINTS,
-    DECISION_SCHEMA,
     LOCK,
     STUDY,
     UNITS,
     StudyStore,
     in_use,
     locked,
-    read_parquet,
 )
 from curricle.study.tuning import TRIALS
 from curricle.study_file.file import parsed
@@ -92,7 +88,9 @@ def test_a_folder_that_is_a_link_is_not_written_to(place, tmp_path):
 def test_a_folder_that_is_moved_while_a_run_writes_ends_it(stored, why, tmp_path):
     maze = {"type": "maze", "map": "S.T", "budget": 200}
     arms = {"transfer": {"tasks": {"maze": maze}}}
-    study = StudyConfig.from_data({"name": "line", "seeds": [0, 1], "arms": arms}, tmp_path)
+    study = StudyConfig.from_data(
+        {"name": "line", "seeds": [0, 1], "arms": arms, "opponents": []}, tmp_path
+    )
     folder = tmp_path / "results"
 
     def move(_):
@@ -117,33 +115,6 @@ def test_many_joined_keys_are_refused_and_mazes_are_not():
     with pytest.raises(ValueError, match="at most 100,000 dots may join keys"):
         parsed("".join(f"x{n}.a.b=1\n" for n in range(60_000)))
     assert len(parsed(f"map = '''{'S.#.T.' * 40_000}'''")["map"]) == 240_000
-
-
-def decisions(rows, **how):
-    kinds = {"int64": 0, "bool": True, "double": 0.5, "string": "x" * 1000}
-    table = pa.table(
-        {name: pa.array([kinds[kind]] * rows) for name, kind in DECISION_SCHEMA.items()}
-    )
-    sink = io.BytesIO()
-    pq.write_table(table, sink, **how)
-    return sink.getvalue()
-
-
-@pytest.mark.parametrize(
-    ("how", "why"),
-    [
-        ({"compression": "zstd"}, "compressed by SNAPPY"),
-        ({"compression": "gzip"}, "compressed by SNAPPY"),
-        ({"use_dictionary": False, "column_encoding": "DELTA_BYTE_ARRAY"}, "it is no table"),
-    ],
-)
-def test_tables_that_unpack_to_more_than_they_say_are_refused(how, why):
-    if "column_encoding" in how:
-        texts = [name for name, kind in DECISION_SCHEMA.items() if kind == "string"]
-        how = {**how, "column_encoding": dict.fromkeys(texts, how["column_encoding"])}
-    assert read_parquet(decisions(9), DECISION_SCHEMA, 9).num_rows == 9
-    with pytest.raises(ValueError, match=why):
-        read_parquet(decisions(9, **how), DECISION_SCHEMA, 9)
 
 
 def test_a_file_of_holes_is_not_read(tmp_path):

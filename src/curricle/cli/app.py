@@ -156,12 +156,13 @@ def check(
     """
     from curricle.cli.progress_bars import announce_compilation
     from curricle.cli.study_preview import print_preview
-    from curricle.cli.tables import explained
+    from curricle.cli.tables import print_words
 
     _announce_imports()
     announce_compilation()
-    with explained(explain):
-        print_preview(_read(file, seeds, changes))
+    print_preview(_read(file, seeds, changes))
+    if explain:
+        print_words()
 
 
 @app.command()
@@ -217,13 +218,10 @@ def run(
         list[str] | None, Option(help="Also log curves in a tool: tensorboard.")
     ] = None,
     resume: Annotated[bool, Option(help="Go on with the units in the folder.")] = False,
-    keep_stale: Annotated[
-        bool, Option(help="Use units that were trained before code changed.")
-    ] = False,
-    dry_run: Annotated[bool, Option(help="Print the units to train; train nothing.")] = False,
     show_page: Annotated[
         bool, Option("--open", help="Open report.html, which is written anew as units end.")
     ] = False,
+    dry_run: Annotated[bool, Option(help="Print the units to train; train nothing.")] = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -245,12 +243,12 @@ def run(
         raise BadParameter(f"a shard must be i/n, i from 1 to n, such as 1/4: got {shard!r}")
     part, folder = (int(i), int(n)), out or study.results_folder
     if dry_run:
-        for line in units_left(study, folder, part, keep_stale=keep_stale):
+        for line in units_left(study, folder, part):
             echo(line)
         return
     if few := too_few(study, Arms.of(study)):
         echo(f"curricle: {few}", err=True)
-    how: dict[str, Any] = {"resume": resume, "keep_stale": keep_stale, "workers": workers}
+    how: dict[str, Any] = {"resume": resume, "workers": workers}
     how |= {"processes": processes, "on": on, "shard": part, "trackers": track or []}
     results = run_with_bars(study, folder, page=show_page, **how)
     report = f", curricle report {quote(folder)}" * results.has_baseline
@@ -304,15 +302,16 @@ def show(
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
-    from curricle.cli.tables import decision_lines, explained, print_results
+    from curricle.cli.tables import decision_lines, print_results, print_words
     from curricle.study import StudyResults
 
     if seed is not None and not decisions:
         raise BadParameter(f"--seed needs --decisions: got --seed {seed} alone")
     results = StudyResults(folder)
     if not decisions:
-        with explained(explain):
-            print_results(results, arm, task)
+        print_results(results, arm, task)
+        if explain:
+            print_words()
         return
     for line in decision_lines(results, arm, task, seed):
         echo(line)
@@ -384,15 +383,16 @@ def compare(
     explain: Explain = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
-    from curricle.cli.tables import explained, table_width
+    from curricle.cli.tables import print_words, table_width
     from curricle.study import StudyResults, compare_studies
 
     comparison = compare_studies([StudyResults(folder) for folder in folders])
     answers = {} if against is None else comparison.against(against)
-    with explained(explain):
-        print(comparison.text(table_width()))
-        for name, verdict in answers.items():
-            print(f"{name} gains more than {against}: {verdict}")
+    print(comparison.text(table_width()))
+    for name, verdict in answers.items():
+        print(f"{name} gains more than {against}: {verdict}")
+    if explain:
+        print_words()
 
 
 @app.command()

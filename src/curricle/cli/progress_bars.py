@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from subprocess import Popen
 from tempfile import mkdtemp
 from threading import Thread
 from typing import Any
@@ -103,7 +104,7 @@ class Lines:
         elif progress.stored is None or progress.tuning:
             return
         elif units <= MANY:
-            line = ", ".join(filter(None, [f"done {progress.stored.label}", self.pace.repeated()]))
+            line = f"done {progress.stored.label}"
         elif now - self._printed >= BETWEEN or self.pace.stored == units:
             line, self._printed = self.pace.line(), now
         else:
@@ -121,21 +122,20 @@ def run_with_bars(
     page: bool = False,
     **settings: Any,
 ) -> StudyResults:
-    """Run a study, show its progress and, with `page`, the report so far; return its results."""
-    pace, report = Pace(), None
+    """Run a study, show its progress and, with `page`, its report so far; return its results."""
+    pace, watchers = Pace(), list[Popen[bytes]]()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
-        if page:
-            from curricle.show.report import InterimReport  # with Matplotlib
-
-            interim = InterimReport(path, pace.line_in, _complain, open_page)
-            report = ending.enter_context(interim)
         show_units = ending.enter_context(shown_units(progress, pace, and_compilation(pace.line)))
 
         def show(progress: Progress) -> None:
             show_units(progress)
-            if report is not None:  # not before: a folder that a run is refused stays as it is
-                report.begin()
+            if page and not watchers:  # not before: a folder that a run is refused stays as it is
+                from curricle.show.report import default_page  # with Matplotlib
+
+                out = default_page(place_at(path))
+                command = [sys.executable, "-m", "curricle", "watch", str(path), "--out", str(out)]
+                watchers.append(ending.enter_context(Popen(command)))  # which ends as the run does
 
         if on is None and (
             processes or any(arms.live for arms in with_trials(study, Arms.of(study)))
@@ -146,13 +146,12 @@ def run_with_bars(
 
 
 def watch_results(folder: str, out: Path | None) -> None:
-    """Show the report of a folder until the run, maybe of another process, is over."""
+    """Show the report of a folder until the run, of another process, is over."""
     from curricle.show.report import InterimReport, default_page  # with Matplotlib
 
     if out is None:
         out = Path(mkdtemp(prefix="curricle-")) / default_page(place_at(folder)).name
-    said = Pace().line_of, _complain, open_page
-    InterimReport(folder, *said, path=out, elsewhere=True).watch()
+    InterimReport(folder, Pace().line_of, _complain, open_page, out).watch()
     typer.echo(f"The run is over: {out}")
 
 

@@ -1,14 +1,12 @@
 """The output of ``curricle check`` and ``run --dry-run``: tasks, cost, forecast, units left."""
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from curricle.cli.tables import line_width, print_table, print_text, wrapped
-from curricle.comparison.forecasting import Forecast, JudgedPotentials, forecast
+from curricle.comparison.forecasting import JudgedPotentials, forecast
 from curricle.comparison.plan import numbered_seeds
-from curricle.comparison.trial import affordable, candidates_of, hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
@@ -19,9 +17,9 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
-from curricle.study.running import Done, arms_in, tuned_before, usable_units
-from curricle.study.store import StudyStore, bytes_a_seed, holds_study, seeds_per_file
-from curricle.study.tuning import check_tuning, number_of_trials
+from curricle.study.running import Done, usable_units
+from curricle.study.store import StudyStore, holds_study
+from curricle.study.tuning import tuned_before
 from curricle.study_file.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
@@ -60,29 +58,26 @@ def print_preview(study: StudyConfig) -> None:
             f"{cost.arm}: {cost.task}",
             f"{cost.seeds}",
             f"{cost.steps:,}",
-            _megabytes(cost.table_bytes),
             duration(cost.seconds),
         )
         for cost in costing
     ]
-    print_table(("cost at most", "seeds", "steps a seed", "tables", "time"), rows)
+    print_table(("cost at most", "seeds", "steps a seed", "time"), rows)
     seconds = sum(cost.seconds for cost in costing)
     print_text(f"about {duration(seconds)} on one processor, without compilation")
     if arms.budget is not None and arms.total not in (None, arms.budget):
         steps = arms.budget, arms.total, arms.eval_freq
         sources = any(curriculum.transfers for curriculum in arms.curricula.values())
         print_text(total_words(arms.target, *steps, sources=sources))
-    print_text(traffic(study, arms, costing))
     if study.tune is not None:
-        most, number = check_tuning(study), number_of_trials(study)
+        number, tried = len(study.tune.variants), Arms.of(study.of_trials())
         runs = number * len(study.tune.seeds)
         seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
         print_text(
-            f"before that, tuning: {counted(study.tune.trials, 'trial')} of each arm on "
-            f"{numbered_seeds(study.tune.seeds)}, {counted(number, 'trial')} in all, "
-            f"{runs * most:,} steps, about {duration(seconds)}; the costs above are of the file's "
-            "own settings, and with the best of the search every arm spends at most "
-            f"{counted(most, 'step')}"
+            f"before that, tuning: {counted(number, 'trial')} on "
+            f"{numbered_seeds(study.tune.seeds)}, {runs * (tried.total or 0):,} steps, about "
+            f"{duration(seconds)}; the costs above are of the file's own settings, and with the "
+            f"best of the trials every arm spends at most {counted(tried.total or 0, 'step')}"
         )
     if study.choose:
         print_text(
@@ -120,44 +115,13 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             yield wrapped(f"{label}: {edge.mapping.description}{cover}", 4)
 
 
-def traffic(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> str:
-    """Return a sentence on where a cluster's results go, and how large they are."""
-    come_back, written, large, networks = 0, 0, set[str](), ""
-    for cost in costing:
-        node = arms.curricula[cost.arm].node(cost.task)
-        size = 0 if node.deep else cost.seeds * bytes_a_seed(node)
-        networks = ", and networks" if node.deep else networks
-        if seeds_per_file(node) <= study.seeds_per_unit:
-            written += size
-            large.add(cost.task)
-        else:
-            come_back += size
-    size = come_back + written
-    text = f"on a cluster, results come back here: {_megabytes(size)} at most{networks}"
-    if large:
-        text += (
-            f"; with --out at a URL, workers write those of {', '.join(sorted(large))} there, and "
-            f"{_megabytes(come_back)} come back"
-        )
-    return text
-
-
-def _megabytes(size: int) -> str:
-    return f"{size / 1e6:,.1f} MB"
-
-
-def units_left(
-    study: StudyConfig, path: str | Place, shard: tuple[int, int], *, keep_stale: bool
-) -> Iterator[str]:
+def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) -> Iterator[str]:
     """Yield lines on a folder's damaged and stale units, the units to train, and those done."""
-    arms = arms_in(study, path, keep_stale=keep_stale)
-    remarks = list[str]()
-    study, arms = tuned_before(study, arms, path, remarks.append, keep_stale=keep_stale)
-    yield from remarks
+    study = tuned_before(study, place_at(path))
+    arms = Arms.of(study)
     if study.tune is not None:
-        check_tuning(study)
         yield (
-            f"first of all {counted(study.tune.trials, 'trial')} of each arm; what follows is then "
+            f"first of all {counted(len(study.tune.variants), 'trial')}; what follows is then "
             "trained with the best settings, not with those of the file"
         )
     done: Done = {}
@@ -175,18 +139,15 @@ def units_left(
 # -- The forecasts that ``curricle check`` prints --------------------------------------------------
 #
 # They are those of ``curricle.forecast``: a trial in the model, and potentials from sources trained
-# at their budgets for the study's first seeds, which takes seconds and is said beforehand; and, in
-# a line or where training would take too long, from sources that are solved, as if learnt
-# perfectly.
+# at their budgets for the study's first seeds, which takes seconds and is said beforehand; where it
+# would take too long, from sources that are solved, as if learnt perfectly.
 
 LONGEST = 5.0  # estimated seconds, on one processor, up to which sources are trained for a forecast
 LONGEST_DISTILLED = 60.0  # the same where networks are distilled: there is no forecast without them
 LONGEST_COMPARING = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
-PAIR_SECONDS = 2e-6  # of comparing phi with a pair's optimal value: 0.8 s for 390,625 pairs
 ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, from two sources
-LONGEST_TRIAL = 60.0  # seconds that the trials may take by the machine's own pace
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
@@ -196,86 +157,52 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
     for name in study.arms:
         variant = (study.variants or {}).get(name)
         first.setdefault(name if variant is None else variant.arm, name)
-    # Not those of `arms`, whose target has the total: a trial adds the sources' steps by itself.
-    curricula = {
-        name: curriculum
-        for name, curriculum in study.curricula.items()
-        if name in first.values() and curriculum.in_edges(curriculum.target)
-    }
     if len(first) < len(study.arms):
         print("\nforecasts are for the first settings of each arm")
-    keys = {
-        name: {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
-        for name, curriculum in curricula.items()
-    }
-    sources = {key: source for of_arm in keys.values() for source, key in of_arm.items()}
-    if not sources:
-        return
-    print()
-    most_seeds = min(SEEDS, len(study.seeds))
-    target = next(cost for cost in costing if cost.task == arms.target)
-    comparing = sum(_comparing_seconds(c, target.step_seconds) for c in curricula.values())
-    if comparing * most_seeds > LONGEST_COMPARING:
-        print_text(
-            f"no forecast: to compare the potentials in {arms.target} could take "
-            f"{duration(comparing * most_seeds)}; curricle.forecast does it, also with fewer "
-            "episodes"
-        )
-        return
     by_key = {arms.keys[cost.arm, cost.task]: cost.seconds / cost.seeds for cost in costing}
-    a_seed, judged = sum(by_key[key] for key in sources), JudgedPotentials()
-    names = ", ".join(dict.fromkeys(sources.values()))
-    distilled = any(
-        curricula[name].node(source).takes_no_steps for name in keys for source in keys[name]
-    )
-    longest = LONGEST_DISTILLED if distilled else LONGEST
-    seeds = next((study.seeds[:n] for n in (most_seeds, 1) if n * a_seed <= longest), None)
-    if seeds is None:
-        print_text(
-            f"training {names} for one seed would take about {duration(a_seed)}, so these "
-            "forecasts are for sources learnt perfectly; curricle.forecast trains them"
-        )
-        for name, curriculum in curricula.items():
-            _print_forecast(name, judged, curriculum, perfect=True)
-        return
-    tried, seconds = _trials(curricula.values(), a_seed, target)
-    quick = seconds <= LONGEST_TRIAL
-    work = f"training {names} for {counted(len(seeds), 'seed')}"
-    work += f" and trials of {counted(tried, 'seed')}" * bool(tried and quick)
-    took = duration(len(seeds) * a_seed + seconds * quick)
-    took += " after tabulating what is distilled" * distilled
-    print_text(f"{work}, for the forecast: about {took}")
-    if not quick:
-        print_text(f"trials would take about {duration(seconds)} and are left out")
-    sys.stdout.flush()
-    known = dict[str, SourceValues]()  # sources that several arms share are trained once
-    settings: dict[str, Any] = {"trial": None if quick else False, "threshold": study.threshold}
-    for name, curriculum in curricula.items():
-        trained = {source: known[key] for source, key in keys[name].items() if key in known}
-        printed = _print_forecast(
-            name, judged, curriculum, seeds=seeds, trained=trained, **settings
-        )
-        if printed is None:
+    a_step = next(cost.step_seconds for cost in costing if cost.task == arms.target)
+    # Sources that several arms share are trained once.
+    judged, known = JudgedPotentials(), dict[tuple[str, tuple[int, ...]], SourceValues]()
+    for name in first.values():
+        # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
+        curriculum = study.curricula[name]
+        if not curriculum.in_edges(arms.target):
             continue
-        known |= {keys[name][source]: values for source, values in printed.trained.items()}
-        if not curriculum.setting("shaping", arms.target).reads_values:
-            continue  # perfect values would change nothing
-        with suppress(CurricleError, ImportError):
-            perfect = forecast(curriculum, judged=judged, perfect=True, only_used=True)
-            used = perfect.used  # in a line: the potential that is used
-            print_text(f"{perfect.computed_from}: {used.name} {used.verdict}")
-
-
-def _trials(curricula: Iterable[Curriculum], a_seed: float, target: Cost) -> tuple[int, float]:
-    """Return the most seeds of any trial, and all trials' seconds; `a_seed` is that of sources."""
-    most, seconds = 0, 0.0
-    for curriculum in curricula:
-        if not hindrance(curriculum):
-            some, seeds = affordable(candidates_of(curriculum, curriculum.target))
-            most = max(most, seeds)
-            learning = (1 + len(some)) * target.seconds / target.seeds
-            seconds += seeds * (learning + len(some) * a_seed)
-    return most, seconds
+        print(f"\narm {name}")
+        most = min(SEEDS, len(study.seeds))
+        if (comparing := most * _comparing_seconds(curriculum, a_step)) > LONGEST_COMPARING:
+            print_text(
+                f"no forecast: to compare the potentials in {arms.target} could take "
+                f"{duration(comparing)}; curricle.forecast does it, also with fewer episodes"
+            )
+            continue
+        keys = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
+        distilled = any(curriculum.node(source).takes_no_steps for source in keys)
+        a_seed = sum(by_key[key] for key in {*keys.values()})
+        longest = LONGEST_DISTILLED if distilled else LONGEST
+        seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
+        there = {source: known[key, seeds] for source, key in keys.items() if (key, seeds) in known}
+        how: Any = {"seeds": seeds, "trained": there, "threshold": study.threshold}
+        if not seeds:
+            how = {"perfect": True}
+            print_text(
+                f"training {', '.join(keys)} for one seed would take about {duration(a_seed)}, so "
+                "this forecast is for sources learnt perfectly; curricle.forecast trains them"
+            )
+        elif untrained := [source for source in keys if source not in there]:
+            took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained))
+            took += " after tabulating what is distilled" * distilled
+            work = f"{', '.join(untrained)} for {counted(len(seeds), 'seed')}"
+            print_text(f"training {work}, for the forecast: about {took}")
+        sys.stdout.flush()
+        try:
+            made = forecast(curriculum, judged=judged, **how)
+        except (CurricleError, ImportError) as error:
+            print_text(f"no forecast: {error}")
+            continue
+        print(made.text(line_width()))
+        if seeds:
+            known |= {(keys[source], seeds): values for source, values in made.trained.items()}
 
 
 def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
@@ -290,29 +217,13 @@ def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
         return potentials * OBSERVATION_ROLLOUTS * horizon * step_seconds
     model = generative_model(node.task)
     pairs = model.states.size * model.actions.size
-    sources = [curriculum.tasks[edge.source] for edge in edges]
-    solving = sum(  # twice: trained, and learnt perfectly
-        2 * sweeping_seconds(source, generative_model(source).states.size)
+    sources = [curriculum.tasks[name] for name in {edge.source for edge in edges}]
+    solving = sum(
+        sweeping_seconds(source, generative_model(source).states.size)
         for source in sources
         if not is_observation_task(source) and has_tables(source)
     )
+    if has_tables(node.task) and pairs <= LARGEST_SOLVED and pairs * horizon <= LARGEST_EVALUATED:
+        return solving
     rollouts = ROLLOUTS * horizon * (step_seconds + model.actions.size * ACTION_SECONDS)
-    if not has_tables(node.task) or pairs > LARGEST_SOLVED:
-        return solving + potentials * rollouts
-    if pairs * horizon <= LARGEST_EVALUATED:
-        rollouts = 0.0
-    return solving + potentials * (pairs * PAIR_SECONDS + rollouts)
-
-
-def _print_forecast(
-    arm: str, judged: JudgedPotentials, curriculum: Curriculum, **settings: Any
-) -> Forecast | None:
-    """Print and return the forecast of an arm, or print why there is none."""
-    print(f"\narm {arm}")
-    try:
-        made = forecast(curriculum, judged=judged, **settings)
-    except (CurricleError, ImportError) as error:
-        print_text(f"no forecast: {error}")
-        return None
-    print(made.text(line_width()))
-    return made
+    return solving + potentials * rollouts

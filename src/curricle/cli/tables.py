@@ -1,13 +1,9 @@
 """The output of commands: tables as wide as the terminal, explained words, and results."""
 
-import io
-import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Iterable, Sequence
 from shutil import get_terminal_size
 from textwrap import fill
-from typing import Any
 
 import numpy as np
 
@@ -17,10 +13,9 @@ from curricle.comparison.comparison import ARM_MEASURES
 from curricle.comparison.plan import numbered_seeds
 from curricle.errors import StoreError
 from curricle.statistics.curves import ROUNDING, SCRATCH
-from curricle.study.choosing import read_choice
 from curricle.study.cost import total_words
 from curricle.study.results import StudyResults
-from curricle.study.tuning import BY_TUNING, effects_of, read_tuning, tuning_words
+from curricle.study.tuning import effects_of, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.text import UNBOUNDED, counted, text_table
 
@@ -92,48 +87,13 @@ EXPLANATIONS = {
     "learnt": "how far a source came from the random policy's return to its optimum",
 }
 """Words, and what each means."""
-HINT = "(--explain says what the words mean)"
 
 
-class _Copied(io.StringIO):
-    """Standard output that also keeps a copy of the text."""
-
-    def __init__(self, out: Any):
-        super().__init__()
-        self.isatty, self.flush = out.isatty, out.flush  # type: ignore[method-assign]
-        self.out = out
-
-    def write(self, text: str) -> int:
-        self.out.write(text)
-        return super().write(text)
-
-
-@contextmanager
-def explained(wanted: bool) -> Iterator[None]:
-    """Explain the printed words at the end if `wanted`; else tell a terminal about --explain."""
-    out = sys.stdout
-    if not wanted:
-        yield
-        if out.isatty():
-            print(HINT)
-        return
-    with redirect_stdout(_Copied(out)) as copied:
-        yield
+def print_words() -> None:
+    """Print what the words mean."""
     print()
-    for word, meaning in used(copied.getvalue()).items():
+    for word, meaning in EXPLANATIONS.items():
         print_text(f"{word}: {meaning}")
-
-
-def used(text: str) -> dict[str, str]:
-    """Return the known words in a text and their meanings."""
-    left, printed = " ".join(text.split()), set[str]()
-    for word in sorted(EXPLANATIONS, key=len, reverse=True):  # a "strong gain" is no "gain"
-        plural = "" if word == "gain" else "s?"  # an arm that "gains more" is no column of gains
-        pattern = rf"(?<!\w){re.escape(word)}" + rf"{plural}(?!\w)" * word[-1].isalpha()
-        left, times = re.subn(r"\[[-+]?\d" if word == INTERVAL else pattern, " ", left)
-        if times:
-            printed.add(word)
-    return {word: EXPLANATIONS[word] for word in EXPLANATIONS if word in printed}
 
 
 # -- What ``curricle show`` prints of a sweep or a tuning ------------------------------------------
@@ -143,32 +103,30 @@ NONE = "–"
 
 def print_effects(results: StudyResults) -> None:
     """Print the best trial of each arm and the main effects, of a study that has finished seeds."""
-    tuning = read_tuning(results.store)
-    if tuning is not None:
+    tuned, effects = results.record.tuned, effects_of(results)
+    if tuned is not None:
         print()
         print_text(
-            f"tuned on {numbered_seeds(tuning.seeds)}, {tuning.total:,} steps a trial and seed, "
+            f"tuned on {numbered_seeds(tuned.seeds)}, {tuned.total:,} steps a trial and seed, "
             "sources included; these steps are shown here and not charged to the curves"
         )
         best = list[tuple[str, ...]]()
-        for name, arm in tuning.arms.items():
-            score, values = arm.best.score, arm.best.values
-            settings = ", ".join(f"{key} = {_number(value)}" for key, value in values.items())
-            number, steps = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-            best.append((f"{name}: {settings or 'nothing to tune'}", number, steps, _number(score)))
+        for name, arm in tuned.arms.items():
+            settings = ", ".join(f"{key} = {_number(value)}" for key, value in arm.values.items())
+            number, steps = f"{arm.trials}", f"{tuned.steps(name):,}"
+            label = f"{name}: {settings or 'nothing to tune'}"
+            best.append((label, number, steps, _number(arm.score)))
         print_table(("best trial", "of", "tuning steps", "mean return"), best)
-    for effects in effects_of(results.comparison, results.record, tuning):
-        tuned = effects.kind == BY_TUNING
-        over = (
-            "trials, from the lowest to the highest" if tuned else "arms, 95 % intervals over seeds"
-        )
+    if effects:
         print()
-        print_text(f"main effects: mean return, sources charged, over all {over}")
+        print_text(
+            "main effects: mean return, sources charged, over all arms, 95 % intervals over seeds"
+        )
         rows = [
             (f"{arm}: {key} = {text}", f"{n}", f"{mean:.4g}", f"[{low:.4g}, {high:.4g}]")
-            for arm, key, text, n, mean, low, high in effects.levels
+            for arm, key, text, n, mean, low, high in effects
         ]
-        print_table(("", "trials" if tuned else "arms", "mean return", ""), rows)
+        print_table(("", "arms", "mean return", ""), rows)
 
 
 def _number(value: object) -> str:
@@ -190,8 +148,8 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
     print_text(f"{record.name}: {len(results.seeds)} of {total} finished in {arms}")
     if yet_to_tune := tuning_words(results.store):
         print_text(yet_to_tune)
-    if chosen := read_choice(results.store):
-        print(chosen.text)
+    if record.chosen:
+        print(record.chosen)
     rows = [
         (
             f"{name}: {node}",
@@ -203,6 +161,7 @@ def print_results(results: StudyResults, arm: str | None, task: str | None) -> N
         for name, nodes in results.results.items()
         for node, learnt in nodes.items()
         if arm in (None, name) and task in (None, node)
+        if node == record.target or not record.arms[name].control_of  # else it is another's source
     ]
     if rows:
         print_table(("", "seeds", "steps", "episodes", "greedy return"), rows)

@@ -15,7 +15,14 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
-from curricle.comparison.controls import CONTROLS, PLACEBO, UNGUARDED, Control, check_fit
+from curricle.comparison.controls import (
+    ALONE,
+    CONTROLS,
+    PLACEBO,
+    UNRELATED,
+    Control,
+    check_fit,
+)
 from curricle.comparison.opponents import (
     OPPONENTS,
     Learners,
@@ -80,7 +87,7 @@ class Arm:
     ----------
     curve : Curve
         Greedy return (K, T), with the source steps of each seed.
-    training_return, guard_share : (K, T) float64
+    training_return, source_share : (K, T) float64
         As in :class:`LearningResult`.
     scratch : bool
         Whether it is an opponent: it learns the target without sources, for all steps.
@@ -90,6 +97,8 @@ class Arm:
         The value at which Q starts in every state, of an opponent that starts at a constant.
     unlearnt : dict of str to (K,) bool
         For each source, which seeds did not learn it by its stopping rule.
+    knows_target : bool
+        Whether a mapping of its curriculum was found in the target's model.
 
     Examples
     --------
@@ -101,11 +110,12 @@ class Arm:
 
     curve: Curve
     training_return: FloatArray = field(repr=False)
-    guard_share: FloatArray = field(repr=False)
+    source_share: FloatArray = field(repr=False)
     scratch: bool = False
     curriculum: str = ""
     initial_values: FloatArray | None = field(default=None, repr=False)
     unlearnt: Mapping[str, BoolArray] = field(default_factory=dict, repr=False)
+    knows_target: bool = False
 
     __repr__ = brief_repr
 
@@ -127,12 +137,12 @@ class Arm:
         n = total // eval_freq + 1
         last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
         place = np.minimum(np.arange(n), last[:, None])
-        greedy, training, guard_share = (
+        greedy, training, source_share = (
             np.take_along_axis(curves, place, axis=1)
-            for curves in (result.greedy_return, result.training_return, result.guard_share)
+            for curves in (result.greedy_return, result.training_return, result.source_share)
         )
         curve = Curve(np.arange(n) * eval_freq, greedy, spent)
-        return cls(curve, training, guard_share, **kind)
+        return cls(curve, training, source_share, **kind)
 
     @property
     def control(self) -> bool:
@@ -166,7 +176,7 @@ def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate
         first,
         curve=Curve(first.curve.steps, values, spent),
         training_return=join([arm.training_return for arm in arms]),
-        guard_share=join([arm.guard_share for arm in arms]),
+        source_share=join([arm.source_share for arm in arms]),
         initial_values=join(initial) if initial else None,
         unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
     )
@@ -288,10 +298,8 @@ class Comparison:
 
     def opponents(self, name: str) -> tuple[str, ...]:
         """Return the opponents of an arm: all but the constants of other curricula."""
-        curriculum = self.arms[name].curriculum or name
-        return tuple(
-            rival for rival in self.scratches if self.arms[rival].curriculum in ("", curriculum)
-        )
+        own = self.arms[name].curriculum or name
+        return tuple(arm for arm in self.scratches if self.arms[arm].curriculum in {"", own})
 
     def best_opponent(self, name: str) -> str:
         """Return the opponent of an arm with the highest mean return."""
@@ -343,7 +351,7 @@ class Comparison:
         # Both are needed: values at random are learnt from more slowly than a single value.
         know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
-            labels = (f"{name}, {label}" for label in (PLACEBO, UNGUARDED))
+            labels = (f"{name}, {label}" for label in (PLACEBO, ALONE))
             placebos = [label for label in labels if label in controls]
             constants = [rival for rival in self.scratches if self.arms[rival].curriculum == name]
             asked = placebos and constants
@@ -385,10 +393,19 @@ class Comparison:
         return self._verdicts(self.know_nothing)
 
     @cached_property
+    def unrelated_verdicts(self) -> dict[str, Verdict]:
+        """Whether each curriculum with a found mapping gains more than from an unrelated task."""
+        # The control reads the target's model: a mapping that was made by hand need not beat that.
+        known = (name for name in self.controls if self[name].knows_target)
+        asked = {name: (f"{name}, {UNRELATED}",) for name in known}
+        return self._verdicts({name: of for name, of in asked.items() if of[0] in self.arms})
+
+    @cached_property
     def reasons(self) -> dict[str, Reason]:
         """Whether each curriculum pays by what it knows."""
+        over, unrelated = self.knowledge_verdicts, self.unrelated_verdicts
         return {
-            name: Reason(pays, self.knowledge_verdicts.get(name))
+            name: Reason(pays, over.get(name), self[name].knows_target, unrelated.get(name))
             for name, pays in self.verdicts.items()
         }
 
@@ -587,8 +604,13 @@ class Comparison:
         values = self.returns[name]
         if (groups := clusters(values)) is None:
             return ""
-        high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(groups))
-        sentence = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
+        high, low = (f"{some.mean():.4g}" for some in reversed(groups))
+        if high == low:  # apart by less than is printed
+            return ""
+        sentence = (
+            f"the seeds of {name} are in two clusters, mean return of {len(groups[1])} near {high} "
+            f"and of {len(groups[0])} near {low}"
+        )
         if min(map(len, groups)) > self.seeds // 4:
             return sentence
         middle = interquartile_interval(values, confidence=self.confidence)
@@ -794,7 +816,6 @@ def comparison_plan(
     controls: Sequence[Control] = (),
     opponents: Sequence[Opponent] = (),
     scratch: Learners = (),
-    least_total: int = 0,
 ) -> Plan:
     """Return the plan of :func:`compare` for arms; CurriculumError if they differ too much."""
     if isinstance(arms, Curriculum):
@@ -828,7 +849,7 @@ def comparison_plan(
     for name in scratches:
         if name in arms:
             raise CurriculumError(f"the name {name!r} is taken by a learner: rename this arm")
-    how: Any = {"controls": controls, "opponents": opponents, "least_total": least_total}
+    how: Any = {"controls": controls, "opponents": opponents}
     return Plan.made(arms, scratches, memory.keys_of, **how)
 
 
@@ -897,6 +918,7 @@ def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
         scratch=planned.scratch,
         curriculum=planned.of,
         initial_values=last.initial_values,
+        knows_target=planned.curriculum.knows_target(plan.target),
         unlearnt={
             source: planned.curriculum.node(source).unlearnt(results[source].result)
             for source in (sources if not planned.of else ())

@@ -4,12 +4,15 @@
   much, visiting many states helped, not the easier task.
 - ``pretraining``: the source is the target itself, for as many steps. If it helps as much, the
   longer training helped.
-- ``placebo``: phi's values shuffled over the target's pairs, under the curriculum's guard and
+- ``placebo``: phi's values shuffled over the target's pairs, in the curriculum's portfolio and
   without it. If it helps as much, any values do.
 - ``constant``: no control but an opponent (:mod:`curricle.comparison.opponents`), which this plays
   where ``opponents`` does not.
 - ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
+- ``unrelated``: the exact values of a random task, by the best mapping that is found from there: a
+  source whose pairs lead where other pairs of it led. If it helps as much, the search helped, which
+  reads the target's model.
 
 A ``placebo`` knows nothing of the task. In an observation task, which has no numbered states, there
 is no ``random_start``, and a ``placebo`` only of miniatures: each observation has the answer of
@@ -27,7 +30,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import calibrated
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.miniature import Miniatures
-from curricle.errors import CurriculumError
+from curricle.errors import CurriculumError, MappingError
 from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
 from curricle.learning.stopping import StoppingRule
@@ -36,12 +39,17 @@ from curricle.tasks.mdp import tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.by_components import identity
 from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.pair import TaskPair
 from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.search import find_mappings
 from curricle.transfer.transfer import Transfer
 
-Control = Literal["random_start", "pretraining", "placebo", "constant", "scaled", "negated"]
+Control = Literal[
+    "random_start", "pretraining", "placebo", "constant", "scaled", "negated", "unrelated"
+]
 CONTROLS: tuple[Control, ...] = get_args(Control)
-PLACEBO, UNGUARDED = "placebo", "placebo, unguarded"
+PLACEBO, ALONE = "placebo", "placebo, alone"
+UNRELATED = "unrelated"
 WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
@@ -62,6 +70,8 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
                 "controls other than 'scaled' need dense tables of the target: the "
                 f"storage of {name!r} is sparse in arm {arm!r}"
             )
+        for edge in curriculum.in_edges(name) if UNRELATED in controls else ():
+            tables(curriculum.tasks[edge.source])
 
 
 def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None:
@@ -71,7 +81,7 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
     for control in controls:
         if control == "placebo" and all_miniatures:
             continue
-        if control in ("random_start", "placebo"):
+        if control in ("random_start", "placebo", UNRELATED):
             raise CurriculumError(
                 f"a control {control!r} needs numbered states: {name!r}, the target of arm "
                 f"{arm!r}, is seen through observations"
@@ -126,7 +136,7 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
 Change = Callable[[Any, int], AnyPotential]  # phi, seed -> another
 CHANGES: dict[str, Change] = {
     PLACEBO: lambda phi, seed: _shuffled(phi, seed),
-    UNGUARDED: lambda phi, seed: _shuffled(phi, seed),
+    ALONE: lambda phi, seed: _shuffled(phi, seed),
     "scaled x 0.5": lambda phi, _: phi.rescaled(0.5),
     "scaled x 2": lambda phi, _: phi.rescaled(2.0),
     "negated": lambda phi, _: (
@@ -137,9 +147,10 @@ CHANGES: dict[str, Change] = {
 }
 """What the controls that change a potential do to it, by their labels."""
 LABELS: dict[Control, tuple[str, ...]] = {
-    "placebo": (PLACEBO, UNGUARDED),
+    "placebo": (PLACEBO, ALONE),
     "scaled": ("scaled x 0.5", "scaled x 2"),
     "negated": ("negated",),
+    "unrelated": (UNRELATED,),
     "random_start": ("random start",),
     "pretraining": ("pretraining",),
 }
@@ -156,10 +167,10 @@ def control_arms(
         for label in labels if control in controls else ():
             if is_shuffled(label, curriculum):
                 yield label, shuffled_miniatures(curriculum)
-            elif label != UNGUARDED:
+            elif label != ALONE:
                 yield label, curriculum
-            elif shaping.guard is not None:
-                yield label, curriculum.replace(target, shaping=replace(shaping, guard=None))
+            elif shaping.portfolio is not None:
+                yield label, curriculum.replace(target, shaping=replace(shaping, portfolio=None))
 
 
 def is_shuffled(label: str, curriculum: Curriculum) -> bool:
@@ -183,6 +194,17 @@ def train_control(
     if is_shuffled(label, curriculum):
         trained = curriculum.train(seeds, only=name, trained=sources, charge=True, **how)
         return trained[name], spent
+    if label == UNRELATED:
+        numbers, parts = np.array(seeds), []
+        for draw in np.unique(numbers % DRAWS).tolist():
+            some = numbers % DRAWS == draw
+            taken, edges = unrelated_transfers(curriculum, numbers[some].tolist(), draw)
+            of_draw = taken[edges[0].source].seeds, spent[some]
+            phi, fitted = entering(curriculum, name, taken, *of_draw, edges)
+            warm_ups = [calibration.warm_up for calibration in fitted]
+            charged = {"warm_ups": warm_ups, "charged": spent[some]}
+            parts.append(curriculum.node(name).train(of_draw[0], phi, **charged, **how))
+        return joined_results(parts), spent
     if label not in CHANGES:
         parts = []
         for steps in np.unique(spent):
@@ -205,13 +227,44 @@ def entering(
     sources: Mapping[str, Learnt],
     seeds: Sequence[int],
     spent: IntArray | None = None,
+    transfers: Sequence[Transfer] | None = None,
 ) -> tuple[Sequence[Any], list[Calibration]]:
     """Return the potentials that seeds begin a task with, and their calibrations, if any."""
-    potentials = curriculum.potentials(name, sources)
+    potentials = curriculum.potentials(name, sources, transfers=transfers)
     if (settings := curriculum.calibration(name)) is None:
         return potentials, []
     calibrations = calibrated(curriculum.node(name), potentials, settings, seeds, spent)
     return [calibration.potential for calibration in calibrations], calibrations
+
+
+DRAWS = 3  # unrelated tasks, which seeds take in turn: not all may be as easy to map
+
+
+def unrelated_transfers(
+    curriculum: Curriculum, seeds: Sequence[int], draw: int
+) -> tuple[dict[str, SourceValues], list[Transfer]]:
+    """Return unrelated sources with their exact values, and transfers by the mappings found."""
+    target, sources, edges = curriculum.tasks[curriculum.target], dict[str, SourceValues](), []
+    for edge in curriculum.in_edges(curriculum.target):
+        mdp = tables(curriculum.tasks[edge.source])
+        rows, live = mdp.outcome_row.copy(), ~mdp.terminal
+        rng = np.random.default_rng([draw, 2])
+        rows[live] = rng.permutation(rows[live].ravel()).reshape(-1, rows.shape[1])
+        task = replace(mdp, outcome_row=rows)
+        if not len(best := find_mappings(target, task, keep=1)):
+            raise MappingError(
+                f"a control {UNRELATED!r} needs a mapping from a random task of the size of "
+                f"{edge.source!r}: no search finds any"
+            )
+        mapping, fits = best[0].mapping, best[0].unmapped_value
+        if fits is not None and edge.mapping.unmapped_value is not None:
+            mapping = mapping.with_unmapped_value(fits)
+        edges.append(replace(edge, mapping=mapping))
+        values = TaskPair(target, task).source_solution.action_values
+        copies = np.broadcast_to(values, (len(seeds), *values.shape))
+        no_steps = np.zeros(len(seeds), np.int64)
+        sources[edge.source] = SourceValues(task, tuple(seeds), copies, no_steps)
+    return sources, edges
 
 
 def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:

@@ -54,7 +54,7 @@ from curricle.transfer.rollouts import (
     potential_quality,
     target_of,
 )
-from curricle.transfer.transfer import Calibrate, transfer_names
+from curricle.transfer.transfer import FOUND, Calibrate, transfer_names
 
 # -- Did a source learn its own task? --------------------------------------------------------------
 #
@@ -315,6 +315,8 @@ class Forecast:
         The comparison with learning from scratch, in the model or on a smaller relative.
     no_trial : str
         Why there is no trial, as text.
+    knows_target : bool
+        Whether a mapping was found in the target's model, for which no step is charged.
     """
 
     target: str
@@ -329,6 +331,7 @@ class Forecast:
     sources: Mapping[str, SourceLearning | DistilledSource] = field(default_factory=dict)
     trial: Trial | None = None
     no_trial: str = ""
+    knows_target: bool = False
 
     def __getitem__(self, name: str) -> ForecastRow:
         by_name = {row.name: row for row in self.rows}
@@ -352,7 +355,15 @@ class Forecast:
 
     @property
     def computed_from(self) -> str:
-        """A clause on the sources' values: from how many seeds, or learnt perfectly."""
+        """A clause on the values and mappings: from how many seeds, or learnt perfectly."""
+        return f"{self._learnt_from}{self._found}"
+
+    @property
+    def _found(self) -> str:
+        return f", {FOUND}" * self.knows_target
+
+    @property
+    def _learnt_from(self) -> str:
         if self.perfect:
             return f"if {_listed(self.trained)} were learnt perfectly"
         seeds = len(self.rows[0].seeds)
@@ -364,10 +375,11 @@ class Forecast:
 
     @property
     def answer(self) -> str:
-        """Whether the curriculum will pay, in a few words."""
-        if self.trial is None:
-            return "whether it pays is open"
-        return self.trial.verdict(self.used.name)
+        """Whether the curriculum will pay, in a few words; and whether its mapping was found."""
+        pays = "whether it pays is open"
+        if self.trial is not None:
+            pays = self.trial.verdict(self.used.name)
+        return f"{pays}{self._found}"
 
     @property
     def basis(self) -> str:
@@ -423,7 +435,7 @@ class Forecast:
         if not self.solved and _values_are_read(self):
             how += "; Q* estimated by the values of phi's own policy"
         optimum = "" if np.isnan(self.optimum) else f"optimum {self.optimum:.4g}, "
-        start = f"The start with phi, {self.computed_from}: {optimum}random policy "
+        start = f"The start with phi, {self._learnt_from}: {optimum}random policy "
         return [*lines, f"{start}{self.random_return:.4g} ({how})"]
 
 
@@ -508,7 +520,7 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
         where = state_name(task.states, worst.most_underestimated_state)
         advice.append(
             f"underestimates {where}, which the optimal policy visits, by "
-            f"{worst.largest_underestimate:.3g}: a guard bounds what that costs"
+            f"{worst.largest_underestimate:.3g}: a portfolio limits what that costs"
         )
     return f"{', '.join(parts)}: {'; '.join(advice)}"
 
@@ -688,6 +700,7 @@ def forecast(
         sources=learnt,
         trial=made_trial,
         no_trial=no_trial,
+        knows_target=curriculum.knows_target(name),
     )
 
 

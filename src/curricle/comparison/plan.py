@@ -114,7 +114,6 @@ class Plan:
         *,
         controls: Sequence[Control] = (),
         opponents: Sequence[Opponent] = (),
-        least_total: int = 0,
         compared: bool = True,
     ) -> Self:
         """Return the plan of curricula, comparable if `compared`, and of learners from scratch."""
@@ -124,7 +123,7 @@ class Plan:
         if compared and isinstance(node.budget, int):
             budget = node.budget
             most = max(most_source_steps(arm) for arm in curricula.values())
-            total = max(-(-(budget + most) // node.eval_freq) * node.eval_freq, least_total)
+            total = -(-(budget + most) // node.eval_freq) * node.eval_freq
         elif compared and len(curricula) + bool(scratches) > 1:
             raise SettingError(
                 f"arms must have one total of steps to be compared: the budget of {target!r} is "

@@ -30,6 +30,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
 from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
 from curricle.progress import Progress, shown
+from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -121,7 +122,7 @@ def part_of(
 
 STREAM = "/trial"  # what the names of a trial's random streams end with
 SEEDS, FEWEST = 20, 8  # seeds of a trial; the fewest that are worth it
-QUICK = 5.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
+QUICK = 10.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
 STEP, OUTCOME = 25e-9, 8e-9
 """Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
 are constants, so that whether there is a trial does not depend on the machine."""
@@ -170,11 +171,12 @@ class Trial:
             return in_words(comparison.failed[name])
         gained = f"gain in mean return {in_brief(gain)}"
         best = comparison.best_opponent(name)
+        by = f"by {best}" if best != SCRATCH else "from scratch"
         times, alone = comparison.times(name), comparison.times(best)
         if not (times.reached.any() or alone.reached.any()):
             return (
                 f"the threshold {comparison.threshold:.4g} is never reached within "
-                f"{comparison.total:,} steps, with sources or by {best}; {gained}"
+                f"{comparison.total:,} steps, with sources or {by}; {gained}"
             )
         # Where the budget cuts off only the slower side, more would be saved, or taken, beyond it.
         saved = comparison.contrasts[name].strong_steps_saved
@@ -189,7 +191,7 @@ class Trial:
         spent = comparison[name].curve.source_steps.mean()
         return (
             f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
-            f"sources (their {spent:,.0f} steps included), {self._steps(best)} by {best}; "
+            f"sources (their {spent:,.0f} steps included), {self._steps(best)} {by}; "
             f"{change}; {gained}"
         )
 

@@ -26,6 +26,7 @@ from curricle.statistics.curves import ROUNDING
 from curricle.statistics.hypothesis_tests import Looks, holm, sign_flip_test, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.text import brief_repr
+from curricle.transfer.transfer import FOUND
 
 ONE_LOOK = Looks((1,))  # no interim analyses
 SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
@@ -240,10 +241,11 @@ def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
     )
 
 
+NO_MORE = "not shown to gain more than from an unrelated task"
 ASKING = 'cr.compare(..., controls=["placebo"])'
 """How the question is asked; in a study file by ``controls = ["placebo"]``."""
 
-Why = Literal["", "not asked", "knowledge", "placebo", "not shown"]
+Why = Literal["", "not asked", "knowledge", "mapping", "placebo", "not shown"]
 
 
 @dataclass(frozen=True)
@@ -253,6 +255,9 @@ class Reason:
     pays: Verdict = field(repr=False)  # whether it gains more than its opponents
     # Whether it gains more than its placebos and constants; None if it has none of either.
     over_nothing: Verdict | None
+    knows_target: bool = False  # whether a mapping was found in the target's model
+    # Whether it gains more than by a mapping that is found from an unrelated task; None: not asked
+    over_unrelated: Verdict | None = None
 
     __repr__ = brief_repr
 
@@ -264,17 +269,25 @@ class Reason:
             return ""
         if over is None:
             return "not asked"
-        return {1: "knowledge", -1: "placebo", 0: "not shown"}[over.direction]  # type: ignore[return-value]
+        if over.direction > 0:
+            # A search that read the target's model knows it, whatever the source knows.
+            return "mapping" if self.knows_target else "knowledge"
+        return "placebo" if over.direction < 0 else "not shown"
 
     @property
     def words(self) -> str:
-        """The reason as text; empty if it was not asked for, or if the curriculum does not pay."""
+        """The reason as text, and that a mapping was found in the target's model; may be empty."""
         reasons = {
             "knowledge": "by what it knows",
+            "mapping": "by its source or by the search for its mapping",
             "placebo": "not by what it knows: a placebo gains more",
             "not shown": "not shown to be by what it knows",
         }
-        return reasons.get(self.why, "")
+        unrelated = self.over_unrelated
+        no_more = self.pays.direction > 0 and unrelated is not None and unrelated.direction <= 0
+        return ", ".join(
+            filter(None, (reasons.get(self.why), NO_MORE * no_more, FOUND * self.knows_target))
+        )
 
 
 def not_asked(reasons: Sequence[Reason]) -> str:

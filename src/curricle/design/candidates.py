@@ -182,8 +182,9 @@ def mappings_between(
     reader = after.mappings[0].index
     read = [_through(reader, mapping.index, after.task, before.task) for mapping in before.mappings]
     best = max(agreement for agreement, _ in read)
+    knows_target = any(mapping.knows_target for mapping in (after.mappings[0], *before.mappings))
     return tuple(
-        StateActionMapping(after.task, before.task, index)
+        StateActionMapping(after.task, before.task, index, knows_target=knows_target)
         for agreement, index in read
         if agreement >= min(best, AGREES)
     )

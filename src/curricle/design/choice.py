@@ -4,8 +4,8 @@ Every candidate source is played at some source budgets and scales, all on a few
 half, without those that are shown to be worse than the leader, is played on more, until few are
 left. These finalists meet all opponents on seeds that none of them was chosen on, so that their
 verdicts are those of any comparison. The seeds are none that an experiment has unless it asks for
-them. Curricula of candidates enter by ``QInitialisation()``, unguarded, so that the trial shows
-what a source itself brings.
+them. Potentials of candidates enter by ``QInitialisation()``, without a portfolio, so that a trial
+shows what a source itself brings.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,8 +29,8 @@ from curricle.comparison.comparison import (
     threshold_before,
     trained_arms,
 )
-from curricle.comparison.opponents import OPPONENTS, Opponent
-from curricle.comparison.plan import Memory, Plan, most_source_steps
+from curricle.comparison.opponents import OPPONENTS
+from curricle.comparison.plan import Memory, Plan
 from curricle.comparison.trial import WINDOW, hindrance, node_seconds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
@@ -41,7 +41,7 @@ from curricle.errors import CurricleError, CurriculumError, SettingError, TaskEr
 from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import StoppingRule
 from curricle.progress import Bars, Progress, shown
-from curricle.statistics.curves import SCRATCH, mean_return
+from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import has_tables
@@ -56,7 +56,6 @@ ROUNDS = (4, 4, 8, 16)  # seeds that each round adds, for the better half of the
 FINALISTS, FINAL_SEEDS = 3, 20  # curricula that meet all opponents, and on how many fresh seeds
 FIRST_SEED, SEEDS_APART = 2_000_000, 1_000  # of a trial, and between those of two choices
 SECONDS = 150.0  # estimated seconds on one processor up to which curricula are played
-WITHOUT_SOURCE: tuple[Opponent, ...] = ("bounds", "optimistic")  # those of all rounds but the last
 TARGET = "target"  # its name, without curricula of the user's
 OF_TARGET = ("learner", "budget", "eval_freq", "evaluation", "storage")
 SHOWN = 8  # rows of a printed table
@@ -108,7 +107,8 @@ class Choice:
         The chosen curriculum: its source, the source's share of the target's steps, and the scale
         where it is not 1; empty if none pays.
     curriculum : Curriculum or None
-        The chosen curriculum; None if none pays, or it cannot be carried over to the target.
+        The chosen curriculum as it was tried, that of a candidate with ``QInitialisation()`` and no
+        portfolio; None if none pays, or it cannot be carried over to the target.
     alone : str
         The best opponent, which needs no source.
     comparison : Comparison
@@ -171,61 +171,68 @@ class Choice:
 # -- Halving ---------------------------------------------------------------------------------------
 
 Seeds = tuple[int, ...]
-Play = Callable[[Sequence[str], Seeds, Sequence[Opponent], str], tuple[Plan, dict[str, Arm]]]
-"""Names of curricula, seeds, opponents, a title -> the plan, and its arms that were trained."""
+Play = Callable[[Plan, Seeds, str], Comparison]
+"""A part of a plan, the seeds on which its arms are trained, a title -> their comparison."""
 
 
-def chosen(curricula: Mapping[str, Curriculum], play: Play, seed: int = 0) -> Choice:
-    """Return which of some curricula pays most, if any."""
-    first, left = (
-        FIRST_SEED + whole_number("seed", seed, 0, SettingError) * SEEDS_APART,
-        [*curricula],
-    )
-    returns, rows = dict[str, FloatArray](), dict[str, dict[str, Any]]()
+def chosen(plan: Plan, play: Play, seed: int = 0, seconds: float = SECONDS) -> Choice:
+    """Return which curriculum of a plan pays most, if any; its name, without the curriculum."""
+    first = FIRST_SEED + whole_number("seed", seed, 0, SettingError) * SEEDS_APART
+    curricula = [name for name, arm in plan.arms.items() if not (arm.scratch or arm.of)]
+    left = affordable(plan, curricula, seconds)
+    returns, rows, failed = dict[str, FloatArray](), dict[str, dict[str, Any]](), dict[str, Any]()
+    remarks = [f"{len(left)} of {len(curricula)} curricula were played: all take too long"]
+    remarks *= len(left) < len(curricula)
 
-    def played(number: int, opponents: Sequence[Opponent], title: str) -> Any:
+    def played(further: int, title: str, *, constants: bool) -> Comparison:
         nonlocal first
-        seeds, first = tuple(range(first, first + number)), first + number
-        return play(left, seeds, opponents, f"{title}, {number} seeds of {len(left)} curricula")
+        seeds, first = tuple(range(first, first + further)), first + further
+        out = [name for name in curricula if name not in left]
+        out += [name for name, arm in plan.arms.items() if arm.of and not constants]
+        title += f", {further} seeds of {len(left)} curricula"
+        comparison = play(plan.without(out), seeds, title)
+        failed.update(comparison.failed)
+        return comparison
 
     def add_row(name: str, arm: Arm, returns: FloatArray, gain: Interval, answer: str) -> None:
-        numbers = {"seeds": len(returns), "mean_return": float(returns.mean())}
-        bounds = {"gain": gain.estimate, "gain_low": gain.low, "gain_high": gain.high}
-        numbers |= {key: float(value) for key, value in bounds.items()}
-        spent = float(arm.curve.source_steps.mean())
-        rows[name] = {"name": name, "source_steps": spent, **numbers, "answer": answer}
+        rows[name] = {
+            "name": name,
+            "source_steps": float(arm.curve.source_steps.mean()),
+            "seeds": len(returns),
+            "mean_return": float(returns.mean()),
+            "gain": float(gain.estimate),
+            "gain_low": float(gain.low),
+            "gain_high": float(gain.high),
+            "answer": answer,
+        }
 
-    for n, seeds in enumerate(ROUNDS, 1):
-        _, arms = played(seeds, WITHOUT_SOURCE, f"round {n}")
-        for name, arm in arms.items():
-            batch = mean_return(arm.charged(arms[SCRATCH]))
+    for n, further in enumerate(ROUNDS, 1):
+        comparison = played(further, f"round {n}", constants=False)
+        for name, batch in comparison.returns.items():
             returns[name] = np.append(returns.get(name, []), batch)
-        rivals = [returns[name] for name, arm in arms.items() if arm.scratch]
-        rival = max(rivals, key=lambda values: float(values.mean()))
-        ranked = sorted((name for name in left if name in arms), key=lambda x: -returns[x].mean())
+        rival = max((returns[x] for x in comparison.scratches), key=lambda values: values.mean())
+        ranked = sorted(comparison.controls, key=lambda name: -returns[name].mean())
         for name in ranked:
             gain = mean_interval(returns[name] - rival)
-            add_row(name, arms[name], returns[name], gain, f"left out after round {n}")
+            add_row(name, comparison[name], returns[name], gain, f"left out after round {n}")
         better = ranked[: max(FINALISTS, -(-len(ranked) // 2))]
         left = [x for x in better if _may_exceed(returns[x], returns[ranked[0]])]
         hopeless = not any(_may_exceed(returns[x], rival) for x in left)
         if hopeless or len(left) <= FINALISTS:
             break
     left = left[:FINALISTS]
-    plan, arms = played(FINAL_SEEDS, OPPONENTS, "last round")
-    level, window = threshold_before(plan, None), min(WINDOW, checkpoints(plan))
-    final = comparison_of(plan, arms, level, window, {})
+    final = played(FINAL_SEEDS, "last round", constants=True)
     last = sorted(final.verdicts, key=lambda name: -final.returns[name].mean())
     pays = [name for name in last if final.verdicts[name].direction > 0]
     for name in last:
-        contrast, rival_name = final.contrasts[name], final.best_opponent(name)
-        answer = f"{contrast.verdict}, against {rival_name}"
+        contrast = final.contrasts[name]
+        answer = f"{contrast.verdict}, against {final.best_opponent(name)}"
         add_row(name, final[name], final.returns[name], contrast.strong_gain, answer)
     others = sorted(rows.keys() - {*last}, key=lambda name: (-rows[name]["gain"], name))
     order = [*pays, *(name for name in last if name not in pays), *others]
-    name = pays[0] if pays else ""
-    listed = tuple(rows[name] for name in order)
-    return Choice(name, curricula.get(name), _best_alone(final), final, listed)
+    remarks += [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
+    name, listed = pays[0] if pays else "", tuple(rows[name] for name in order)
+    return Choice(name, None, _best_alone(final), final, listed, tuple(remarks))
 
 
 def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
@@ -242,22 +249,21 @@ def _best_alone(comparison: Comparison) -> str:
     return "learning from scratch" if best == SCRATCH else best.removeprefix(f"{SCRATCH}, ")
 
 
-def affordable(curricula: Mapping[str, Curriculum], seconds: float = SECONDS) -> list[str]:
+def affordable(plan: Plan, curricula: Sequence[str], seconds: float) -> list[str]:
     """Return the curricula that can be played in so many seconds, as estimated."""
-    for curriculum in curricula.values():
-        if why := hindrance(curriculum):
+    for name in curricula:
+        if why := hindrance(plan.curricula[name]):
             raise TaskError(f"trials need a model, and {why}: name a smaller relative with on=")
-    node = curriculum.node(curriculum.target)
-    total = node.most_steps + max(map(most_source_steps, curricula.values()))
+    node = plan.curricula[SCRATCH].node(plan.target)
     opponents = 4 * (sum(ROUNDS) + FINAL_SEEDS) + FINALISTS * 4 * FINAL_SEEDS
-    seeds = number("seconds", seconds, SettingError, 0) / node_seconds(node, total) - opponents
-    most = int(seeds / sum(n / 2**k for k, n in enumerate(ROUNDS)))
+    runs = number("seconds", seconds, SettingError, 0) / node_seconds(node, plan.steps[1])
+    most = int((runs - opponents) / sum(n / 2**k for k, n in enumerate(ROUNDS)))
     if most < 1:
         raise SettingError(
             f"trials must take at most {seconds:g} s, and those of this target take longer by "
             "estimate: choose on a smaller relative with on=, or raise seconds"
         )
-    return [*islice(curricula, most)]
+    return [*curricula[:most]]
 
 
 # -- Choosing --------------------------------------------------------------------------------------
@@ -280,8 +286,8 @@ def choose(
 
     Each source is tried with 2, 5 and 15 % of the target's steps and its values times 1 and 2;
     several mappings are joined by :func:`minimum`, and potentials enter by ``QInitialisation()``
-    without a guard. The better half of each round gets more seeds; the last three meet all
-    opponents of :func:`compare` on 20 fresh seeds. Nothing of an experiment is used up: the seeds
+    without a portfolio, in trials and in the chosen curriculum. The better half of each round gets
+    more seeds; the last three meet all opponents of :func:`compare` on 20 fresh seeds. Nothing of an experiment is used up: the seeds
     of trials begin at 2,000,000. Equal seeds give equal choices. ``curricle.choose`` also takes a
     study or its path.
 
@@ -361,32 +367,23 @@ def _tried(
     progress: Progress,
 ) -> Choice:
     """Return the choice among curricula, played in memory."""
-    names, memory, failed = affordable(curricula, seconds), Memory(), dict[str, Exception]()
-    total = comparison_plan({name: curricula[name] for name in names}, memory).steps[1]
+    memory, failed = Memory(), dict[str, Exception]()
+    whole = comparison_plan(curricula, memory, opponents=OPPONENTS)
+    level, window = threshold_before(whole, None), min(WINDOW, checkpoints(whole))
 
-    def play(
-        some: Sequence[str], seeds: Seeds, opponents: Sequence[Opponent], title: str
-    ) -> tuple[Plan, dict[str, Arm]]:
-        arms = {name: curricula[name] for name in some}
-        plan = comparison_plan(arms, memory, (), opponents, least_total=total)
+    def play(plan: Plan, seeds: Seeds, title: str) -> Comparison:
         grow = bars.bar(title, len(plan.arms))
 
         def tell(name: str) -> None:
             grow()
             bars.tell(name)
 
-        return plan, trained_arms(plan, seeds, failed, memory, workers, Bars(call=tell))
+        arms = trained_arms(plan, seeds, failed, memory, workers, Bars(call=tell))
+        return comparison_of(plan, arms, level, window, failed)
 
     with shown(progress) as bars:
-        choice = chosen({name: curricula[name] for name in names}, play, seed)
-    remarks = [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
-    return replace(choice, remarks=(*left_out(names, curricula), *remarks))
-
-
-def left_out(names: Sequence[str], curricula: Mapping[str, Curriculum]) -> list[str]:
-    """Return a sentence on the curricula that take too long; none if all are played."""
-    of = f"{len(names)} of {len(curricula)}"
-    return [f"{of} curricula were played: all take too long"] if len(names) < len(curricula) else []
+        choice = chosen(whole, play, seed, seconds)
+    return replace(choice, curriculum=curricula.get(choice.name))
 
 
 def trial_curricula(
@@ -397,16 +394,14 @@ def trial_curricula(
     settings: Mapping[str, Any],
 ) -> tuple[dict[str, Curriculum], dict[str, Option]]:
     """Return the curricula to play by name, and the options that some of them are."""
-    if isinstance(candidates, str) or not isinstance(candidates, Sequence | Mapping):
-        raise CurriculumError(f"candidates must be a list, or a dict by name: got {candidates!r}")
-    by_name = isinstance(candidates, Mapping)
     stated = [*candidates.values()] if isinstance(candidates, Mapping) else [*candidates]
+    if not all(isinstance(candidate, Curriculum | SourceCandidate) for candidate in stated):
+        raise CurriculumError(f"candidates must be curricula or SourceCandidates: got {stated!r}")
     own = [candidate for candidate in stated if isinstance(candidate, Curriculum)]
     sources = [candidate for candidate in stated if isinstance(candidate, SourceCandidate)]
-    if len(own) + len(sources) < len(stated):
-        raise CurriculumError(f"candidates must be curricula or SourceCandidates: got {stated!r}")
-    of_sources = numbered([", ".join(plan.ancestors(plan.target)) for plan in own])
-    curricula = dict(zip(candidates if by_name else of_sources, own, strict=True))
+    names = numbered([", ".join(plan.ancestors(plan.target)) for plan in own])
+    by_name = isinstance(candidates, Mapping) and not sources
+    curricula = dict(zip(candidates if by_name else names, own, strict=True))
     name, options = own[0].target if own else TARGET, dict[str, Option]()
     for key in OF_TARGET if own else ():
         settings = {key: own[0].setting(key, name), **settings}

@@ -15,8 +15,8 @@ from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
-from curricle.study.record import Analysis, CurriculaRecord
-from curricle.study.tuning import Effects, TuningRecord, short
+from curricle.study.record import Analysis, CurriculaRecord, TunedRecord
+from curricle.study.tuning import Level, short
 from curricle.study_file.vary import value_text
 from curricle.text import counted
 
@@ -283,13 +283,13 @@ def forecast_sections(
             if curricula.arms[arm].potential in names and arm in same:
                 used.setdefault(curricula.arms[arm].potential, []).append(arm)
             *_, target = learnt[arm].values()
-            guarded = np.isfinite(target.guard_share[:, 0]).any()  # it begins without phi
+            shared = np.isfinite(target.source_share[:, 0]).any()  # it begins without phi
             start = target.greedy_return[:, 0].mean()
-            measured[arm] = "guarded" if guarded else rounded(float(start))
+            measured[arm] = "portfolio" if shared else rounded(float(start))
         starts = {name: [measured[arm] for arm in arms] for name, arms in used.items()}
         for name, texts in starts.items():
-            if {*texts} == {"guarded"}:
-                starts[name] = ["guarded"]
+            if {*texts} == {"portfolio"}:
+                starts[name] = ["portfolio"]
         other = [arm for arm in record.arms if arm not in same]
         section = {"record": record, "used": used, "starts": starts}
         sections.append({**section, "same_sources": same, "other_sources": other})
@@ -301,25 +301,26 @@ def forecast_sections(
 Texts = list[tuple[str, ...]]
 
 
-def effects_sections(
-    effects: Sequence[Effects], tuning: TuningRecord | None
-) -> list[tuple[Effects, Texts, Texts]]:
-    """Return the rows of the tables of a sweep and of a tuning, if there are any."""
-    best: Texts = []
-    if tuning is not None:
-        for name, arm in tuning.arms.items():
-            spent = f"{len(arm.trials)}", f"{tuning.steps(name):,}"
-            values = [_value(arm.best.values.get(key)) for key in tuning.space]
-            best.append((name, *spent, _value(arm.best.score), *values))
-    sections = list[tuple[Effects, Texts, Texts]]()
-    for kind in effects:
-        rows: Texts = []
-        for name, key, text, number, *ends in kind.levels:
-            mean, low, high = (minus(short(end)) for end in ends)
-            with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
-            rows.append((name, key, minus(text), f"{number}", with_ends))
-        sections.append((kind, rows, best if kind.kind != "sweep" else []))
-    return sections
+def effects_rows(effects: Sequence[Level]) -> Texts:
+    """Return the rows of the table of a sweep."""
+    rows: Texts = []
+    for name, key, text, number, *ends in effects:
+        mean, low, high = (minus(short(end)) for end in ends)
+        with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
+        rows.append((name, key, minus(text), f"{number}", with_ends))
+    return rows
+
+
+def tuning_rows(tuned: TunedRecord | None) -> list[Sequence[str]]:
+    """Return the heads and the rows of the table of the best trials; none without a tuning."""
+    if tuned is None:
+        return []
+    keys = dict.fromkeys(key for arm in tuned.arms.values() for key in arm.values)
+    rows: list[Sequence[str]] = [("best of", "trials", "tuning steps", "mean return", *keys)]
+    for name, arm in tuned.arms.items():
+        spent = f"{arm.trials}", f"{tuned.steps(name):,}"
+        rows.append((name, *spent, *map(_value, (arm.score, *map(arm.values.get, keys)))))
+    return rows
 
 
 def _value(value: object) -> str:

@@ -1,7 +1,7 @@
 """The report of a study: one HTML page without a network and without other files.
 
 It has curves twice: as pictures, for paper and for readers without scripts, and as numbers. An
-interim report is made from the folder alone, so that ``run --open`` and ``watch`` do the same.
+interim report is made from the folder alone.
 """
 
 import base64
@@ -17,9 +17,8 @@ from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 from secrets import token_hex
-from threading import Event, Lock, Thread
-from time import monotonic
-from typing import Any, Self
+from time import monotonic, sleep
+from typing import Any
 from xml.etree import ElementTree
 
 import matplotlib
@@ -34,7 +33,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import listed
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import numbered_seeds, seed_ranges
-from curricle.errors import SettingError, StoreError, StudyError, in_words
+from curricle.errors import SettingError, StoreError, in_words
 from curricle.files import Place, RemotePath, place_at, write_whole
 from curricle.show import findings
 from curricle.show.graph import graphs
@@ -51,8 +50,8 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
-from curricle.study.store import STUDY, in_use
-from curricle.study.tuning import effects_of, read_tuning
+from curricle.study.store import in_use
+from curricle.study.tuning import effects_of
 from curricle.text import counted
 
 # -- templates -------------------------------------------------------------------------------------
@@ -166,7 +165,7 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 
 def page_of(study: StudyResults, banner: str = "") -> str:
     """Return the page of a study, an interim page with a `banner`; StoreError without arms."""
-    comparison, tuning, analysis = study.comparison, read_tuning(study.store), study.analysis
+    comparison, analysis = study.comparison, study.analysis
     if not comparison.contrasts:
         raise SettingError(f"a study's page needs an arm besides {SCRATCH!r}: got none")
     learnt = {arm: nodes for arm, nodes in study.results.items() if arm not in study.failed}
@@ -185,7 +184,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     styles = arm_styles(comparison)
-    columns, effects = findings.COLUMNS, effects_of(comparison, curricula, tuning)
+    columns = findings.COLUMNS
     films, not_shown = replays(curricula.only(styles), learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
@@ -229,8 +228,9 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         curve_data=curve_data(comparison, styles, panels),
         most_seeds=MOST_SEEDS,
         kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
-        settings_sections=findings.effects_sections(effects, tuning),
-        tuning=tuning,
+        swept=findings.effects_rows(effects_of(study)),
+        best=findings.tuning_rows(study.record.tuned),
+        tuned=study.record.tuned,
         sections=findings.forecast_sections(analysis, curricula, learnt),
         replays=films,
         menu={film.task: [other for other in films if other.task == film.task] for film in films},
@@ -385,12 +385,11 @@ def curve_data(
 BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
 REST = 10.0  # after an interim report that took t seconds no other is begun for REST * t
 ATTEMPTS = 3  # a file that a listing names may have been merged into another before it is read
-INTERRUPTED = "The run was interrupted. What was stored is whole, and --resume goes on from there."
 NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
 
 
 class InterimReport:
-    """Writes the report of a folder anew as units are stored; failures are told, not raised."""
+    """Writes the report of a folder anew as a run elsewhere stores units, until it is over."""
 
     def __init__(
         self,
@@ -398,87 +397,52 @@ class InterimReport:
         line: Callable[[int, int], str],  # how far it is, from the stored units and all units
         say: Callable[[str], Any],  # told why the page cannot be written, once with the same
         opened: Callable[[Path], Any],  # called when the page is there
-        *,
-        path: Path | None = None,
-        elsewhere: bool = False,  # others run the study: the folder tells whether they still do
+        path: Path,
     ):
-        self.folder, self.over = place_at(folder), False
-        self.path = default_page(self.folder) if path is None else path
-        self._line, self._say, self._opened, self._elsewhere = line, say, opened, elsewhere
+        self.folder, self.path, self.over = place_at(folder), path, False
+        self._line, self._say, self._opened = line, say, opened
         self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
         self._place = token_hex(16)  # of the banner in the page
         self._page, self._was_running, self._said = "", False, set[str]()
         self._seen: Any = None
-        self._stopped, self._writing = Event(), Lock()
-        self._thread: Thread | None = None
-
-    def begin(self) -> None:
-        """Begin to follow the folder in a thread, unless it has begun already."""
-        if self._thread is None:
-            self._thread = Thread(target=self._follow, daemon=True)
-            self._thread.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, KeyboardInterrupt):
-            self.break_off(INTERRUPTED)
-        elif error is not None and not isinstance(error, StudyError):
-            self.break_off(f"The run ended with an error. {_one_line(error)}")
-        elif self._thread is not None:
-            # A last time, from all that is stored.
-            self._stopped.set()
-            self._thread.join()
-            self.refresh(last=True)
 
     def watch(self) -> None:
-        """Write the page until the run elsewhere is over."""
+        """Write the page until the run is over."""
         try:
-            self._follow()
+            pause = self.refresh()
+            while not self.over:
+                sleep(pause)
+                pause = self.refresh()
         except KeyboardInterrupt:
-            self.break_off(NO_LONGER)
+            if self._page:
+                self._write(NO_LONGER, 0)
             raise
 
-    def break_off(self, sentence: str) -> None:
-        """Write the current page a last time with why it ends; drop a page in preparation."""
-        self._stopped.set()
-        with self._writing:
-            if self._page:
-                self._write(sentence, 0)
-
-    def refresh(self, *, last: bool = False) -> float:
+    def refresh(self) -> float:
         """Write the page if something is new; return the least seconds until the next refresh."""
         begun = monotonic()
         for attempt in range(ATTEMPTS):
             try:
-                self._read(begun, last)
+                self._read(begun)
                 break
-            except Exception as error:  # whatever it is, it must not stop a run
-                sentence = f"the page of the run is not up to date. {_one_line(error)}"
+            except Exception as error:  # whatever it is, the run goes on
+                text = " ".join(in_words(error).split())
+                sentence = f"the page of the run is not up to date. {text}"
                 if attempt == ATTEMPTS - 1 and sentence not in self._said:
                     self._said.add(sentence)
                     self._say(sentence)
         return max(self._between, REST * (monotonic() - begun))
 
-    def _follow(self) -> None:
-        pause = 0.0
-        while not (self.over or self._stopped.wait(pause)):
-            pause = self.refresh()
-
-    def _read(self, begun: float, last: bool) -> None:
-        """Read the folder, and write the page if something is new or it is the `last` time."""
-        if not (self.folder / STUDY).exists():
-            return
+    def _read(self, begun: float) -> None:
+        """Read the folder, and write the page if something is new or the run is over."""
         study = StudyResults(self.folder)
         per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
         seeds, keys, kept = study.record.seeds, set(study.record.keys.values()), study.stored
         # A unit is stored when all its seeds are.
         missing = {(k, s // per_unit) for k in keys for s in seeds if s not in kept.get(k, {})}
         units = len(keys) * len({seed // per_unit for seed in seeds})
-        stored_units = units - len(missing)
-        running = in_use(self.folder) if self._elsewhere else True
-        over = last or (self._elsewhere and self._ended(study, not missing, running))
+        stored_units, running = units - len(missing), in_use(self.folder)
+        over = self._ended(study, not missing, running)
         stored = {key: len(done) for key, done in kept.items()}
         seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
         if seen == self._seen and not over:
@@ -495,13 +459,10 @@ class InterimReport:
         else:
             idle = " No process is at work now." * (running is False)
             sentence = f"{self._line(stored_units, units)}.{idle}"
-        with self._writing:
-            if self._stopped.is_set() and not last:
-                return
-            is_first, self._page = not self._page, page
-            remark = _remark(study.record, study.failed, arms)
-            pause = max(self._between, REST * (monotonic() - begun))
-            self._write(f"{sentence} {remark}", 0 if over else pause)
+        is_first, self._page = not self._page, page
+        remark = _remark(study.record, study.failed, arms)
+        pause = max(self._between, REST * (monotonic() - begun))
+        self._write(f"{sentence} {remark}", 0 if over else pause)
         self._seen, self.over = seen, over
         if is_first:
             self._opened(self.path)
@@ -563,7 +524,3 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
     later = [arm for arm in record.arms if arm not in {*arms, *failed}]
     come = f" is of {listed(arms)}; to come: {listed(later)}" if later else " is of all arms"
     return f"The report so far{come}. There is no verdict before all seeds are there."
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(in_words(error).split())

@@ -69,7 +69,8 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     threshold, level = study.threshold, STATED
     if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
         threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
-    fields = {name: getattr(study, name) for name in ("name", "seeds", "window", "snapshots")}
+    of_study = ("name", "seeds", "window", "snapshots", "tuned", "chosen")
+    fields = {name: getattr(study, name) for name in of_study}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
     fields |= {"tasks": curricula.tasks, "arms": curricula.arms, "problem": task_summary(node.task)}
     return StudyRecord(threshold=threshold, threshold_from=level, **fields)
@@ -114,6 +115,7 @@ def curricula_record(
             control_of=controls.get(arm, ""),
             depends_on_total=_depends_on_total(curriculum),
             variant=variants.get(arm),
+            knows_target=any(map(curriculum.knows_target, curriculum.last_tasks)),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 

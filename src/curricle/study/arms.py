@@ -1,14 +1,14 @@
 """A study's plan, its units as they are sent to workers, and the results that workers return."""
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-import pyarrow as pa
 
 from curricle.comparison.controls import check_fit, is_shuffled
 from curricle.comparison.opponents import CONSTANTS
@@ -30,7 +30,7 @@ from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
 from curricle.study.dependencies import dependencies_of, key_of
-from curricle.study.store import DECISION_SCHEMA, StoredSource, UnitResult
+from curricle.study.store import DecisionRow, StoredSource, UnitResult
 from curricle.study_file.vary import target_alone
 
 
@@ -44,7 +44,7 @@ class Arms(Plan):
         return {file: code[file] for code in parts for file in code}
 
     @classmethod
-    def of(cls, study: StudyConfig, choose: Callable[[Dependencies], str] = key_of) -> Self:
+    def of(cls, study: StudyConfig) -> Self:
         """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
         scratches = study.scratch_curricula() if study.scratch else {}
         controls = study.controls or ()
@@ -68,7 +68,7 @@ class Arms(Plan):
             total = curriculum.setting("budget", target)
             total = total if isinstance(total, int) else None
             keys, dependencies = dict[str, str](), dict[str, Dependencies]()
-            parts = dependencies_of(data[name], curriculum, total, study.folder, choose)
+            parts = dependencies_of(data[name], curriculum, total, study.folder)
             shuffled = is_shuffled(change, curriculum)
             for task, key, depends in parts:
                 if change and (shuffled or task == target):
@@ -76,13 +76,11 @@ class Arms(Plan):
                     if change in CONSTANTS:  # which have a shaping of their own
                         plain = {k: v for k, v in depends["task"].items() if k != "shaping"}
                         depends["task"] = plain
-                    key = choose(depends)
+                    key = key_of(depends)
                 keys[task], dependencies[task] = key, depends
             return keys, dependencies
 
-        least = study.total or 0
-        how: Any = {"controls": controls, "opponents": study.played}
-        how |= {"least_total": least, "compared": study.compared}
+        how: Any = {"controls": controls, "opponents": study.played, "compared": study.compared}
         return cls.made(study.curricula, scratches, keys_of, **how)
 
 
@@ -169,24 +167,23 @@ def train_unit(sent: UnitInput) -> UnitResult:
             arrays[part] = np.array([getattr(fit, part) for fit in trained.calibrations])
     if trained.initial_values is not None:
         arrays["initial_values"] = trained.initial_values
-    rows = _decisions(trained, arm.curriculum, unit)
-    return UnitResult(arrays, pa.Table.from_pylist(rows, pa.schema(DECISION_SCHEMA.items())))
+    return UnitResult(arrays, _decisions(trained, arm.curriculum, unit))
 
 
-def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[dict[str, Any]]:
+def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[DecisionRow]:
     """Return a row for each decision of the stopping rule, or else a row for each seed's end."""
     result, budget = trained.result, curriculum.setting("budget", unit.task)
-    rows = list[tuple[Any, ...]]()
+    rows = list[DecisionRow]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):
         place = unit.task, unit.seeds[k]
         for decision in decisions:
             ends, kernel = decision.spent or decision.ends, decision.kernel
             numbers = decision.lowest, kernel.level, decision.rise, kernel.plateau
             why = decision.criterion
-            rows.append((*place, decision.step, ends, why, *numbers, str(decision)))
+            rows.append(DecisionRow(*place, decision.step, ends, why, *numbers, str(decision)))
         if not decisions:
             used = int(result.steps_used[k])
             why = ended_by(budget, bool(result.out_of_memory[k]))
             reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
-            rows.append((*place, used, True, why, *[float("nan")] * 4, reason))
-    return [dict(zip(DECISION_SCHEMA, row, strict=True)) for row in rows]
+            rows.append(DecisionRow(*place, used, True, why, nan, nan, nan, nan, reason))
+    return rows

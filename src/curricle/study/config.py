@@ -37,11 +37,12 @@ from curricle.comparison.opponents import (
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
 from curricle.design.candidates import SourceCandidate, candidate_named
+from curricle.design.choice import FIRST_SEED
 from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
-from curricle.study.record import VariantRecord
+from curricle.study.record import TunedRecord, VariantRecord
 from curricle.study_file.file import (
     SETTINGS,
     Positions,
@@ -49,8 +50,6 @@ from curricle.study_file.file import (
     assignment,
     complete_curriculum,
     complete_learners,
-    line_numbers,
-    located,
     merged,
     path_text,
     toml_of,
@@ -88,7 +87,6 @@ from curricle.study_file.vary import (
     SWEEP_HOME,
     SweepTable,
     TuneTable,
-    Tuning,
     varied_arms,
     wrong_sweep,
     wrong_tuning,
@@ -205,7 +203,7 @@ class FileTable(RunTable, Settings):
     sweep: SweepTable = SweepTable()
     """Lists of settings, which make arms of every arm."""
     tune: TuneTable | None = None
-    """Settings that are searched for every arm before it is run."""
+    """Settings that are tried for every arm before it is run."""
 
 
 def json_schema() -> dict[str, Any]:
@@ -250,6 +248,16 @@ def _docstrings(kind: type) -> list[tuple[str, str]]:
 # -- What a study file says, complete and checked, and the curricula that it describes -------------
 
 
+class Trials(Table):
+    """The trials of a tuning: what the study of them has in place of the study's own."""
+
+    seeds: tuple[int, ...]
+    arms: dict[str, ArmTables]
+    scratches: dict[str, ArmTables]
+    variants: dict[str, VariantRecord]
+    """Of each trial the arm that it is of, and its settings."""
+
+
 class StudyConfig(RunTable):
     """A complete study: every arm has all its settings, and every map is there.
 
@@ -260,7 +268,7 @@ class StudyConfig(RunTable):
     ----------
     name, seeds, seeds_per_unit, threshold, window, snapshots
         Keys of a study file.
-    scratch, compared, scratch_learners, opponents, controls
+    scratch, compared, scratch_learners, opponents, controls, choose
         Further keys of a study file.
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
@@ -268,12 +276,14 @@ class StudyConfig(RunTable):
         The arms from scratch that a sweep or a tuning made; by default those of the first arm.
     variants : dict of str to VariantRecord, optional
         The settings that a sweep or a tuning gave each arm, scratch included.
-    tune : Tuning, optional
-        The settings that are searched for every arm before the study is run.
+    tune : Trials, optional
+        The settings that are tried for every arm before the study is run.
     own_learners : bool, optional
-        Whether arms may learn the target with different learners, as they were tuned.
-    total : int, optional
-        The least steps that every arm spends, sources included.
+        Whether arms may learn the target with different learners, as they are tuned.
+    tuned : TunedRecord, optional
+        The trials by which the arms' settings were chosen.
+    chosen : str, optional
+        What the choice of its arm printed.
 
     Examples
     --------
@@ -287,9 +297,10 @@ class StudyConfig(RunTable):
     arms: dict[str, ArmTables]
     scratches: dict[str, ArmTables] | None = None
     variants: dict[str, VariantRecord] | None = None
-    tune: Tuning | None = None
+    tune: Trials | None = None
     own_learners: Flag | None = None
-    total: Count | None = None
+    tuned: TunedRecord | None = None
+    chosen: str | None = None
 
     @model_validator(mode="after")
     def _tuned_apart(self) -> Self:
@@ -297,6 +308,8 @@ class StudyConfig(RunTable):
             raise wrong_at((("choose",), "goes with no sweep and no tuning: the arm is chosen"))
         if self.choose and not (self.scratch and self.compared):
             raise wrong_at((("choose",), "needs the comparison with scratch"))
+        if self.choose and max(self.seeds) >= FIRST_SEED:
+            raise wrong_at((("seeds",), f"must be below {FIRST_SEED:,}: those are of trials"))
         if self.tune and (both := sorted({*self.tune.seeds} & {*self.seeds})):
             text = f"must be none of the study's seeds: {both[0]} is one"
             raise wrong_at((("tune", "seeds"), text))
@@ -321,7 +334,7 @@ class StudyConfig(RunTable):
         `folder` has the modules of the study's own functions, `positions` are for messages, and
         `say` is called with each line about a found mapping. Raises pydantic.ValidationError.
         """
-        families = positions.families if positions else ()
+        families = tuple(table(positions.study.get("families"))) if positions else ()
         context = {"folder": folder, "families": families}
         config = cls.model_validate(dict(data), context=context)
         config._folder, config._say = folder, say
@@ -442,6 +455,16 @@ class StudyConfig(RunTable):
             place = path_text(first["loc"])
             raise ConfigError(f"{self._positions.file}: {place} {first['msg']}") from None
         made._made = self._made
+        return made
+
+    def of_trials(self) -> Self:
+        """Return the study whose arms are the trials of this study, which is tuned."""
+        fields = {**self.to_data()["tune"], "controls": None, "tune": None, "own_learners": True}
+        made = self.varied(**fields, opponents=(), snapshots=0)
+        trials = {
+            (False, name): of for (trial, name), of in self._positions.varied.items() if trial
+        }
+        made._positions = replace(self._positions, varied=trials)
         return made
 
     def _built(self, arms: Mapping[str, ArmTables]) -> dict[str, Curriculum]:
@@ -613,15 +636,13 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
                 raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
         changed.append(place)
         study = merged(study, value)
-    return configured(study, file.parent, Positions(str(file), line_numbers(text), tuple(changed)))
+    return configured(study, file.parent, Positions(str(file), text, tuple(changed)))
 
 
 def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:
     """Return the configuration of a study as it was read; ConfigError lists all its mistakes."""
-    study = located(study)
-    families = table(study.get("families"))
-    problems = Problems(replace(positions, families=tuple(families)))
-    for name, family in families.items():  # on which tasks depend
+    problems = Problems(replace(positions, study=study))
+    for name, family in table(study.get("families")).items():  # on which tasks depend
         if ":" in name:
             text = "must have a name without a colon, which functions have"
             problems.add([(("families", name), text)])
@@ -630,7 +651,6 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
     problems.raise_any()
     arms = table(study.get("arms")) or {ONLY_ARM: {}}
     complete = {arm: complete_curriculum(study, patch) for arm, patch in arms.items()}
-    problems.positions = replace(problems.positions, arms=complete)
     fields: dict[str, Any] = {key: study[key] for key in RunTable.model_fields if key in study}
     if "scratch_learners" in fields:
         fields["scratch_learners"] = complete_learners(study, next(iter(complete.values())))
@@ -642,14 +662,10 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
     problems.add([*wrong_sweep(study, complete), *wrong_tuning(study, complete)])
     fields["arms"] = complete
     if {"sweep", "tune"} & study.keys() and not problems.messages:
-        varied, probes = varied_arms(study, complete)
-        trees = {**complete, **varied["scratches"], **varied["arms"], **probes}
-        problems.positions = replace(problems.positions, arms=trees)
-        unfit = {name: why for name in varied["arms"] if (why := unfit_name(name))}
+        varied, settings = varied_arms(study, complete)
+        problems.positions = replace(problems.positions, varied=settings)
+        unfit = {name: why for _, name in settings if (why := unfit_name(name))}
         problems.add((SWEEP_HOME, f"makes an arm with a name that {why}") for why in unfit.values())
-        if probes:
-            with problems.at(mapped=True):
-                StudyConfig.from_data({**fields, "arms": probes}, folder, problems.positions)
         fields |= varied
     config: StudyConfig | None = None
     with problems.at(mapped=True):

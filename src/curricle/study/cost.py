@@ -41,7 +41,6 @@ class Cost:
     steps: int  # of learning, at most, a seed
     evaluation_steps: int  # steps of greedy evaluation, at most, a seed; 0 where it is exact
     seconds: float  # on one processor, about, without compilation
-    table_bytes: int  # of the values kept, all seeds; 0 where a network learns
     step_seconds: float  # of a step without learning, about
 
 
@@ -60,12 +59,7 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
         learning = paces[id(node.task)] + NETWORK if node.deep else SLOWER * acting
         steps, evaluation = node.most_steps, node.most_evaluation_steps
         seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))
-        kept = 0
-        if node.storage.save_values and not node.deep:
-            kept = seeds * int(
-                node.storage.dense_bytes(node.task.states.size, node.task.actions.size, 1)
-            )
-        rows.append(Cost(arm, name, seeds, steps, evaluation, seconds, kept, acting))
+        rows.append(Cost(arm, name, seeds, steps, evaluation, seconds, acting))
     return rows
 
 

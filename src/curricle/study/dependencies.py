@@ -1,7 +1,7 @@
 """The data and code on which a unit's result depends, and the key made of them."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from hashlib import blake2b
 from importlib import metadata
 from pathlib import Path
@@ -43,7 +43,6 @@ def shown(value: Any) -> str:
 
 KEY_BYTES = 8
 AUTO = "auto"  # the mapping of a transfer table for which the best is searched
-OF_CODE = ("curricle", "code")  # the dependencies that ``--keep-stale`` ignores
 Dependencies = Mapping[str, Any]  # all that a task's result in an arm depends on, but the seed
 Stored = Mapping[str, Mapping[int, Any]]  # key -> seed -> :class:`StoredUnit`, at least one
 
@@ -54,17 +53,11 @@ def key_of(dependencies: Dependencies) -> str:
     return blake2b(data.encode(), digest_size=KEY_BYTES).hexdigest()
 
 
-def settings_key_of(dependencies: Dependencies) -> str:
-    """Return a key of all dependencies except code and Curricle's version."""
-    return key_of({name: value for name, value in dependencies.items() if name not in OF_CODE})
-
-
 def dependencies_of(
     arm: Mapping[str, Any],
     curriculum: Curriculum,
     total: int | None,
     folder: Path,
-    choose: Callable[[Dependencies], str] = key_of,
 ) -> Iterator[tuple[str, str, Dependencies]]:
     """Yield each task of an arm with its key and its dependencies, sources first."""
     keys: dict[str, str] = {}
@@ -94,20 +87,8 @@ def dependencies_of(
             if edge.get("mapping") == AUTO
         }
         dependencies["code"] = {**code_of(dependencies, folder), **searched}
-        keys[name] = choose(dependencies)
+        keys[name] = key_of(dependencies)
         yield name, keys[name], dependencies
-
-
-def key_in(stored: Stored) -> Callable[[Dependencies], str]:
-    """Return a :func:`key_of` that prefers stored units, even of other code, with most seeds."""
-    settings = {key: settings_key_of(_of(units)) for key, units in stored.items()}
-
-    def choose(dependencies: Dependencies) -> str:
-        wanted = settings_key_of(dependencies)
-        as_good = (key for key in stored if settings[key] == wanted)
-        return max([key_of(dependencies), *as_good], key=lambda key: len(stored.get(key, ())))
-
-    return choose
 
 
 def replaced_keys(wanted: Mapping[str, Dependencies], stored: Stored) -> dict[str, str]:

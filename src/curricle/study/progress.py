@@ -1,6 +1,6 @@
-"""How far a run is, how fast units are stored, and how long the remaining units will take."""
+"""How far a run is, and how long the remaining units will take."""
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,10 +11,6 @@ from typing import Any
 from curricle.comparison.plan import Unit
 from curricle.progress import shown
 from curricle.text import brief_repr, counted
-
-WINDOW = 60.0  # seconds that the rate is measured over
-FEWEST = 10  # marks that it is measured over at least: units of an hour end less than once a minute
-BETWEEN = 1.0  # seconds between two marks at least
 
 
 @dataclass(frozen=True)
@@ -29,10 +25,6 @@ class Progress:
         The unit that has just been stored; None at the beginning.
     workers : int
         Number of workers now.
-    repeated : int
-        Units that a cluster has begun again so far, because a worker died.
-    link : str or None
-        Link to the cluster's own page, if it has a page.
     tuning : str
         The trials to which the units belong, as text; empty for units of the study itself.
 
@@ -47,81 +39,42 @@ class Progress:
     units: tuple[Unit, ...]
     stored: Unit | None = None
     workers: int = 1
-    repeated: int = 0
-    link: str | None = None
     tuning: str = ""
 
     __repr__ = brief_repr
 
 
 class Pace:
-    """The rate at which units were stored in the last minute, and the remaining time."""
+    """How many units are stored, and about how long the others take."""
 
     def __init__(self, clock: Callable[[], float] = monotonic):
-        self.clock = clock
-        self.stored = 0
-        self._units: int | None = None
-        self._last: Progress | None = None
-        self._marks = deque[tuple[float, int]]()  # (time, units stored)
+        self.clock, self.stored, self.units = clock, 0, 0
+        self._workers, self._begun = 0, (clock(), 0)  # time, and units stored then
 
     def note(self, progress: Progress) -> None:
         """Record the beginning of a run, or a stored unit."""
-        self._units, self._last = len(progress.units), progress
-        if progress.stored is None:  # further units, after those of a tuning
-            self._marks.clear()
-        self._mark(0 if progress.stored is None else self.stored + 1)
+        self.units, self._workers = len(progress.units), progress.workers
+        self.stored = 0 if progress.stored is None else self.stored + 1
+        if progress.stored is None:  # or further units, after those of a tuning
+            self._begun = self.clock(), 0
 
     def line_of(self, stored: int, units: int) -> str:
         """Record the units that another process has stored in a folder, and return the line."""
-        if self._units is None or stored != self.stored:
-            self._mark(stored)
-        self._units = units
+        if not self.units:
+            self._begun = self.clock(), stored
+        self.stored, self.units = stored, units
         return self.line()
 
-    def line_in(self, stored: int, units: int) -> str:
-        """Return the line of a run whose folder also gets units from other processes."""
-        tuning = self._last is not None and bool(self._last.tuning)
-        if not units or (self._units == units and not tuning):
-            return self.line()
-        whole = f"{stored:,} of {counted(units, 'unit')}"
-        if self._units is None:
-            return whole
-        return f"{whole}; {'its tuning' if tuning else 'this run'}: {self.line()}"
-
-    def _mark(self, stored: int) -> None:
-        """Record the number of units stored now."""
-        self.stored, now = stored, self.clock()
-        if not self._marks or now - self._marks[-1][0] >= BETWEEN:
-            self._marks.append((now, self.stored))
-        while len(self._marks) > FEWEST and self._marks[1][0] <= now - WINDOW:
-            self._marks.popleft()
-
-    def rate(self) -> float:
-        """Return the units stored a second; 0 until a unit is stored."""
-        if not self._marks:
-            return 0.0
-        begun, before = self._marks[0]
-        passed = self.clock() - begun
-        return (self.stored - before) / passed if passed > 0 else 0.0
-
     def line(self) -> str:
-        """Return a line on how far the run is, how fast it goes and when it ends."""
-        if self._units is None:
-            return ""
-        parts = [f"{self.stored:,} of {counted(self._units, 'unit')}"]
-        if self._last is not None:
-            parts.append(counted(self._last.workers, "worker"))
-        if rate := self.rate():
-            parts.append(_in_words(rate))
-            if left := self._units - self.stored:
-                parts.append(f"{timedelta(seconds=round(left / rate))} left")
-        link = "" if self._last is None else self._last.link or ""
-        return ", ".join(filter(None, [*parts, self.repeated(), link]))
-
-    def repeated(self) -> str:
-        """Return a text on the units that were begun again; empty if there are none."""
-        number = 0 if self._last is None else self._last.repeated
-        return f"{counted(number, 'unit')} begun again" if number else ""
+        """Return a line on how far the run is, and when it ends at its pace since it began."""
+        parts = [f"{self.stored:,} of {counted(self.units, 'unit')}"] if self.units else []
+        if self._workers:
+            parts.append(counted(self._workers, "worker"))
+        begun, before = self._begun
+        if self.units > self.stored > before:
+            left = (self.units - self.stored) * (self.clock() - begun) / (self.stored - before)
+            parts.append(f"{timedelta(seconds=round(left))} left")
+        return ", ".join(parts)
 
 
 @contextmanager
@@ -131,7 +84,7 @@ def shown_units(
     line: Callable[[], str] | None = None,
 ) -> Iterator[Callable[[Progress], None]]:
     """Yield a function that shows each :class:`Progress` of a run as ``progress`` asks for."""
-    # Below the bars stands a `line`, by default how fast the whole run goes, its `pace`.
+    # Below the bars stands a `line`, by default how far the whole run is, its `pace`.
     pace = pace or Pace()
     grow: dict[str, Callable[[], None]] = {}
     with shown(progress, line or pace.line) as bars:
@@ -152,14 +105,3 @@ def shown_units(
             bars.tell(now)
 
         yield show
-
-
-def _in_words(rate: float) -> str:
-    """Return a rate as text, in units a second, a minute or an hour: the first of at least 1."""
-    period, seconds = "an hour", 3600
-    for longer, length in (("a minute", 60), ("a second", 1)):
-        if rate * length >= 1:
-            period, seconds = longer, length
-    number = rate * seconds
-    text = f"{number:,.0f}" if number >= 100 else f"{number:.2g}"
-    return f"{text} unit{'s' * (text != '1')} {period}"

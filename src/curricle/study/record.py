@@ -154,6 +154,28 @@ class VariantRecord(Plain, strict=False):  # a configuration makes it of a dict
     values: dict[str, Any]  # by their keys in the file
 
 
+class TunedArm(Plain, strict=False):
+    """The best trial of an arm."""
+
+    trials: Count  # how many there were
+    score: float | None
+    """Mean return over all steps, sources charged, mean over the tuning's seeds; None if it is no
+    number."""
+    values: dict[str, Any]  # by their keys in the file
+
+
+class TunedRecord(Plain, strict=False):
+    """A tuning that is complete; its trials are a study of their own."""
+
+    seeds: tuple[Count, ...] = Field(min_length=1)
+    total: Count  # steps of each trial and seed, sources included
+    arms: dict[str, TunedArm]
+
+    def steps(self, arm: str) -> int:
+        """Return the steps of an arm's trials, all seeds together."""
+        return self.arms[arm].trials * len(self.seeds) * self.total
+
+
 class ArmRecord(Plain):
     """An arm: its tasks, sources first, and its transfers."""
 
@@ -166,6 +188,7 @@ class ArmRecord(Plain):
     another version wrote the record."""
     variant: VariantRecord | None = None
     control_of: str = ""  # the arm that it is a control of, or whose potential gives its constant
+    knows_target: bool = False  # whether a mapping was found in the target's model
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -225,6 +248,8 @@ class StudyRecord(CurriculaRecord):
     budget: Count | None  # of the target, as are total and eval_freq, and as in :class:`Arms`
     total: Count | None
     eval_freq: Annotated[int, Field(ge=1)]
+    tuned: TunedRecord | None = None
+    chosen: str | None = None  # what the choice of its arm printed
 
     @property
     def keys(self) -> dict[tuple[str, str], str]:
@@ -361,10 +386,15 @@ def read_record(model: type[Model], value: Any) -> Model:
     try:
         return model.model_validate_json(json.dumps(value))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"])) or "it"
-        text = first["msg"].removeprefix("Value error, ")
-        raise ValueError(" ".join(f"{place}: {text[0].lower()}{text[1:]}".split())) from None
+        raise ValueError(first_mistake(error)) from None
+
+
+def first_mistake(error: ValidationError) -> str:
+    """Return the first mistake in the content of a file, with its place."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(map(str, first["loc"])) or "it"
+    text = first["msg"].removeprefix("Value error, ")
+    return " ".join(f"{place}: {text[0].lower()}{text[1:]}".split())
 
 
 def plain(record: BaseModel) -> dict[str, Any]:

@@ -51,6 +51,7 @@ from curricle.study.store import (
     SNAPSHOTS,
     STUDY,
     VALUES,
+    DecisionRow,
     StoredUnit,
     StudyStore,
     stored_values,
@@ -118,6 +119,15 @@ def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
         yield group
 
 
+def decisions_table(rows: Sequence[DecisionRow]) -> pa.Table:
+    """Return a unit's decisions as a table."""
+    kinds = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
+    schema = pa.schema([(name, kinds[of]) for name, of in DecisionRow.__annotations__.items()])
+    return pa.Table.from_arrays(
+        [*map(pa.array, zip(*rows, strict=True), schema.types)], schema=schema
+    )
+
+
 def parquet_of(parts: Iterable[pa.Table]) -> bytes:
     """Return tables joined in a Parquet file whose bytes do not depend on how they were cut."""
     sink, writer, rest, rows = pa.BufferOutputStream(), None, list[pa.Table](), 0
@@ -162,13 +172,15 @@ class StudyResults:
         Whether the comparison leaves out arms that are still to be trained.
     """
 
-    def __init__(self, path: str | Place | StudyStore):
+    def __init__(self, path: str | Place | StudyStore, record: StudyRecord | None = None):
         self.store = path if isinstance(path, StudyStore) else StudyStore(path)
         self.lacks_arms = False
         study = self.store.description
         if "record" not in study:
             raise StoreError(f"{self.store.path} holds results that are not those of a study")
-        self.record = self.store.checked(STUDY, lambda: read_record(StudyRecord, study["record"]))
+        self.record = record or self.store.checked(
+            STUDY, lambda: read_record(StudyRecord, study["record"])
+        )
 
     def __repr__(self) -> str:
         return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
@@ -375,7 +387,7 @@ class StudyResults:
                 tables = [
                     pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
                     if name == CURVES
-                    else self.store.decisions(unit)
+                    else decisions_table(self.store.decisions(unit))
                     for unit in units
                 ]
                 part = pa.concat_tables(tables)
@@ -392,8 +404,8 @@ class StudyResults:
         """Return the reason for each decision in a task, as sentences by seed."""
         values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
-            for row in self.store.decisions(unit).select(["seed", column]).to_pylist():
-                values.setdefault(row["seed"], []).append(row[column])
+            for row in self.store.decisions(unit):
+                values.setdefault(row.seed, []).append(getattr(row, column))
         return dict(sorted(values.items()))
 
     def ended_by(self, arm: str, task: str) -> dict[int, str]:
@@ -547,6 +559,7 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
         )
     scratch, changes = record.arms[name].scratch, bool(record.arms[name].control_of)
     kind: Any = {"scratch": scratch, "initial_values": study.initial_values(name)}
+    kind["knows_target"] = record.arms[name].knows_target
     arm = Arm.of(result, spent, total, record.eval_freq, **kind)
     unlearnt = {
         task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])

@@ -4,7 +4,6 @@ import json
 import os
 import platform
 import subprocess
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import ExitStack, suppress
@@ -20,35 +19,22 @@ from time import monotonic
 from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
-from curricle.comparison.plan import Failures, Unit, numbered_seeds
+from curricle.comparison.plan import Failures, Plan, Unit, numbered_seeds
 from curricle.curriculum.result import StoredValues, sources_read
+from curricle.design.choice import chosen
 from curricle.errors import LostStoreError, SettingError, StoreError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
 from curricle.progress import check_progress, interruptible
-from curricle.study.analysis import analyse, curricula_record, study_record
+from curricle.study.analysis import analyse, study_record
 from curricle.study.arms import Arms, UnitInput, seeds_of, units_of
-from curricle.study.choosing import (
-    RECORDS,
-    Search,
-    choose_arm,
-    read_choice,
-    read_search,
-    searched_study,
-)
+from curricle.study.choosing import chosen_study, trial_study
 from curricle.study.config import Study, StudyConfig, study_of
-from curricle.study.dependencies import (
-    Dependencies,
-    changes_of,
-    key_in,
-    key_of,
-    replaced_keys,
-    settings_key_of,
-)
+from curricle.study.dependencies import changes_of, replaced_keys
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.progress import Progress, shown_units
-from curricle.study.record import CurriculaRecord, FailureRecord, RunRecord, plain
+from curricle.study.record import FailureRecord, RunRecord, StudyRecord, plain
 from curricle.study.results import (
     ANALYSIS,
     FAILURES,
@@ -67,65 +53,16 @@ from curricle.study.store import (
     Taken,
     files_of,
     group_of,
-    holds_study,
     lost_errors,
     pack,
     stored_values,
 )
-from curricle.study.tuning import (
-    BEGUN,
-    TRIALS,
-    BegunTrials,
-    check_tuning,
-    digest_of,
-    number_of_trials,
-    read_tuning,
-    tune,
-    with_trials,
-)
+from curricle.study.tuning import CHOICE, TRIALS, tuned_before, tuned_study
 from curricle.text import counted
 
 # -- What a run finds in its folder: the units that it uses, and why it does not use others --------
 
 Done = dict[str, dict[int, StoredUnit]]  # key -> seed -> unit
-
-
-def arms_in(study: StudyConfig, path: str | Place, *, keep_stale: bool) -> Arms:
-    """Return a study's arms; with `keep_stale` their keys are those of stale units in a folder."""
-    choose: Callable[[Dependencies], str] = key_of
-    if keep_stale and holds_study(place_at(path)):
-        store = StudyStore(path)
-        choose = key_in(store.finished(without=store.damaged_units()))
-    return Arms.of(study, choose)
-
-
-def tuned_before(
-    study: StudyConfig,
-    arms: Arms,
-    path: str | Place,
-    report: Callable[[str], Any],
-    *,
-    keep_stale: bool,
-) -> tuple[StudyConfig, Arms]:
-    """Return a study and its arms, as a tuning or a choice in a folder has left them if any has."""
-    # It counts if it is complete and depended on what it depends on now, code and Curricle's
-    # version aside where stale units are kept.
-    place = place_at(path)
-    search = "choice" if study.choose else "tuning"
-    tuned = (study.tune or study.choose) and holds_study(place)
-    there = read_search(study, StudyStore(place)) if tuned else None
-    if there is None:
-        return study, arms
-    if there.of != digest_of(study):
-        if not keep_stale or there.of_settings != digest_of(study, settings_key_of):
-            report(f"the {search} is stale and made again: what it depends on has changed")
-            return study, arms
-        report(
-            f"the {search} is stale and kept: its trials are of other code, or of another version "
-            "of Curricle"
-        )
-    study = searched_study(study, there)
-    return study, arms_in(study, path, keep_stale=keep_stale)
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
@@ -141,14 +78,12 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     for place, key in arms.keys.items():
         places.setdefault(key, place)  # of arms that share units, the first
     depends = {key: arms.dependencies[place] for key, place in places.items()}
-    kept = {key: key for key in places if key in done and key != key_of(depends[key])}
-    stale = replaced_keys(depends, done) | kept
+    stale = replaced_keys(depends, done)
     for key in (key for key in places if key in stale):
         units = done[stale[key]]
         label = f"{': '.join(places[key])}, {numbered_seeds(sorted(units))}"
-        fate = "kept" if key in kept else "trained again"
         why = "; ".join(changes_of(units, depends[key]))
-        remarks.append(f"{label}, is stale and {fate}: {why}")
+        remarks.append(f"{label}, is stale and trained again: {why}")
     return done, remarks
 
 
@@ -237,10 +172,12 @@ class Scheduler:
         """Take the result of a unit that has ended, or cancel what needs it."""
         unit = running.pop(future)
         error = self.workers.lost() if future.cancelled() else future.exception()
+        result = None if error else future.result()
+        error = result if isinstance(result, Exception) else error  # another process's
         if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
             raise error  # a lost store, or an interrupt
         if error is None:
-            self.holder.add(unit, future.result())
+            self.holder.add(unit, result)
             return
         self.failures.add(unit, error)
         for other, waiting in [*running.items()]:
@@ -251,7 +188,7 @@ class Scheduler:
 # -- Running a study: its units on any executor, each stored as soon as it is trained --------------
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
-OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib", "optuna")  # libraries that may be there
+OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib")  # libraries that may be there
 
 
 def run_study(
@@ -263,7 +200,6 @@ def run_study(
     executor: Executor | None = None,
     on: str | None = None,
     shard: tuple[int, int] = (1, 1),
-    keep_stale: bool = False,
     trackers: Sequence[str | Tracker] = (),
     report: Callable[[str], Any] | None = None,
     progress: bool | Callable[[Progress], Any] | None = True,
@@ -287,8 +223,6 @@ def run_study(
         A cluster that trains the units: "dask", "ray", or an address such as "dask://host:8786".
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
-    keep_stale : bool
-        Whether to use units that are stale because of code or Curricle's version alone.
     trackers : sequence of str or Tracker
         Trackers that also get each unit's curves: "tensorboard", or a :class:`Tracker` of yours.
     report : callable, optional
@@ -330,50 +264,53 @@ def run_study(
     whole = isinstance(shard, tuple | list) and [type(part) for part in shard] == [int, int]
     if not (whole and 1 <= shard[0] <= shard[1]):
         raise SettingError(f"a shard must be (i, n), whole numbers, i from 1 to n: got {shard!r}")
-    arms = arms_in(study, path, keep_stale=keep_stale)
     study.check_networks()
     trackers = trackers_of(trackers)
     report = report or to_stderr
     if not seeds_of(study, shard):
         report(f"shard {shard} has no seeds: there are fewer groups of seeds than shards")
-    study, arms = tuned_before(study, arms, path, report, keep_stale=keep_stale)
-    if study.tune is not None:
-        check_tuning(study)
+    study = tuned_before(study, place_at(path))
+    trials = trial_study(study) if study.choose else study.of_trials() if study.tune else None
+    arms, of_trials = Arms.of(study), Arms.of(trials) if trials else None
+    if trials and of_trials:
+        if of_trials.total is None:
+            raise SettingError(
+                "arms are tuned at one total of steps: give the budget of the target in steps"
+            )
+        trials.check_networks()
     with ExitStack() as ending:
         # first: where a cluster is refused, no folder is made
-        places = _workers(study, arms, workers, executor, on, report, ending)
-        record = study_record(study, arms)
-        description = {**_settings(study, arms), "record": plain(record)}
-        opened = StudyStore.opened(path, description, resume=resume, check=False)
+        every = [arms, of_trials] if of_trials else [arms]
+        places = _workers(study, every, workers, executor, on, report, ending)
+        about, record = described(study, arms)
+        opened = StudyStore.opened(path, about, resume=resume, check=False)
         store = ending.enter_context(opened)
         ending.enter_context(lost_errors())
-        show = ending.enter_context(shown_units(progress))
-        if study.tune or study.choose:
-            training = Training(store, places, show)
-            study = _searched(study, training, resume=resume, keep_stale=keep_stale)
-            arms = arms_in(study, path, keep_stale=keep_stale)
-            record = study_record(study, arms)
-            store = store.redescribed({**_settings(study, arms), "record": plain(record)})
-        training = Training(store, places, show)
-        done = _begun(store, study, arms, report)
+        training = Training(store, places, ending.enter_context(shown_units(progress)), report)
+        if trials and of_trials:
+            folder = store.path / (CHOICE if study.choose else TRIALS)
+            about, _ = described(trials, of_trials)
+            with StudyStore.opened(folder, about, resume=resume, check=False) as there:
+                of_folder = replace(training, store=there), trials, of_trials
+                if study.choose:
+                    choice = chosen(of_trials, lambda *part: _tried(*of_folder, *part).comparison)
+                    study = chosen_study(study, trials, choice)
+                else:
+                    words = f"tuning: {counted(len(of_trials.curricula), 'trial')}"
+                    tried = _tried(*of_folder, of_trials, trials.seeds, words)
+                    study = tuned_study(study, tried)
+            arms = Arms.of(study)
+            about, record = described(study, arms)
+            training = replace(training, store=store.redescribed(about))
         tracking = Trackers(trackers, report)
         beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
-        tracking.start(study.name, _settings(study, arms), beside)
+        tracking.start(study.name, {key: about[key] for key in about if key != "record"}, beside)
         ending.callback(tracking.close)
-        failures = Failures(arms.needs)
-        for unit, result in training.results(study, arms, record, done, failures, shard):
-            if trackers:
-                if isinstance(result, StoredUnit):
-                    result = result.result(unit.seeds)
-                node = arms.curricula[unit.arm].node(unit.task)
-                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
-                tracking.record(unit.arm, unit.task, learnt)
-        write_failures(store, failure_records(failures))
-        if not failures:
-            store.remove_checkpoints()
-        store.require_there()  # in a folder that was moved nothing is listed, and nothing is wrong
+        failures = training.run(
+            study, arms, record, shard, track=tracking.record if trackers else None
+        )
+        store = training.store
         results = StudyResults(store)
-        results.write_tables()
         analyse(results, arms)
     if failures:
         raise failure_error(failures)
@@ -382,25 +319,56 @@ def run_study(
 
 @dataclass(frozen=True)
 class Training:
-    """The store of units, the workers that train them, and the function that shows progress."""
+    """The store of units, the workers that train them, and what is told of them."""
 
     store: StudyStore
     workers: Workers
-    report: Callable[[Progress], Any]
+    show: Callable[[Progress], Any]
+    report: Callable[[str], Any]
 
-    def results(
+    def run(
         self,
         study: StudyConfig,
         arms: Arms,
-        record: CurriculaRecord,
-        done: Done,
-        failures: Failures,
+        record: StudyRecord,
         shard: tuple[int, int] = (1, 1),
-        tuning: str = "",
+        *,
+        part: Plan | None = None,
+        words: str = "",
+        track: Callable[[str, str, LearningResult], Any] | None = None,
+    ) -> Failures:
+        """Train and store the missing units of a study, or of a part; return those that failed."""
+        part = part or arms
+        store, failures = self.store, Failures(part.needs)
+        done = _begun(store, study, arms, self.report)
+        units = tuple(units_of(study, part, done, shard))
+        packing = Packing(store, done, files_of(record))
+        for unit, result in self._results(study, arms, units, packing, failures, words):
+            if track is not None:
+                if isinstance(result, StoredUnit):
+                    result = result.result(unit.seeds)
+                node = arms.curricula[unit.arm].node(unit.task)
+                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
+                track(unit.arm, unit.task, learnt)
+        write_failures(store, failure_records(failures))
+        pack(store, packing.per_file)
+        if not failures:
+            store.remove_checkpoints()
+        store.require_there()  # in a folder that was moved nothing is listed, and nothing is wrong
+        StudyResults(store, record).write_tables()
+        return failures
+
+    def _results(
+        self,
+        study: StudyConfig,
+        arms: Arms,
+        units: tuple[Unit, ...],
+        packing: Packing,
+        failures: Failures,
+        words: str,
     ) -> Iterator[Taken]:
-        """Train the units of a study that are not done; yield each with its result when stored."""
-        store, workers, per_file = self.store, self.workers, files_of(record)
-        units, packing = tuple(units_of(study, arms, done, shard)), Packing(store, done, per_file)
+        """Train some units of a study; yield each with its result when it is stored."""
+        store, workers = self.store, self.workers
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
         seen = workers.see(store.path)  # then they read and write large files themselves
 
@@ -409,7 +377,7 @@ class Training:
             values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
             read = sources_read(curriculum, unit.task)
             for name, key in unit.sources.items():
-                files, needed = {seed: done[key][seed] for seed in unit.seeds}, name in read
+                files, needed = {seed: packing.done[key][seed] for seed in unit.seeds}, name in read
                 if seen and packing.is_large(key, unit.seeds):
                     stored[name] = StoredSource(files, needed)
                 else:
@@ -421,55 +389,37 @@ class Training:
 
         scheduler = Scheduler(send, packing, workers, failures)
 
-        def report(stored: Unit | None) -> None:
-            now = scheduler.number(), workers.repeated, workers.link
-            self.report(Progress(units, stored, *now, tuning))
+        def show(stored: Unit | None) -> None:
+            self.show(Progress(units, stored, scheduler.number(), words))
 
-        report(None)
+        show(None)
         for unit, result in scheduler.results(units):
             yield unit, result
-            report(unit)
-        pack(store, per_file)
+            show(unit)
 
 
-def _searched(
-    study: StudyConfig, training: Training, *, resume: bool, keep_stale: bool
-) -> StudyConfig:
-    """Tune each arm of a study or choose its arm, and return the study with the best settings."""
-    path, number = training.store.path / TRIALS, number_of_trials(study) if study.tune else 0
-    with StudyStore.opened(path, {"tuning": True}, resume=resume) as store:
-        store.remove(store.damaged_units())
-        choose = key_in(store.finished()) if keep_stale else key_of
-        trials, begun = replace(training, store=store), list[str]()
-
-        def train(config: StudyConfig, arms: Arms, trials_now: str) -> StudyStore:
-            if not number:  # of a choice the trials of one round are counted
-                begun.clear()
-            begun.extend(arms.keys[arm, arms.target] for arm in arms.curricula)
-            now = BegunTrials(number=number or len(begun), seeds=config.seeds, keys=tuple(begun))
-            store.write_record(BEGUN, now)
-            failures, record = Failures(arms.needs), curricula_record(arms.curricula, arms.keys)
-            of_trials = config, arms, record, store.finished(), failures
-            deque(trials.results(*of_trials, tuning=trials_now), maxlen=0)
-            if failures:
-                raise failure_error(failures)
-            return store
-
-        record: Search = (choose_arm if study.choose else tune)(study, train, choose)
-        store.remove_checkpoints()
-    training.store.write_record(RECORDS[type(record)], record)
-    return searched_study(study, record)
+def _tried(
+    training: Training, study: StudyConfig, arms: Arms, part: Any, seeds: Sequence[int], words: str
+) -> StudyResults:
+    """Train a part of the arms of trials on some seeds, and return their results."""
+    study = study.varied(seeds=list(seeds))
+    about, record = described(study, part)
+    training = replace(training, store=training.store.redescribed(about))
+    if failures := training.run(study, arms, record, part=part, words=words):
+        raise failure_error(failures)
+    return StudyResults(training.store, record)
 
 
-def _settings(study: StudyConfig, arms: Arms) -> dict[str, Any]:
-    """Return the settings on which a study's results depend."""
-    version = metadata.version("curricle")
-    return {"curricle": version, "configuration": study.to_data(), "code": arms.code}
+def described(study: StudyConfig, arms: Arms) -> tuple[dict[str, Any], StudyRecord]:
+    """Return what a folder says of a study: all on which its results depend, and its record."""
+    record, version = study_record(study, arms), metadata.version("curricle")
+    about = {"curricle": version, "configuration": study.to_data(), "code": arms.code}
+    return {**about, "record": plain(record)}, record
 
 
 def _workers(
     study: StudyConfig,
-    arms: Arms,
+    all_arms: Sequence[Arms],
     workers: int | None,
     executor: Executor | None,
     on: str | None,
@@ -481,7 +431,6 @@ def _workers(
         raise SettingError(f"on and an executor exclude each other: got on={on!r} and an executor")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise SettingError(f"executor must be a concurrent.futures.Executor: got {executor!r}")
-    all_arms = with_trials(study, arms)
     if on is not None:
         engine = ending.enter_context(opened_engine(on, workers))
         link = f", {engine.link}" if engine.link else ""
@@ -557,11 +506,6 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     units_of_parts = [store.units() for store in stores]
     for study, units in zip(studies, units_of_parts, strict=True):
         stores[0].check(study.store.description)
-        if study.record.keys != studies[0].record.keys:
-            raise StoreError(
-                f"{study.store.path} holds units of other code, kept with --keep-stale: parts that "
-                "are merged must be of the same"
-            )
         for unit in units:  # damage is found before anything is written
             unit.result(unit.seeds, study.most_bytes)
     # That of the first seeds, which a part has finished, is that of all.
@@ -596,8 +540,8 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         merged.write_tables()
         if analysis is not None:
             target.write_record(ANALYSIS, analysis)
-        for record in (read_tuning(stores[0]), read_choice(stores[0])):
-            if record is not None:
-                target.write_record(RECORDS[type(record)], record)
         write_failures(target, failures)
+    of_record = studies[0].record
+    for folder in [TRIALS] * bool(of_record.tuned) + [CHOICE] * bool(of_record.chosen):
+        merge(target.path / folder, [store.path / folder for store in stores])
     return merged

@@ -1,7 +1,6 @@
 """The results store: a folder of complete files and the settings on which its results depend."""
 
 import errno
-import io
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -15,10 +14,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
+from pydantic import TypeAdapter, ValidationError
 
 from curricle.comparison.plan import Unit, seed_ranges
 from curricle.curriculum.node import Node
@@ -42,10 +39,17 @@ from curricle.files import (
     unsealed,
     write_whole,
 )
-from curricle.learning.result import LearningResult, arrays_of, checkpoints_of, joined_results
+from curricle.learning.result import LearningResult, arrays_of, joined_results
 from curricle.learning.tabular_policy import Arrays, values_of
 from curricle.study.dependencies import differences, shown
-from curricle.study.record import CurriculaRecord, Plain, UnitRecord, plain, read_record
+from curricle.study.record import (
+    CurriculaRecord,
+    Plain,
+    UnitRecord,
+    first_mistake,
+    plain,
+    read_record,
+)
 from curricle.study_file.schema import seeds_in_ranges
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
@@ -160,27 +164,35 @@ def lost_errors() -> Iterator[None]:
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"  # groups of arrays
 
-DECISION_SCHEMA = {  # columns of a unit's decisions, and their types
-    "task": "string",
-    "seed": "int64",
-    "steps": "int64",
-    "ends": "bool",
-    "criterion": "string",
-    **dict.fromkeys(("lowest", "level", "rise", "plateau"), "double"),
-    "reason": "string",
-}
+
+class DecisionRow(NamedTuple):
+    """Why a seed went on or ended at a checkpoint."""
+
+    task: str
+    seed: int
+    steps: int
+    ends: bool
+    criterion: str
+    lowest: float
+    level: float
+    rise: float
+    plateau: float
+    reason: str
+
+
+DECISION_ROWS = TypeAdapter(list[DecisionRow])
 OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # an array of one seed, by its row
 OF_UNITS = ("source_steps", "scale", "refusal", "initial_values")
 """Arrays by seed that a unit has beside those of its result: two if it was calibrated, another if Q
 starts at a constant."""
-LARGEST_TABLE = 2**28  # bytes of a table at most
+LARGEST_DECISIONS = 2**26  # bytes of a unit's decisions at most: 300,000 of them
 
 
 class UnitResult(NamedTuple):
     """The result of training a unit."""
 
     arrays: Arrays  # those of the `LearningResult` (`arrays_of`), and `OF_UNITS`
-    decisions: pa.Table  # why each seed went on or stopped, a row a checkpoint
+    decisions: Sequence[DecisionRow]  # by seed and checkpoint
 
 
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
@@ -213,9 +225,8 @@ def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
     for name in OF_UNITS:
         if name in parts[0].arrays:
             arrays[name] = np.concatenate([part.arrays[name] for part in parts])[order]
-    decisions = pa.concat_tables([part.decisions for part in parts])
-    ascending = pc.sort_indices(decisions, [("seed", "ascending")])  # stable
-    return UnitResult(arrays, decisions.take(ascending))
+    decisions = chain.from_iterable(part.decisions for part in parts)
+    return UnitResult(arrays, sorted(decisions, key=lambda row: row.seed))  # stable
 
 
 def group_of(name: str) -> str:
@@ -225,53 +236,10 @@ def group_of(name: str) -> str:
     return VALUES if re.match(r"values|states", name) else RUN
 
 
-def read_parquet(content: bytes, schema: Mapping[str, str], most: int) -> pa.Table:
-    """Return a Parquet table of at most `most` rows; ValueError if it has other columns."""
-    # A text that rows share is stored once, so a small file may have large columns: they are
-    # measured before they are made.
-    texts = [name for name, kind in schema.items() if kind == "string"]
-    try:
-        columns = {field.name: str(field.type) for field in pq.read_schema(io.BytesIO(content))}
-        if columns != schema:
-            raise ValueError(f"it must have the columns {', '.join(schema)}")
-        with pq.ParquetFile(io.BytesIO(content), read_dictionary=texts) as file:
-            about = file.metadata
-            groups = [about.row_group(n) for n in range(about.num_row_groups)]
-            chunks = [group.column(n) for group in groups for n in range(group.num_columns)]
-            rows = sum(group.num_rows for group in groups)
-            size = sum(group.total_byte_size for group in groups)
-            if not about.num_rows == rows <= most or size > LARGEST_TABLE:
-                raise ValueError(
-                    f"it must have at most {most:,} rows and {LARGEST_TABLE:,} bytes: got {rows:,} "
-                    f"and {size:,}"
-                )
-            if not {chunk.compression for chunk in chunks} <= {"SNAPPY", "UNCOMPRESSED"}:
-                raise ValueError("it must be compressed by SNAPPY")  # others unpack a thousandfold
-            table = file.read()
-        if any(column.null_count for column in table.columns):
-            raise ValueError("it must have a value in each row of each column")
-        size = 0
-        for chunk in (chunk for name in texts for chunk in table[name].chunks):
-            lengths = np.asarray(pc.binary_length(chunk.dictionary), dtype=int)
-            size += int(lengths[np.asarray(chunk.indices)].sum())
-        if size > LARGEST_TABLE:
-            raise ValueError(f"its texts must have at most {LARGEST_TABLE:,} bytes, not {size:,}")
-        return table.cast(pa.schema(schema.items()))
-    except (pa.ArrowException, OSError, MemoryError) as error:
-        raise ValueError(f"it is no table: {error}") from None
-
-
-def as_parquet(table: pa.Table) -> bytes:
-    """Return a table as the content of a Parquet file."""
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink)
-    return bytes(sink.getvalue().to_pybytes())
-
-
 # -- The file of a unit: a sealed archive of its arrays that says what it is of --------------------
 
 NamedArrays = dict[str, npt.NDArray[Any]]  # arrays by name
-ABOUT, DECISIONS = "unit.json", "decisions.parquet"  # members of the archive beside its arrays
+ABOUT, DECISIONS = "unit.json", "decisions.json"  # members of the archive beside its arrays
 ENDING = ".npz"
 LARGEST_ABOUT = 2**24  # bytes of unit.json at most: one of 100,000 seeds has a twentieth of that
 LONGEST_NAME, KEPT = 200, 40  # characters of a unit's name, and those that are kept of a longer one
@@ -280,7 +248,7 @@ LONGEST_NAME, KEPT = 200, 40  # characters of a unit's name, and those that are 
 def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
     """Return the content of a unit's file; equal results have equal bytes."""
     ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
-    decisions = as_parquet(result.decisions.combine_chunks())
+    decisions = json.dumps(result.decisions).encode()
     further_files = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
     return archive_content(ordered, further_files, _snapshots_of(ordered))
 
@@ -302,10 +270,13 @@ def groups_in(
     return archive.read(*names, compressed=_snapshots_of(names), most=most)
 
 
-def decisions_in(archive: ArrayArchive, seeds: int) -> pa.Table:
+def decisions_in(archive: ArrayArchive) -> list[DecisionRow]:
     """Return the decisions in a unit's file, by seed and checkpoint; ValueError if malformed."""
-    most = seeds * (1 + checkpoints_of(archive.read("steps")))
-    return read_parquet(archive.content(DECISIONS, LARGEST_TABLE), DECISION_SCHEMA, most)
+    content = archive.content(DECISIONS, LARGEST_DECISIONS)
+    try:
+        return DECISION_ROWS.validate_json(content, strict=True)
+    except ValidationError as error:
+        raise ValueError(first_mistake(error)) from None
 
 
 def place_of(key: str, task: str, seeds: str) -> str:
@@ -318,10 +289,11 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 # -- Units in the store, and the store -------------------------------------------------------------
 
+ROW_BYTES = 600  # of a decision in memory, about
 MOST_KEPT = 2**28
 """Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
 finished study reads each once."""
-SCHEMA_VERSION = 3  # of the folder's layout; a folder of another version is refused
+SCHEMA_VERSION = 4  # of the folder's layout; a folder of another version is refused
 LARGEST_JSON = 2**24
 """Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
 has a twentieth."""
@@ -383,9 +355,8 @@ class StoredUnit:
         """Return the result of some of its seeds; StoreError if the file is damaged."""
         with self.opened(whole=True) as archive:
             arrays = groups_in(archive, GROUPS, most)
-            decisions = decisions_in(archive, len(self.seeds))
-        wanted = pc.is_in(decisions["seed"], pa.array(sorted(seeds), pa.int64()))
-        return UnitResult(of_seeds(arrays, seeds), decisions.filter(wanted))
+            decisions = decisions_in(archive)
+        return UnitResult(of_seeds(arrays, seeds), [row for row in decisions if row.seed in seeds])
 
 
 def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
@@ -445,7 +416,7 @@ class StudyStore:
 
     def __init__(self, path: str | Place, description: dict[str, Any] | None = None):
         self.path = place_at(path)
-        self._kept, self._room = dict[Place, tuple[NamedArrays, pa.Table]](), MOST_KEPT
+        self._kept, self._room = dict[Place, tuple[NamedArrays, list[DecisionRow]]](), MOST_KEPT
         if description is not None:  # it has just been written
             self.description = description
             return
@@ -618,11 +589,11 @@ class StudyStore:
         try:
             with stored.opened(whole=True) as archive, suppress(ValueError):
                 # Whoever needs what is wrong there says so.
-                run, table = groups_in(archive, (RUN,)), decisions_in(archive, len(stored.seeds))
-                size = sum(array.nbytes for array in run.values()) + table.nbytes
+                run, rows = groups_in(archive, (RUN,)), decisions_in(archive)
+                size = sum(array.nbytes for array in run.values()) + ROW_BYTES * len(rows)
                 if size <= self._room:
                     self._room -= size
-                    self._kept[stored.path] = run, table
+                    self._kept[stored.path] = run, rows
         except StoreError as error:
             if error.__cause__ is None:
                 return False
@@ -652,13 +623,12 @@ class StudyStore:
             return self._kept[stored.path][0]
         return stored.arrays(*groups, most=most)
 
-    def decisions(self, stored: StoredUnit) -> pa.Table:
-        """Return the table of a unit's decisions."""
+    def decisions(self, stored: StoredUnit) -> Sequence[DecisionRow]:
+        """Return a unit's decisions."""
         if stored.path in self._kept:
             return self._kept[stored.path][1]
         with stored.opened() as archive:
-            table = decisions_in(archive, len(stored.seeds))
-        return table
+            return decisions_in(archive)
 
 
 # -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------

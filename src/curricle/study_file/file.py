@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -37,6 +38,7 @@ DEEP_KEY = re.compile(
 """Keys that so many dots join: the parser's memory grows with the square of their number."""
 MOST_DOTS = 100_000  # between keys of a file: each may be a table, of a kilobyte while parsed
 LONGEST_NUMBER = 4096  # bits: Python writes no number of more than 4,300 digits
+MOST_READ = 10**8  # characters that are read for the lines of keys
 TOO_DEEP = f"tables and lists must be at most {DEEPEST} deep"
 TOO_LONG = f"whole numbers must have at most {LONGEST_NUMBER:,} bits"
 
@@ -133,38 +135,15 @@ ALTERNATIVES = {
 """Keys that exclude each other in a table; the last one that is set counts."""
 
 
-class Located(dict[str, Any]):
-    """A table with its place in the file and those of its entries, also after merging."""
-
-    def __init__(self, entries: Mapping[str, Any], of: Any = None):
-        super().__init__(entries)
-        self.home: KeyPath = getattr(of, "home", ())
-        self.homes: dict[Any, KeyPath] = dict(getattr(of, "homes", {}))
-
-
-def located(value: Any, home: KeyPath = ()) -> Any:
-    """Return a value of a file with its tables as :class:`Located`."""
-    if isinstance(value, list):
-        return [located(entry, (*home, n)) for n, entry in enumerate(value)]
-    if not isinstance(value, dict):
-        return value
-    made = Located({key: located(entry, (*home, key)) for key, entry in value.items()})
-    made.home, made.homes = home, {key: (*home, key) for key in value}
-    return made
-
-
-def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> Located:
+def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table with another's entries over its own, key by key; transfers go by number."""
     changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
-    kept = {key: value for key, value in base.items() if not changes_type or key in LASTING}
-    result, homes = Located(kept, base), getattr(patch, "homes", {})
-    result.home = getattr(patch, "home", ()) or result.home
+    result = {key: value for key, value in base.items() if not changes_type or key in LASTING}
     if changes_type and "family" in patch:  # which says the type
         result.pop("type", None)
     for key, value in patch.items():
         result.pop(ALTERNATIVES.get(key, ""), None)
         result[key] = _over(result.get(key), value, key)
-        result.homes[key] = homes.get(key) or result.homes.get(key, (*result.home, key))
     return result
 
 
@@ -187,7 +166,7 @@ def _over(old: Any, new: Any, key: str) -> Any:
             return new
         if new.get("algorithm", old.get("algorithm")) != old.get("algorithm"):
             # Another algorithm has other settings.
-            old = Located({k: value for k, value in old.items() if k != "settings"}, old)
+            old = {k: value for k, value in old.items() if k != "settings"}
     return merged(old, new)
 
 
@@ -202,38 +181,35 @@ def complete_learners(study: Mapping[str, Any], curriculum: dict[str, Any]) -> A
     return {name: _over(of_target, learner, "learner") for name, learner in learners.items()}
 
 
-def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> Located:
+def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> dict[str, Any]:
     """Return the curriculum of an arm, or of the study, each task with all its settings."""
     keys = ("tasks", "transfers", *SETTINGS)
-    base = Located({key: value for key, value in study.items() if key in keys}, study)
-    changes = Located(table(patch), patch)
+    base, changes = {key: study[key] for key in keys if key in study}, dict(table(patch))
     if isinstance(changes.get("tasks"), dict):
         # A change of an unknown task has been reported.
-        tasks = changes["tasks"]
-        known = {name: tasks[name] for name in tasks if name in table(base.get("tasks"))}
-        changes["tasks"] = Located(known, tasks)
+        there = table(base.get("tasks"))
+        changes["tasks"] = {name: of for name, of in changes["tasks"].items() if name in there}
     plan, chosen = merged(base, changes), changes.get("transfers")
     if isinstance(chosen, list):
         transfers = base.get("transfers")
-        there = dict(enumerate(transfers)) if isinstance(transfers, list) else {}
-        edges = [there.get(edge) if type(edge) is int else edge for edge in chosen]
+        numbered = dict(enumerate(transfers)) if isinstance(transfers, list) else {}
+        edges = [numbered.get(edge) if type(edge) is int else edge for edge in chosen]
         plan["transfers"] = [edge for edge in edges if edge is not None]
         plan["tasks"] = _needed(plan, NameGraph.of(base))
-    for_all = Located({which: plan.pop(which) for which in SETTINGS if which in plan}, plan)
+    for_all = {which: plan.pop(which) for which in SETTINGS if which in plan}
     with_sources = {target for _, target in NameGraph.of(plan).edges}
     tasks, families = plan.get("tasks"), table(study.get("families"))
     if isinstance(tasks, dict):
-        complete = {
+        plan["tasks"] = {
             name: _complete_task(task, families, for_all, has_sources=name in with_sources)
             if isinstance(task, dict)
             else task
             for name, task in tasks.items()
         }
-        plan["tasks"] = Located(complete, tasks)
     return plan
 
 
-def _needed(plan: Located, base: NameGraph) -> Any:
+def _needed(plan: dict[str, Any], base: NameGraph) -> Any:
     """Return the tasks that an arm's transfers need, and the study's target."""
     graph, tasks = NameGraph.of(plan), plan.get("tasks")
     names = {name for edge in graph.edges for name in edge}
@@ -241,25 +217,23 @@ def _needed(plan: Located, base: NameGraph) -> Any:
     if not isinstance(tasks, dict) or not names <= tasks.keys():
         return tasks  # something is wrong, and is reported elsewhere
     needed = {drawing for name in names for drawing in graph.drawings(name)}
-    return Located({name: task for name, task in tasks.items() if name in needed}, tasks)
+    return {name: task for name, task in tasks.items() if name in needed}
 
 
 def _complete_task(
-    task: Mapping[str, Any], families: Mapping[str, Any], for_all: Located, *, has_sources: bool
-) -> Located:
+    task: dict[str, Any],
+    families: Mapping[str, Any],
+    for_all: Mapping[str, Any],
+    *,
+    has_sources: bool,
+) -> dict[str, Any]:
     """Return a task over the family that it names, its settings over those for all tasks."""
-    name, result = task.get("family"), Located(task, task)
+    name = task.get("family")
     if isinstance(name, str) and task.get("type", "family") == "family":
         family = table(families.get(name))
-        of_both = {**family, **task, "family": family.get("family", name), "type": "family"}
-        result = Located(of_both, task)
-        result.homes = {**getattr(family, "homes", {}), **result.homes}
+        task = {**family, **task, "family": family.get("family", name), "type": "family"}
     fitting = {w: value for w, value in for_all.items() if has_sources or w not in OF_TARGETS}
-    settings = {which: result[which] for which in SETTINGS if which in result}
-    both = merged(Located(fitting, for_all), Located(settings, result))
-    complete = Located({**result, **both}, result)
-    complete.homes |= {which: both.homes[which] for which in both if which in both.homes}
-    return complete
+    return {**task, **merged(fitting, {which: task[which] for which in SETTINGS if which in task})}
 
 
 def toml_text(study: Mapping[str, Any]) -> str:
@@ -295,11 +269,16 @@ class Positions:
     """Where the keys of a study file are."""
 
     file: str  # what messages call it
-    lines: Mapping[KeyPath, int] = field(default_factory=dict)  # the line of each key
+    text: str = ""  # its content
     changed: tuple[KeyPath, ...] = ()  # what was set from outside
-    arms: Mapping[str, Any] = field(default_factory=dict)
-    """Arm -> its complete curriculum, with :class:`Located` tables."""
-    families: tuple[str, ...] = ()  # names of the study's own families
+    study: Mapping[str, Any] = field(default_factory=dict)  # its tables, changed
+    varied: Mapping[tuple[bool, str], Any] = field(default_factory=dict)
+    """What varies in each arm, as `varied_arms` returns it."""
+
+    @cached_property
+    def lines(self) -> dict[KeyPath, int]:
+        """The line of each key."""
+        return line_numbers(self.text)
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or of the table it is in; 0 if it is not in the file."""
@@ -320,20 +299,46 @@ class Positions:
 
     def in_file(self, path: KeyPath) -> KeyPath:
         """Return the file's path for a path in the configuration, such as in an arm."""
-        if path[:1] not in (("arms",), ("scratches",)) or len(path) < 2 or not self.arms:
+        # What an arm says of a task comes before what the task says, then what the arm says for
+        # all tasks, and what the study says for all: the first of these that has the key counts.
+        trial = path[:1] == ("tune",)
+        if path[trial : trial + 1] not in (("arms",), ("scratches",)) or not self.study:
             return path
-        # A trial of a tuning, which no file has, stands where the first arm does.
-        node: Any = self.arms.get(str(path[1]), next(iter(self.arms.values())))
-        home: KeyPath = getattr(node, "home", ()) if len(path) == 2 else ()
-        for done, part in enumerate(path[2:], 2):
-            if isinstance(node, dict) and part in node:
-                node, home = node[part], getattr(node, "homes", {}).get(part, (*home, part))
-            elif isinstance(node, list) and isinstance(part, int) and part < len(node):
-                node, home = node[part], (*home, part)
-                home = getattr(node, "home", ()) or home
+        name, *rest = path[trial + 1 :]
+        arm, settings = self.varied.get((trial, str(name)), (name, ()))
+        here: KeyPath = ("arms", arm)
+        tables, inner = [here, cast(KeyPath, ())], rest
+        if rest[:1] == ["tasks"] and len(rest) > 1:
+            of, inner = ("tasks", rest[1]), rest[2:]
+            family = table(self._at(of)).get("family")
+            tables = [(*here, *of), of, ("families", str(family)), *tables]
+        elif rest[:1] == ["transfers"] and len(rest) > 1:
+            chosen, number, inner = self._at((*here, "transfers")), rest[1], rest[2:]
+            if isinstance(chosen, list):
+                entry = chosen[int(number)]
+                tables = [("transfers", entry) if type(entry) is int else (*here, *rest[:2])]
             else:
-                return (*home, *path[done:])
-        return home
+                tables = [(*here, "transfers", str(number)), ("transfers", number)]
+        for depth in range(len(inner), -1, -1):
+            for base in tables:
+                place = (*base, *inner[:depth])
+                for setting in settings:  # it stands for its table too, but for no whole task
+                    key, names = setting.key, tuple(map(str, place))
+                    least = 1 if key[0] in SETTINGS else 3 if key[2] in SETTINGS else 2
+                    if len(names) >= least and key[: len(names)] == names[: len(key)]:
+                        return (*setting.home, *place[len(key) :], *inner[depth:])
+                if (depth or base not in (here, ())) and self._at(place) is not None:
+                    return (*place, *inner[depth:])
+        return tuple(rest) or here if self._at(here) is not None else tuple(rest)
+
+    def _at(self, path: KeyPath) -> Any:
+        """Return the value at a path of the file; None if there is none."""
+        node: Any = self.study
+        for part in path:
+            there = node if isinstance(node, dict) else {}
+            there = dict(enumerate(node)) if isinstance(node, list) else there
+            node = there.get(part)
+        return node
 
 
 def path_text(path: KeyPath) -> str:
@@ -379,107 +384,51 @@ class Problems:
         """Raise ConfigError if there are mistakes: a sentence for each, in the file's order."""
         if self.messages:
             ordered = sorted(self.messages, key=lambda message: self.positions.line(message[0]))
-            sentences = dict.fromkeys(self.positions.sentence(*message) for message in ordered)
+            once = dict[KeyPath, str]()  # all trials may have one mistake, in different values
+            kept = (of for of in ordered if of[0][:1] != ("tune",) or once.setdefault(*of) is of[1])
+            sentences = dict.fromkeys(self.positions.sentence(*message) for message in kept)
             raise ConfigError("\n".join(sentences)) from self.cause
 
 
 # -- The line of each key --------------------------------------------------------------------------
 
-TOKEN = re.compile(
-    r"""
-      (?P<blank>[ \t\r]+|\#[^\n]*)
-    | (?P<text>\"{3}(?:\\.|[^\\])*?\"{3,5} | '{3}.*?'{3,5} | "(?:\\.|[^"\\\n])*" | '[^'\n]*')
-    | (?P<sign>[\[\]{},=.\n])
-    | (?P<bare>[^\s\[\]{},=.\#"']+)
-    """,
-    re.VERBOSE | re.DOTALL,
-)
-
 
 def line_numbers(text: str) -> dict[KeyPath, int]:
-    """Return the line on which each table, key and list entry of valid TOML begins, from 1."""
-    scanner, here = _Scanner(text), cast(KeyPath, ())
-    while scanner.sign != "end":
-        if scanner.sign == "\n":
-            scanner.tokens.pop()
-        elif scanner.sign == "[":
-            here = scanner.header()
-        else:
-            scanner.pair(here)
-    return scanner.lines
+    """Return the line on which the statement of each key of valid TOML begins, from 1."""
+    lines, here, last = dict[KeyPath, int](), cast(KeyPath, ()), Counter[KeyPath]()
 
+    def note(path: KeyPath, value: Any) -> None:
+        lines.setdefault(path, begin)
+        inner = value.items() if isinstance(value, dict) else ()
+        for part, below in enumerate(value) if isinstance(value, list) else inner:
+            note((*path, part), below)
 
-class _Scanner:
-    """Reads the tokens of a text once, and can look at the next token before taking it."""
-
-    def __init__(self, text: str):
-        line, self.tokens = 1, list[tuple[str, str, int]]()  # text, sign or "", line
-        for match in TOKEN.finditer(text):
-            if match.lastgroup != "blank":
-                sign = match[0] if match.lastgroup == "sign" else ""
-                self.tokens.append((match[0], sign, line))
-            line += match[0].count("\n")
-        self.tokens = [("", "end", line), *reversed(self.tokens)]
-        self.lines: dict[KeyPath, int] = {}
-        self.arrays = Counter[KeyPath]()
-
-    @property
-    def sign(self) -> str:
-        """The next token if it is a sign, such as ``=``; "end" after the last."""
-        return self.tokens[-1][1]
-
-    def skip(self, *signs: str) -> None:
-        while self.sign in signs:
-            self.tokens.pop()
-
-    def header(self) -> KeyPath:
-        """Return the path of the table that a ``[header]`` or ``[[header]]`` begins."""
-        line = self.tokens.pop()[2]
-        listed, path = self.sign == "[", cast(KeyPath, ())
-        self.skip("[")
-        keys = self.keys()
-        for n, key in enumerate(keys):
-            path = (*path, key)
-            self.lines.setdefault(path, line)
-            if listed and n == len(keys) - 1:
-                self.arrays[path] += 1
-            if path in self.arrays:
-                path = (*path, self.arrays[path] - 1)
-                self.lines.setdefault(path, line)
-        self.skip("]")
-        return path
-
-    def keys(self) -> list[str]:
-        """Take a dotted key."""
-        keys = list[str]()
-        while not keys or self.sign == ".":
-            self.skip(".")
-            text = self.tokens.pop()[0]
-            keys.append(tomllib.loads(f"key = {text}")["key"] if text[0] in "'\"" else text)
-        return keys
-
-    def pair(self, here: KeyPath) -> None:
-        """Take ``key = value``."""
-        line = self.tokens[-1][2]
-        for key in self.keys():
+    # A statement is the fewest lines that are valid by themselves: texts and lists have several.
+    statement, begin, read = "", 1, 0
+    for number, line in enumerate(text.split("\n"), 1):
+        begin = begin if statement else number
+        statement += line + "\n"
+        read += len(statement)
+        try:
+            node: Any = tomllib.loads(statement)
+        except ValueError:
+            if read > MOST_READ:
+                break
+            continue
+        header, statement = statement.lstrip().startswith("["), ""
+        if not header:
+            for key, value in node.items():
+                note((*here, key), value)
+            continue
+        here = ()
+        while node:
+            ((key, node),) = node.items()
             here = (*here, key)
-            self.lines.setdefault(here, line)
-        self.skip("=")
-        self.value(here)
-
-    def value(self, here: KeyPath) -> None:
-        """Take a value, with the keys and entries inside it."""
-        begin, entry = self.tokens.pop()[1], 0
-        if begin in ("[", "{"):
-            self.skip("\n")
-            while self.sign not in ("]", "}"):
-                if begin == "{":
-                    self.pair(here)
-                else:
-                    self.lines.setdefault((*here, entry), self.tokens[-1][2])
-                    self.value((*here, entry))
-                    entry += 1
-                self.skip(",", "\n")
-            self.tokens.pop()
-        while self.sign in ("", "."):  # the rest of a number or a date
-            self.tokens.pop()
+            lines.setdefault(here, begin)
+            if isinstance(node, list):
+                last[here] += 1
+                node = node[0]
+            if here in last:
+                here = (*here, last[here] - 1)
+                lines.setdefault(here, begin)
+    return lines

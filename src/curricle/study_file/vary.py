@@ -1,13 +1,15 @@
-"""Settings of a study that vary: a sweep lists their values, a tuning searches them.
+"""Settings of a study that vary: a sweep lists their values, a tuning tries points of their ranges.
 
 Both name a setting by its key in the file, such as ``learner.learning_rate``. Its values are put at
-this key before arms and settings are merged, so that a value acts as if the file had it. To find
-its places in an arm's complete curriculum, a mark is merged in place of a value.
+this key before arms and settings are merged, so that a value acts as if the file had it: each point
+of a sweep makes an arm of every arm, and each trial of a tuning is such an arm too. To find the
+places of a setting in an arm's complete curriculum, a mark is merged in place of a value.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
-from math import prod
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import compress, product
+from math import floor, prod
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
@@ -17,7 +19,6 @@ from curricle.learning.seeds import MOST_SEEDS
 from curricle.statistics.curves import SCRATCH
 from curricle.study_file.file import (
     SETTINGS,
-    Located,
     complete_curriculum,
     complete_learners,
     dotted,
@@ -49,7 +50,6 @@ Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key pat
 
 MODE, PAIRED = "mode", "paired"
 FIRST_SEED = 1_000_000  # for tuning, where the file says how many; studies have other seeds
-MOST_TRIALS = 1_000
 
 
 class SweepTable(Table):
@@ -85,11 +85,6 @@ class RangeTable(Table):
     log: Flag = False
     """Whether equal ratios are equally likely."""
 
-    @property
-    def whole(self) -> bool:
-        """Whether its numbers are whole."""
-        return isinstance(self.low, int) and isinstance(self.high, int)
-
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.low < self.high:
@@ -98,11 +93,18 @@ class RangeTable(Table):
             raise wrong_at((("low",), f"must be above 0 in a logarithmic range: got {self.low}"))
         return self
 
+    def at(self, share: float) -> int | float:
+        """Return the number at a share of the way from low to high, which is in [0, 1)."""
+        whole = isinstance(self.low, int) and isinstance(self.high, int)
+        low, high = (self.low - 0.5, self.high + 0.5) if whole else (self.low, self.high)
+        value = low * (high / low) ** share if self.log else low + share * (high - low)
+        return min(floor(value + 0.5), self.high) if whole else value
+
 
 class TuneTable(Table):
-    """How settings are searched for every arm before it is run."""
+    """How settings are tried for every arm before it is run."""
 
-    trials: Annotated[Count, Field(le=MOST_TRIALS)] = 20
+    trials: Annotated[Count, Field(le=100)] = 20
     """Settings that are tried for each arm, learning from scratch too."""
     seeds: Annotated[
         tuple[int, ...],
@@ -110,27 +112,10 @@ class TuneTable(Table):
     ] = tuple(range(FIRST_SEED, FIRST_SEED + 3))
     """Seeds of each trial: how many, a list, or ranges; none of the study's."""
     seed: Whole = Field(default=0, ge=0)
-    """Seed of the search; equal seeds give equal searches."""
+    """Seed of the points that are tried; equal seeds give equal points."""
     space: dict[str, Any]
-    """What is searched, by its keys in the file: lists of values, or tables with low, high and
+    """What is tried, by its keys in the file: lists of values, or tables with low, high and
     perhaps log = true."""
-
-
-class Tuning(TuneTable):
-    """A complete tuning."""
-
-    space: dict[str, RangeTable | tuple[Any, ...]]
-    places: dict[str, dict[str, tuple[KeyPath, ...]]]
-    """Arm -> name of a setting -> where it stands in the arm's curriculum; none if nowhere."""
-
-    def placed(self, arm: str, values: Raw) -> dict[KeyPath, Any]:
-        """Return the values of an arm's settings by their places in its curriculum."""
-        places = self.places[arm]
-        return {place: value for name, value in values.items() for place in places[name]}
-
-    def keys(self, arm: str) -> tuple[str, ...]:
-        """Return the names of the settings that an arm has."""
-        return tuple(name for name, places in self.places[arm].items() if places)
 
 
 # -- Settings that vary, and where they stand in the curriculum of an arm --------------------------
@@ -199,7 +184,10 @@ def value_text(value: Any) -> str:
     return str(value)
 
 
-def places_of(study: Raw, patch: Any, setting: Varied) -> tuple[KeyPath, ...]:
+Make = Callable[[Raw], dict[str, Any]]  # a study's tables -> the complete curriculum of an arm
+
+
+def places_of(study: Raw, make: Make, setting: Varied) -> list[KeyPath]:
     """Return a setting's paths in the curriculum of an arm that does not set it itself."""
     mark = object()
 
@@ -210,27 +198,7 @@ def places_of(study: Raw, patch: Any, setting: Varied) -> tuple[KeyPath, ...]:
             for part, inner in node.items() if isinstance(node, dict) else enumerate(node):
                 yield from paths_to(inner, (*path, part))
 
-    return tuple(paths_to(complete_curriculum(merged(study, nested(setting.key, mark)), patch)))
-
-
-def stating(study: Raw, setting: Varied, value: Any) -> Located:
-    """Return a study with a value of a setting, located where the setting varies."""
-    # So do tables that have it in them, but for tasks and transfers as a whole.
-    whole = 0 if setting.key[0] in SETTINGS else 2 if setting.key[2] in SETTINGS else 1
-    patch = value
-    for n, part in reversed([*enumerate(setting.key)]):
-        patch = Located({part: patch})
-        patch.home = setting.home if n > whole else ()
-        patch.homes = {part: setting.home} if n >= whole else {}
-    return merged(study, patch)
-
-
-def with_values(curriculum: Raw, values: Mapping[KeyPath, Any]) -> dict[str, Any]:
-    """Return a complete curriculum with values at some places."""
-    result: dict[str, Any] = Located(curriculum, curriculum)
-    for place, value in values.items():
-        result = merged(result, nested(map(str, place), value))
-    return result
+    return [*paths_to(make(merged(study, nested(setting.key, mark))))]
 
 
 def target_alone(curriculum: Raw) -> dict[str, Any]:
@@ -238,142 +206,131 @@ def target_alone(curriculum: Raw) -> dict[str, Any]:
     tasks, graph = curriculum["tasks"], NameGraph.of(dict(curriculum))
     (target,) = graph.targets
     kept = {name: tasks[name] for name in reversed(graph.drawings(target))}
-    lasting = {key: value for key, value in tasks[target].items() if key not in OF_TARGETS}
-    kept[target] = Located(lasting, tasks[target])
-    return Located({"tasks": Located(kept, tasks), "transfers": []}, curriculum)
+    kept[target] = {key: value for key, value in tasks[target].items() if key not in OF_TARGETS}
+    return {"tasks": kept, "transfers": []}
 
 
 # -- The arms that they make -----------------------------------------------------------------------
 
 MOST_ARMS = 100  # that a sweep makes: with more no difference that matters would show
+MOST_TRIALS = 1_000  # of all arms
 
 
 class Variant(NamedTuple):
     """An arm with values for the settings that vary."""
 
-    arm: str  # as the file calls it
-    values: dict[str, Any]  # by name of the setting
+    arm: str  # that it is made of
+    make: Make
     study: Raw  # which says these values
-    curriculum: dict[str, Any]
+    values: Mapping[str, Any]  # by their keys in the file
+    settings: tuple[Varied, ...] = ()  # those that vary, of a sweep and of a tuning
+
+    def stating(self, settings: Sequence[Varied], values: Sequence[Any]) -> "Variant":
+        """Return the arm of a study that also says these values."""
+        study = self.study
+        for setting, value in zip(settings, values, strict=True):
+            study = merged(study, nested(setting.key, value))
+        said = dict(zip((setting.name for setting in settings), values, strict=True))
+        return self._replace(study=study, values=said, settings=(*self.settings, *settings))
 
 
-def varied_arms(study: Raw, complete: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return a configuration's fields with sweep and tuning, and arms that probe ends of ranges."""
-    variants, patches = dict[str, Variant](), table(study.get("arms"))
-    for arm in complete:
-        variants |= _variants(study, arm, patches.get(arm))
-    scratches = scratch_variants(study, complete)
-    every = {**scratches, **variants}
-    fields: dict[str, Any] = {
-        "arms": {name: variant.curriculum for name, variant in variants.items()},
-        "scratches": {name: variant.curriculum for name, variant in scratches.items()},
-        "variants": {
-            name: {"arm": variant.arm, "values": variant.values} for name, variant in every.items()
-        },
-    }
-    probes = dict[str, Any]()
-    if "tune" in study:
-        tuned = _places_of_tuning(study, variants, scratches)
-        space = {setting.name: setting.values for setting in tuned_in(study)}
-        plain = TuneTable.model_validate(study["tune"]).model_dump()
-        fields["tune"] = {**plain, "space": space, "places": tuned}
-        for setting in tuned_in(study):
-            variant = next(of for name, of in variants.items() if tuned[name][setting.name])
-            values = setting.values
-            if isinstance(values, dict):
-                ends = values["low"], values["high"]
-                # A number between them is no whole number, which some settings refuse.
-                between = ends[0] + (ends[1] - ends[0]) / 3**0.5
-                values = ends if all(isinstance(end, int) for end in ends) else (*ends, between)
-            for value in values:
-                probing = stating(variant.study, setting, value)
-                probe = complete_curriculum(probing, patches.get(variant.arm))
-                probes[f"{setting.name} = {value_text(value)}"] = probe
-    return fields, probes
+def varied_arms(
+    study: Raw, complete: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[tuple[bool, str], tuple[str, tuple[Varied, ...]]]]:
+    """Return a configuration's fields with a sweep and a tuning, and what varies in each arm.
 
-
-def _variants(study: Raw, arm: str, patch: Any, *, alone: bool = False) -> dict[str, Variant]:
-    """Return an arm for each point of a sweep that differs for it, or its target alone, by name."""
-    settings, variants = swept_in(study), dict[str, Variant]()
-    short, lists = short_names(settings), [setting.values for setting in settings]
-    paired = lists and study["sweep"].get(MODE) == PAIRED
-    apply = {s.name: bool(_places(study, patch, s, alone=alone)) for s in settings}
-    for point in zip(*lists, strict=True) if paired else product(*lists):
-        pairs = [(s, value) for s, value in zip(settings, point, strict=True) if apply[s.name]]
-        label = ", ".join([arm, *(f"{short[s.name]}={value_text(value)}" for s, value in pairs)])
-        if label in variants:  # the values that differ do not apply to the arm
-            continue
-        stated = study
-        for setting, value in pairs:
-            stated = stating(stated, setting, value)
-        curriculum = complete_curriculum(stated, patch)
-        values = {setting.name: value for setting, value in pairs}
-        whole = target_alone(curriculum) if alone else curriculum
-        variants[label] = Variant(arm, values, stated, whole)
-    return variants
-
-
-def scratch_variants(study: Raw, complete: Mapping[str, Any]) -> dict[str, Variant]:
-    """Return the arms from scratch, for each value that applies; the first is "scratch"."""
-    if study.get("scratch") is False:
-        return {}
-    patch = table(study.get("arms")).get(next(iter(complete)))
-    first, *later = _variants(study, SCRATCH, patch, alone=True).items()
-    variants = {SCRATCH: first[1], **dict(later)}
-    for learner in table(study.get("scratch_learners")):
-        label = f"{SCRATCH}, {learner}"
-        for name, variant in [*variants.items()]:
-            if variant.arm != SCRATCH:
-                continue
-            plan, tasks = variant.curriculum, variant.curriculum["tasks"]
-            *_, target = tasks
-            task = {**tasks[target], "learner": complete_learners(study, plan)[learner]}
-            changed = Located({**tasks, target: Located(task, tasks[target])}, tasks)
-            plan = Located({**plan, "tasks": changed}, plan)
-            if all(other.curriculum != plan for other in variants.values()):
-                made = variant._replace(arm=label, curriculum=plan)
-                variants[label + name.removeprefix(SCRATCH)] = made
-    return variants
-
-
-def _places(
-    study: Raw, patch: Any, setting: Varied, *, alone: bool, sets: Any = None
-) -> tuple[KeyPath, ...]:
-    """Return a setting's paths in an arm; with `alone` in its target's learner and storage.
-
-    `sets` holds the settings that a further learner from scratch sets itself.
+    The latter is the file's arm, and the settings, by whether it is a trial and by name.
     """
-    places = places_of(study, patch, setting)
-    if not alone:
-        return places
-    (target,) = NameGraph.of(complete_curriculum(study, patch)).targets
+    patches, first, scratches = table(study.get("arms")), next(iter(complete)), dict[str, Make]()
+    arms: dict[str, Make] = {
+        arm: partial(complete_curriculum, patch=patches.get(arm)) for arm in complete
+    }
+    if study.get("scratch") is not False:
+        scratches[SCRATCH] = lambda raw: target_alone(arms[first](raw))
+        for learner in table(study.get("scratch_learners")):
+            scratches[f"{SCRATCH}, {learner}"] = partial(_learnt_by, learner, scratches[SCRATCH])
+    swept = dict[str, Variant]()
+    for name, make in (*scratches.items(), *arms.items()):
+        made = _swept(Variant(name, make, study, {}))
+        if name in scratches:  # the first is called scratch, whatever its values
+            made = {name: made.pop(next(iter(made))), **made}
+        if name in scratches and name != SCRATCH:
+            there = [variant.make(variant.study) for variant in swept.values()]
+            made = {label: of for label, of in made.items() if of.make(of.study) not in there}
+        swept |= made
 
-    def is_free(place: KeyPath) -> bool:
-        node: Any = sets
-        for part in place[3:]:
-            node = table(node).get(str(part))
-        return (
-            place[:2] == ("tasks", target) and place[2] in ("learner", "storage") and node is None
-        )
-
-    return tuple(filter(is_free, places))
-
-
-def _places_of_tuning(
-    study: Raw, variants: Mapping[str, Variant], scratches: Mapping[str, Variant]
-) -> dict[str, dict[str, tuple[KeyPath, ...]]]:
-    """Return each tuned setting's paths in the curriculum of each arm, scratch included."""
-    patches, learners = table(study.get("arms")), table(study.get("scratch_learners"))
-    first = patches.get(next(iter(variants.values())).arm)
-    places = dict[str, dict[str, tuple[KeyPath, ...]]]()
-    for name, variant in {**variants, **scratches}.items():
-        alone = name in scratches
-        patch = first if alone else patches.get(variant.arm)
-        sets = learners.get(variant.arm.removeprefix(f"{SCRATCH}, ")) if alone else None
-        places[name] = {
-            s.name: _places(study, patch, s, alone=alone, sets=sets) for s in tuned_in(study)
+    def fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
+        plans = {label: variant.make(variant.study) for label, variant in variants.items()}
+        return {
+            "arms": {label: plan for label, plan in plans.items() if label not in alone},
+            "scratches": {label: plan for label, plan in plans.items() if label in alone},
+            "variants": {
+                label: {"arm": variant.arm, "values": variant.values}
+                for label, variant in variants.items()
+            },
         }
-    return places
+
+    alone = [label for label, variant in swept.items() if variant.arm in scratches]
+    configuration, trials = fields(swept, alone), dict[str, Variant]()
+    if "tune" in study:
+        tuning = TuneTable.model_validate(study["tune"])
+        for label, variant in swept.items():
+            trials |= _tried(variant._replace(arm=label), tuning)
+        of_scratch = [label for label, trial in trials.items() if trial.arm in alone]
+        configuration["tune"] = {"seeds": tuning.seeds, **fields(trials, of_scratch)}
+    varied = {
+        (is_trial, label): (variant.arm if variant.arm in complete else first, variant.settings)
+        for is_trial, variants in ((False, swept), (True, trials))
+        for label, variant in variants.items()
+    }
+    return configuration, varied
+
+
+def _learnt_by(learner: str, alone: Make, study: Raw) -> dict[str, Any]:
+    """Return the target alone with a further learner from scratch."""
+    plan = alone(study)
+    *_, target = plan["tasks"]
+    task = {**plan["tasks"][target], "learner": complete_learners(study, plan)[learner]}
+    return {**plan, "tasks": {**plan["tasks"], target: task}}
+
+
+def _swept(arm: Variant) -> dict[str, Variant]:
+    """Return an arm for each point of a sweep that differs for it, by name."""
+    settings, variants = swept_in(arm.study), dict[str, Variant]()
+    short, lists = short_names(settings), [setting.values for setting in settings]
+    paired = lists and arm.study["sweep"].get(MODE) == PAIRED
+    applies = [bool(places_of(arm.study, arm.make, setting)) for setting in settings]
+    used = [*compress(settings, applies)]
+    for point in zip(*lists, strict=True) if paired else product(*lists):
+        values = [*compress(point, applies)]
+        pairs = zip(used, values, strict=True)
+        label = ", ".join([arm.arm, *(f"{short[s.name]}={value_text(v)}" for s, v in pairs)])
+        variants.setdefault(label, arm.stating(used, values))
+    return variants
+
+
+def _tried(arm: Variant, tuning: TuneTable) -> dict[str, Variant]:
+    """Return the trials of an arm by name; a single trial if nothing applies to it."""
+    from scipy.stats.qmc import Halton  # it takes half a second to import
+
+    settings = tuned_in(arm.study)
+    applies = [bool(places_of(arm.study, arm.make, setting)) for setting in settings]
+    used, trials = [*compress(settings, applies)], dict[str, Variant]()
+    # Points that are spread evenly: all arms try the same ones, and with more trials these stay.
+    points = Halton(len(settings), rng=tuning.seed).random(tuning.trials if used else 1)
+    for number, point in enumerate(points.tolist(), 1):
+        shares = zip(used, compress(point, applies), strict=True)
+        values = [_value_at(setting.values, share) for setting, share in shares]
+        label = arm.arm if number == 1 else f"{arm.arm}, trial {number}"
+        trials[label] = arm.stating(used, values)
+    return trials
+
+
+def _value_at(space: Any, share: float) -> Any:
+    """Return the value at a share of a range or of a list."""
+    if isinstance(space, dict):
+        return RangeTable.model_validate(space).at(share)
+    return space[int(share * len(space))]
 
 
 # -- What is wrong with them -----------------------------------------------------------------------
@@ -441,6 +398,12 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
                 why += shown(values)
         if why := why or _wrong_key(study, complete, setting):
             yield setting.home, why
+    trials: Any = table(study.get("tune")).get("trials", 20)
+    lists = [s.values for s in swept_in(study) if isinstance(s.values, list)]
+    arms = len(complete) * prod(map(len, lists))
+    if settings and type(trials) is int and trials * arms > MOST_TRIALS:
+        made = f"{trials} of each of {arms} arms, {trials * arms:,}"
+        yield ("tune", "trials"), f"must be at most {MOST_TRIALS:,} of all arms: got {made}"
 
 
 def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
@@ -461,7 +424,8 @@ def _wrong_key(study: Raw, complete: Mapping[str, Any], setting: Varied) -> str:
     for arm, curriculum in complete.items():
         graph = NameGraph.of(curriculum)
         drawn = {part for target in graph.targets for part in graph.drawings(target)}
-        for place in places_of(study, patches.get(arm), setting):
+        make = partial(complete_curriculum, patch=patches.get(arm))
+        for place in places_of(study, make, setting):
             nowhere = False
             if place[0] == "tasks" and place[1] in drawn and place[2] not in FREE:
                 return (

@@ -60,6 +60,7 @@ class ComponentMapping(StateActionMapping):
         renaming: dict[str, str],
         unmapped_value: float | None = None,
         unequal: Unequal = "unmapped",
+        knows_target: bool = False,
     ):
         generative_model(target), generative_model(source)
         one_of("unequal", unequal, ("unmapped", "clip", "scale"), MappingError)
@@ -75,12 +76,12 @@ class ComponentMapping(StateActionMapping):
             for component in theirs.components:
                 _origin(ours, component, renaming)
         vars(self).update(target=target, source=source, renaming=dict(renaming))
-        vars(self).update(unmapped_value=unmapped_value, unequal=unequal)
+        vars(self).update(unmapped_value=unmapped_value, unequal=unequal, knows_target=knows_target)
 
     def __reduce__(self) -> Any:
         """Pickle the names that the mapping was made from, and no index array."""
-        made_from = self.target, self.source, self.renaming, self.unmapped_value, self.unequal
-        return ComponentMapping, made_from
+        read = self.renaming, self.unmapped_value, self.unequal
+        return ComponentMapping, (self.target, self.source, *read, self.knows_target)
 
     @property
     def _read(self) -> dict[str, str]:
@@ -104,7 +105,8 @@ class ComponentMapping(StateActionMapping):
 
     def with_unmapped_value(self, value: float) -> "ComponentMapping":
         """Return the same mapping with another value of unmapped pairs."""
-        return ComponentMapping(self.target, self.source, self.renaming, value, self.unequal)
+        read = self.renaming, value, self.unequal
+        return ComponentMapping(self.target, self.source, *read, self.knows_target)
 
     @cached_property
     def index(self) -> IntArray:
@@ -507,7 +509,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
         source_row = source_mdp.outcome_row[state[s[mapped]], action[a[mapped]]]
         predicted = source_mdp, source_row, np.arange(source.states.size)
         error = total_variation((mdp, row, state), predicted) if len(row) else float("nan")
-        mapping = pair_mapping(target, source, state[:, None], action)
+        mapping = pair_mapping(target, source, state[:, None], action).knowing_target()
         projections.append(Projection(states, actions, error, mapping))
     return tuple(sorted(projections, key=lambda tried: (np.isnan(tried.error), tried.error)))
 

@@ -6,9 +6,10 @@ A mapping maps batches: states by their numbers through an index, observations b
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -160,6 +161,7 @@ class TaskMapping(ABC):
     source: Any
     unmapped_value: float | None
     steps: int = 0  # of the search for it in tasks without tables, charged as those of sources are
+    knows_target: bool = False  # whether a search read the target's model for it, without a charge
 
     @abstractmethod
     def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
@@ -202,6 +204,9 @@ class StateActionMapping(Frozen, TaskMapping):
         How a search found the mapping.
     steps : int
         Steps that the search took in tasks without tables.
+    knows_target : bool
+        Whether a search read the dynamics or the values of the target's model for it. No step is
+        charged for that, so that what the mapping gains is not the source's alone.
 
     Raises
     ------
@@ -222,6 +227,7 @@ class StateActionMapping(Frozen, TaskMapping):
     unmapped_value: float | None = None
     how: str = ""
     steps: int = 0
+    knows_target: bool = False
 
     def __post_init__(self) -> None:
         target, source = generative_model(self.target), generative_model(self.source)
@@ -297,6 +303,12 @@ class StateActionMapping(Frozen, TaskMapping):
     def with_unmapped_value(self, value: float) -> "StateActionMapping":
         """Return the same mapping with another value of unmapped pairs."""
         return replace(self, unmapped_value=value)
+
+    def knowing_target(self) -> Self:
+        """Return the same mapping as one for which a search read the target's model."""
+        same = copy(self)
+        vars(same)["knows_target"] = True
+        return same
 
     def __repr__(self) -> str:
         mapped = int((self.index >= 0).sum())
@@ -419,7 +431,8 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
     The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
-    unmapped, with the value of `first`. MappingError if the tasks do not fit.
+    unmapped, with the value of `first`. It took the steps of both, and knows the target if either
+    mapping knows its own. MappingError if the tasks do not fit.
 
     Examples
     --------
@@ -438,7 +451,11 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
         )
     through = second.index.ravel()[np.maximum(first.index, 0)]
     index = np.where(first.index >= 0, through, first.index)
-    return StateActionMapping(first.target, second.source, index, first.unmapped_value)
+    # A task between may be a copy of the target, so that the second mapping's knowledge counts too.
+    knows_target = first.knows_target or second.knows_target
+    ends, unmapped_value = (first.target, second.source), first.unmapped_value
+    steps = first.steps + second.steps
+    return StateActionMapping(*ends, index, unmapped_value, steps=steps, knows_target=knows_target)
 
 
 def terminal_states(task: Task) -> BoolArray:

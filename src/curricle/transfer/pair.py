@@ -83,6 +83,11 @@ class TaskPair:
         """Steps that were taken in both tasks to estimate their tables."""
         return sum(estimate.steps for estimate in self.sampled.values())
 
+    @property
+    def knows_target(self) -> bool:
+        """Whether the target's own tables are read; estimates are paid for with their steps."""
+        return "target" not in self.sampled
+
     @cached_property
     def target_solution(self) -> Solution:
         """Exact values of the target."""
@@ -134,7 +139,9 @@ class TaskPair:
 
     def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal to read the source through an index, (S, A), and how it was found."""
-        mapping = StateActionMapping(self.target, self.source, index, how=how)
+        mapping = StateActionMapping(
+            self.target, self.source, index, how=how, knows_target=self.knows_target
+        )
         return Proposal(mapping, how, self.bound(index))
 
 

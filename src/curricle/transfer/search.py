@@ -38,6 +38,9 @@ SEARCHES: tuple[Search, ...] = (
 LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping used unseen must regain where it is known."""
 MOST_UNEXPLAINED = 0.75  # share that such a mapping may leave unexplained
+MOST_APART = 0.4
+"""Dynamics error that such a mapping may have. Of the limits tried it sets the sensible pairs of
+the development families furthest apart from unrelated ones (benchmarks/unrelated_pairs.py)."""
 MOST_MISSED = 0.05
 """Share of the way to the optimum that a mapping as good as exact may miss where it is known."""
 LEFT_BY_EXACT = 0.01
@@ -211,7 +214,8 @@ def proposed(
                 if tasks.steps:  # the mapping is charged with what its search took
                     made_of = tasks.target, tasks.source, mapping.index, mapping.unmapped_value
                     mapping = StateActionMapping(*made_of, proposal.how, tasks.steps)
-                yield mapping, proposal.how
+                # Whichever search made it, the target's values decide which mapping is first.
+                yield mapping.knowing_target() if tasks.knows_target else mapping, proposal.how
         except MappingError as error:
             refused[name] = str(error)
         grow()
@@ -220,9 +224,14 @@ def proposed(
 
 def clears_bar(scores: MappingScores) -> bool:
     """Return whether a mapping fits well enough to be used unseen."""
-    # Neither score suffices alone: two tasks may look alike nearly everywhere and have goals in
-    # different places, and a policy that follows wrong values may gain by avoiding the worst.
-    return scores.regained_where_known >= LEAST_REGAINED and scores.unexplained <= MOST_UNEXPLAINED
+    # No score suffices alone: two tasks may look alike nearly everywhere and have goals in
+    # different places, a policy that follows wrong values may gain by avoiding the worst, and a
+    # search that reads the target's values finds like ones in any source, whatever leads where.
+    return (
+        scores.regained_where_known >= LEAST_REGAINED
+        and scores.unexplained <= MOST_UNEXPLAINED
+        and scores.dynamics_error <= MOST_APART
+    )
 
 
 def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
@@ -258,9 +267,11 @@ def auto_mapping(
 ) -> FoundMapping:
     """Return the best mapping of :func:`find_mappings`, if it fits well enough to be used unseen.
 
-    In mapped states its greedy policy must regain at least 25 % of the way to the optimum, and its
-    values may leave unexplained at most 75 % of the variation that a constant leaves unexplained
-    (:func:`score_mapping`). The scores do not use the value that fits unmapped pairs.
+    In mapped states its greedy policy must regain at least 25 % of the way to the optimum, its
+    values may leave unexplained at most 75 % of the variation that a constant leaves unexplained,
+    and its dynamics error may be at most 0.4 (:func:`score_mapping`). To accept another, pass the
+    mapping of a candidate of :func:`find_mappings` to the transfer. The scores do not use the
+    value that fits unmapped pairs.
 
     Parameters
     ----------
@@ -289,8 +300,9 @@ def auto_mapping(
     check_progress(progress)
     candidates = _remembered(target, source, unmapped_value, progress)
     bar = (
-        f"a mapping is used unseen if it regains at least {LEAST_REGAINED:.0%} where it is known "
-        f"and leaves at most {MOST_UNEXPLAINED:.0%} unexplained"
+        f"a mapping is used unseen if it regains at least {LEAST_REGAINED:.0%} where it is known, "
+        f"leaves at most {MOST_UNEXPLAINED:.0%} unexplained and has a dynamics error of at most "
+        f"{MOST_APART:g}"
     )
     if not len(candidates):
         raise MappingError(f"{bar}: none is found between these tasks")
@@ -298,8 +310,9 @@ def auto_mapping(
     if not clears_bar(best.scores):
         raise MappingError(
             f"{bar}: the best that is found, {best.how}, regains "
-            f"{best.scores.regained_where_known:.0%} and leaves {best.scores.unexplained:.0%} "
-            "unexplained"
+            f"{best.scores.regained_where_known:.0%}, leaves {best.scores.unexplained:.0%} "
+            f"unexplained and has an error of {best.scores.dynamics_error:.3g}; to accept it, pass "
+            "find_mappings(target, source)[0].mapping to the transfer"
         )
     if not fit_unmapped or unmapped_value is not None:
         return best

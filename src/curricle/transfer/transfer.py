@@ -148,6 +148,7 @@ def numbered(names: Sequence[str]) -> list[str]:
 
 # -- in words --------------------------------------------------------------------------------------
 
+FOUND = "mapping found in the target's model, 0 steps charged"
 DIGEST_BYTES = 16
 SIGNIFICANT = 6  # digits of values in a digest: the last ones may differ between machines
 
@@ -163,6 +164,7 @@ def transfer_words(transfer: Transfer) -> str:
         phrases += [f"{cover.unmapped:.0%} unmapped ({stated})"] if cover.unmapped else []
     phrases += [f"scaled by {transfer.scale:g}"] if transfer.scale != 1 else []
     phrases += [f"shifted by {transfer.shift:g}"] if transfer.shift else []
+    phrases += [FOUND] if transfer.mapping.knows_target else []
     phrases += ["calibrated in the target"] if transfer.calibration is not None else []
     return "; ".join(phrases)
 

@@ -21,54 +21,6 @@ from tests.refusals import check_values
 
 from .environments import TWO, Echo, Ring
 
-WORLDS = {
-    "lake": ("FrozenLake-v1", {}),
-    "large lake": ("FrozenLake-v1", {"map_name": "8x8"}),
-    "lake without chance": ("FrozenLake-v1", {"is_slippery": False}),
-    "cliff": ("CliffWalking-v1", {}),
-    "slippery cliff": ("CliffWalking-v1", {"is_slippery": True}),
-    "taxi": ("Taxi-v4", {}),
-    "taxi in the rain": ("Taxi-v4", {"is_rainy": True}),
-}
-
-
-@pytest.mark.parametrize("name", WORLDS)
-def test_a_table_has_the_outcomes_of_its_environment(name):
-    """Acted at random: every step is one of the table's outcomes, about as often as it says."""
-    world, settings = WORLDS[name]
-    task = cr.from_gymnasium(world, discount=0.9, **settings)
-    assert isinstance(task, cr.FiniteMDP)
-    n_states, n_actions = task.states.size, task.actions.size
-    rng, env = np.random.default_rng(0), gym.make(world, **settings)
-    state, _ = env.reset(seed=0)
-    assert task.start[state] > 0
-    seen = np.zeros((n_states, n_actions, task.probability.shape[1]))
-    for _ in range(20_000):
-        action = int(rng.integers(n_actions))
-        after, reward, terminated, truncated, _ = env.step(action)
-        row = task.outcome_row[state, action]
-        match = (
-            (task.next_state[row] == after)
-            & (task.reward[row] == reward)
-            & (task.probability[row] > 0)
-        )
-        assert match.any()
-        assert terminated == task.terminal[after]
-        # Outcomes that look alike share what was seen of them.
-        seen[state, action, match] += (
-            task.probability[row][match] / task.probability[row][match].sum()
-        )
-        state = after
-        if terminated or truncated:
-            state, _ = env.reset()
-            assert task.start[state] > 0
-    tried = seen.sum(axis=2)
-    often = tried > 100
-    shares = seen[often] / tried[often][:, None]
-    said = task.probability[task.outcome_row[often]]
-    # Five standard deviations of a share.
-    assert (abs(shares - said) < 5 * np.sqrt(0.25 / tried[often][:, None])).all()
-
 
 def test_horizons_are_those_of_the_environments():
     limits = {
@@ -95,22 +47,6 @@ def test_the_optimum_is_the_one_that_gymnasium_states():
     assert cr.planning.Target.of(lake, evaluation).optimum == pytest.approx(0.74, abs=0.005)
     cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.999, time_limit=100)
     assert cr.planning.Target.of(cliff, evaluation).optimum == -13
-
-
-def test_moves_go_where_their_names_say():
-    moves = {"north": (-1, 0), "south": (1, 0), "east": (0, 1), "west": (0, -1)}
-    lake = cr.from_gymnasium("FrozenLake8x8-v1", discount=0.9, is_slippery=False)
-    cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.9)
-    taxi = cr.from_gymnasium("Taxi-v4", discount=0.9)
-    for task, row, column in ((lake, 1, 1), (cliff, 1, 1), (taxi, 2, 1)):
-        rest = {name: 0 for name in task.states.names if name not in ("row", "column")}
-        here = int(task.states.encode(row=row, column=column, **rest))
-        labels = task.actions.components[0].labels
-        assert set(moves) <= set(labels)
-        for label, (down, right) in moves.items():
-            pair = task.outcome_row[here, labels.index(label)]
-            there = task.states.decode(int(task.next_state[pair, 0]))
-            assert (there["row"], there["column"]) == (row + down, column + right)
 
 
 class Doubled(gym.Wrapper):
@@ -326,20 +262,13 @@ def test_bins_make_numbers_states():
 
 
 BOX = spaces.Box(0, 1, (2,))
+BOXES = {"observation_space": BOX, "action_space": TWO}
+ENDLESS = {"observation_space": TWO, "action_space": TWO, "discount": 1}
 REFUSED = {
-    "a box": ({"observation_space": BOX, "action_space": TWO}, "observations must be discrete"),
-    "no states": (
-        {"observation_space": BOX, "action_space": TWO, "encode": int},
-        "needs the states it encodes to",
-    ),
-    "too few bins": (
-        {"observation_space": BOX, "action_space": TWO, "encode": cr.interop.Bins({"x": [0, 1]})},
-        r"edges for each entry of an observation, \(2,\): they have edges for 1",
-    ),
-    "no end in sight": (
-        {"observation_space": TWO, "action_space": TWO, "discount": 1},
-        "a live task with discount 1 needs a time limit",
-    ),
+    "a box": (BOXES, "observations must be discrete"),
+    "no states": (BOXES | {"encode": int}, "needs the states it encodes to"),
+    "too few bins": (BOXES | {"encode": cr.interop.Bins({"x": [0, 1]})}, "have edges for 1"),
+    "no end in sight": (ENDLESS, "a live task with discount 1 needs a time limit"),
 }
 
 
@@ -442,27 +371,12 @@ def test_numbers_and_actions_are_named():
 
 
 GRID = spaces.MultiDiscrete([2, 3])
+AB, OF_B = {"names": ["a", "b"]}, cr.Space([cr.Component("b", 2)])
 REFUSED_NAMES = {
-    "sizes alone": (
-        TWO,
-        {"sizes": [2]},
-        r"sizes need the names of their components: got sizes \[2\]",
-    ),
-    "sizes of several": (
-        GRID,
-        {"names": ["a", "b"], "sizes": [2, 3]},
-        "sizes are for observations that are one number: these have state_1, state_2",
-    ),
-    "other sizes": (
-        TWO,
-        {"names": ["a", "b"], "sizes": [2, 3]},
-        "must be the environment's 2 states: 2 x 3 is 6",
-    ),
-    "states too": (
-        TWO,
-        {"names": ["a"], "states": cr.Space([cr.Component("b", 2)])},
-        r"names must be left out with states, which name the components: got names \['a'\]",
-    ),
+    "sizes alone": (TWO, {"sizes": [2]}, r"need the names of their components: got sizes \[2\]"),
+    "sizes of several": (GRID, AB | {"sizes": [2, 3]}, "one number: these have state_1, state_2"),
+    "other sizes": (TWO, AB | {"sizes": [2, 3]}, "environment's 2 states: 2 x 3 is 6"),
+    "states too": (TWO, {"names": ["a"], "states": OF_B}, r"the components: got names \['a'\]"),
 }
 
 
@@ -473,14 +387,6 @@ def test_what_names_nothing_is_refused_in_a_sentence(name):
         echo(space, space.sample(), **settings)
     wrong = {"names": [["row"], ["a", "a"]], "actions": [["a"]]}
     check_values(cr.errors.TaskError, partial(echo, GRID, GRID.sample()), wrong)
-
-
-def test_the_time_limit_of_a_wrapper_is_the_task_s():
-    def limited():
-        return TimeLimit(Echo(TWO, TWO, [0, 1]), 7)
-
-    assert cr.from_gymnasium(limited, discount=0.9).time_limit == 7
-    assert cr.from_gymnasium(limited, discount=0.9, time_limit=5).time_limit == 5
 
 
 class Room(gym.Env):

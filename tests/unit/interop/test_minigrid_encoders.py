@@ -139,11 +139,7 @@ def test_minigrids_own_limit_is_the_tasks():
     ("made", "error", "sentence"),
     [
         (lambda: MiniGridView(picture=1), SettingError, "picture of an encoder"),
-        (
-            lambda: MiniGridView(picture=True, mission=True),
-            SettingError,
-            "a picture has no mission",
-        ),
+        (lambda: MiniGridView(picture=True, mission=True), SettingError, "picture has no mission"),
         (lambda: MiniGridView()(gym.make("CartPole-v1")), TaskError, "is for MiniGrid's"),
         (
             lambda: [

@@ -32,7 +32,9 @@ def study_page(name, comparison, results, *, decisions=None, environment=None):
 
     run = {"file": "", "started": "", "commit": "", "python": "", "machine": ""}
     study = {"comparison": comparison, "analysis": analysis, "results": learnt, "failed": {}}
-    study["record"] = SimpleNamespace(name=name, only=lambda _: curricula)
+    study["record"] = SimpleNamespace(
+        name=name, only=lambda _: curricula, tuned=None, arms=curricula.arms
+    )
     study["store"] = SimpleNamespace(has=lambda _: False)
     study |= {"ended_by": reasons, "seeds": range(comparison.seeds)}
     study["runs"] = [SimpleNamespace(**run, versions=environment or {})]

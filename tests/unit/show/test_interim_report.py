@@ -3,14 +3,14 @@
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
-from threading import Event, Thread
+from threading import Thread
 from time import monotonic, sleep
 from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
 
-from curricle.errors import StoreError, StudyError
+from curricle.errors import StoreError
 from curricle.show import report as module
 from curricle.show.report import InterimReport, arms_so_far, page_of
 from curricle.study import run_study
@@ -29,9 +29,9 @@ class Followed:
         self.finished, self.keys = finished, StudyResults(finished).record.keys
         self.said, self.opened = [], []
 
-    def report(self, *, opened=None, **how):
-        settings = "{} of {} units".format, self.said.append, opened or self.opened.append
-        return InterimReport(self.folder, *settings, **{"path": self.path, **how})
+    def report(self):
+        settings = "{} of {} units".format, self.said.append, self.opened.append
+        return InterimReport(self.folder, *settings, self.path)
 
     def store(self, arm, *tasks):
         """Store the units of some tasks of an arm."""
@@ -67,7 +67,7 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     assert seconds == 2
     live.store("scratch", "maze")
     report.refresh()
-    assert "2 of 16 units. The report begins" in live.banner[0]
+    assert "2 of 16 units. No process is at work now. The report begins" in live.banner[0]
     live.store("chain", "corner", "easy", "maze")
     report.refresh()
     text, seconds = live.banner
@@ -77,7 +77,7 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     assert seconds >= 2
     assert re.search(r">\s*chain\s*<.*reload|reload.*>\s*chain\s*<", live.page, re.DOTALL)
     live.store_all()
-    report.refresh(last=True)
+    report.refresh()
     assert live.page == page_of(StudyResults(live.finished))
     assert "reload" not in live.page
     assert (live.said, live.opened) == ([], [live.path])
@@ -108,18 +108,20 @@ def hasty(monkeypatch):
 @pytest.mark.usefixtures("hasty")
 def test_a_reader_at_any_moment_has_a_whole_page(live):
     seen, until = set(), monotonic() + 120
-    with live.report() as report:
-        report.begin()
-        for line, arm, *tasks in (
-            ("2 of 16", "scratch", "maze"),
-            ("8 of 16", "chain", "corner", "easy", "maze"),
-            ("10 of 16", "state", "easy"),
-        ):
-            live.store(arm, *tasks)
-            while monotonic() < until and not any(line in page for page in seen):
-                sleep(0.001)
-                if live.path.exists():
-                    seen.add(live.page)
+    thread = Thread(target=live.report().watch, daemon=True)
+    thread.start()
+    for line, arm, *tasks in (
+        ("2 of 16", "scratch", "maze"),
+        ("8 of 16", "chain", "corner", "easy", "maze"),
+        ("10 of 16", "state", "easy"),
+    ):
+        live.store(arm, *tasks)
+        while monotonic() < until and not any(line in page for page in seen):
+            sleep(0.001)
+            if live.path.exists():
+                seen.add(live.page)
+    live.store_all()
+    thread.join(60)
     assert len(seen) >= 3
     assert all(page.rstrip().endswith("</html>") for page in seen)
     assert [*live.path.parent.glob(".*.part")] == []
@@ -140,10 +142,9 @@ def test_an_error_is_said_once_and_the_last_page_stays(live, monkeypatch):
     assert "2 of 16" in live.banner[0]
 
 
-def test_a_page_that_cannot_be_written_ends_no_run(live):
+def test_a_page_that_cannot_be_written_is_told(live):
     live.path.mkdir()
-    with live.report() as report:
-        report.begin()
+    live.report().refresh()
     (complaint,) = live.said
     assert "cannot be written" in complaint
 
@@ -156,28 +157,12 @@ def test_a_file_that_is_merged_while_it_is_read_is_no_error(live, monkeypatch):
     assert (arms.call_count, live.said) == (2, [])
 
 
-@pytest.mark.parametrize(
-    ("error", "text"),
-    [
-        (KeyboardInterrupt(), "The run was interrupted."),
-        (OSError("no space"), "The run ended with an error. OSError: no space"),
-        (StudyError("units failed"), "The run is over: 2 of 16 units are stored."),
-    ],
-)
-def test_a_page_of_a_run_that_broke_off_says_so_and_is_read_no_more(live, error, text):
-    written = Event()
+def test_the_page_of_a_watch_that_is_interrupted_says_so_and_is_read_no_more(live, monkeypatch):
     live.store("scratch", "maze")
-
-    def run():
-        with live.report(opened=lambda _: written.set(), path=None) as report:
-            report.begin()
-            assert written.wait(60)
-            raise error
-
-    with pytest.raises(type(error)):
-        run()
-    live.path = live.folder / "report.html"
-    assert text in live.banner[0]
+    monkeypatch.setattr(module, "sleep", Mock(side_effect=KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        live.report().watch()
+    assert "the run goes on by itself" in live.banner[0]
     assert live.banner[1] == 0
 
 
@@ -197,7 +182,7 @@ def test_a_study_without_scratch_has_no_report(live):
 def test_watching_ends_when_the_run_lets_go_of_the_folder(live):
     live.store("scratch", "maze")
     with locked(live.folder):
-        thread = Thread(target=live.report(elsewhere=True).watch, daemon=True)
+        thread = Thread(target=live.report().watch, daemon=True)
         thread.start()
         until = monotonic() + 60
         while not live.opened and monotonic() < until:
@@ -215,11 +200,11 @@ def test_watching_ends_when_the_run_lets_go_of_the_folder(live):
 def test_a_run_that_has_not_begun_is_waited_for_and_watching_ends(live, monkeypatch, locks):
     if not locks:  # where they cannot be read only the end is known
         monkeypatch.setattr(module, "in_use", lambda _: None)
-    report = live.report(elsewhere=True)
+    report = live.report()
     report.refresh()
     assert ("No process is at work now." in live.banner[0], report.over) == (locks, False)
     live.store_all()
-    live.report(elsewhere=True).watch()
+    live.report().watch()
     assert live.page == page_of(StudyResults(live.finished))
 
 
@@ -267,7 +252,12 @@ def test_a_control_waits_for_the_arm_that_it_is_of(tmp_path):
     changes = ["seeds=2", "tasks.maze.budget=400", "window=1", 'controls=["placebo"]']
     study = reader(tmp_path)(CORNER, set=changes)
     results = run_study(study, tmp_path / "out", progress=False)
-    assert arms_so_far(results) == ["scratch", "transfer", "transfer, placebo"]
+    assert arms_so_far(results) == [
+        "scratch",
+        "transfer",
+        "transfer, placebo",
+        "transfer, placebo, alone",
+    ]
     target = results.record.keys["transfer", "maze"]
     for unit in results.store.units():
         if unit.key == target:

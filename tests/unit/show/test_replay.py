@@ -86,10 +86,7 @@ def test_moments_are_thinned_and_a_page_holds_a_number_of_cells(maze, monkeypatc
     monkeypatch.setattr(replay_module, "MOST_MOMENTS", 7)
     ((film,), _) = replays_of(shot, hall)
     assert len(film.steps) == 7
-    assert film.steps[[0, -1]].tolist() == [
-        0,
-        199,
-    ]  # the ends are kept, and targets come first
+    assert film.steps[[0, -1]].tolist() == [0, 199]  # the ends are kept, and targets come first
     monkeypatch.setattr(replay_module, "MOST_CELLS", 3 * 15)  # three arms in the target
     films, left_out = replays(*shown(maze.results))
     assert {replay.task for replay in films} == {"maze"}
@@ -103,10 +100,7 @@ def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
     assert arms == [("scratch",), ("min",), ("mean",), ("min", "mean")]
     assert left_out == ()
     films, _ = replays(*shown(maze.results))
-    assert [replay.arms for replay in films if replay.task == "corner"] == [
-        ("3x3",),
-        ("2x2",),
-    ]
+    assert [replay.arms for replay in films if replay.task == "corner"] == [("3x3",), ("2x2",)]
 
 
 def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):

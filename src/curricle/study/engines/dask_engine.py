@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from typing import Any
@@ -24,9 +24,8 @@ class DaskEngine(Engine):
     def __init__(self, client: Client, cluster: LocalCluster | None):
         self.client, self.cluster = client, cluster
         self.share_folders = cluster is not None
-        client.subscribe_topic("all", self._note)
         with suppress(KeyError):  # of a scheduler without a dashboard
-            self.link = client.dashboard_link or None  # which asks the scheduler each time
+            self.link = client.dashboard_link or None
         self.levels = [logger.level for logger in LOGGERS]
         for logger in LOGGERS:
             logger.setLevel(logging.CRITICAL)  # futures report a lost scheduler
@@ -53,19 +52,6 @@ class DaskEngine(Engine):
         """Return how many threads the workers have."""
         return sum(self.client.nthreads().values())
 
-    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return the result of a call on every worker, or its exception, by address."""
-        answers_by_address: Mapping[str, Any] = self.client.run(function, on_error="return")
-        there = self.client.nthreads()
-        return {place: answer for place, answer in answers_by_address.items() if place in there}
-
-    def _note(self, event: tuple[float, Any]) -> None:
-        """Count the calls that are lost with a worker and begun again elsewhere."""
-        news = event[1]
-        if isinstance(news, dict) and news.get("action") == "remove-worker":
-            gone = {*news.get("processing-tasks", ()), *news.get("lost-computed-tasks", ())}
-            self.repeated += len(gone.intersection(self.client.futures))
-
     def close(self, whole: bool) -> None:
         """Leave the scheduler, which drops calls not begun; end a cluster started here."""
         # Dask logs again unless the run was interrupted or its scheduler is lost: Dask's threads
@@ -73,14 +59,12 @@ class DaskEngine(Engine):
         host, _, port = self.client.scheduler.address.rpartition("://")[2].rpartition(":")
         whole = whole and self.client.status == "running" and answers(host, int(port))
         with suppress(Exception):  # a scheduler that is gone cannot be left
-            self.client.unsubscribe_topic("all")  # or it would tell a closed client of its end
             self.client.close(timeout=2)
         if self.cluster is not None:
             with suppress(TimeoutError):  # its processes end with this one
                 self.cluster.close(timeout=20)
-        if whole:
-            for logger, level in zip(LOGGERS, self.levels, strict=True):
-                logger.setLevel(level)
+        for logger, level in zip(LOGGERS, self.levels, strict=True) if whole else ():
+            logger.setLevel(level)
 
 
 def connected(address: str | None, workers: int | None) -> DaskEngine:

@@ -9,7 +9,7 @@ import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module, metadata
@@ -32,13 +32,12 @@ WRITING, LIVE = Lock(), Lock()
 Result = TypeVar("Result")
 
 
-def called(function: Callable[[Any], Result], argument: Any) -> Result:
-    """Return a function's result; raise its error in a form that another process can read."""
+def called(function: Callable[[Any], Result], argument: Any) -> Result | Exception:
+    """Return a function's result, or its error in a form that another process can read."""
     try:
         return function(argument)
     except Exception as error:
-        sendable = _sendable(error)
-    raise sendable  # out here it has no context, which some engines send too
+        return _sendable(error)
 
 
 def _sendable(error: Exception) -> Exception:
@@ -62,8 +61,8 @@ def _sendable(error: Exception) -> Exception:
     return error
 
 
-def train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
-    """Train a unit and return its results, or the file that holds them."""
+def train_sent(sent: UnitInput) -> UnitResult | StoredUnit | Exception:
+    """Train a unit and return its results, the file that holds them, or its error."""
     return called(_train_sent, sent)
 
 
@@ -124,8 +123,6 @@ class ExecutorWorkers:
     executor: Executor
     workers: int
     share_folders: bool = True
-    link: str | None = None
-    repeated: int = 0
 
     def see(self, place: Place) -> bool:
         """Return False: the process that runs the study reads and writes for them."""
@@ -158,7 +155,6 @@ class Engine(ABC):
 
     on = ""  # the word for it
     link: str | None = None  # of its own page, if there is one
-    repeated = 0  # how many calls were begun again so far, as a worker died
     share_folders = False  # whether it was started here and sees our folders
     files: Mapping[str, bytes]  # the own modules; each unit carries them
     versions: Mapping[str, str]  # those that each worker must have
@@ -171,11 +167,7 @@ class Engine(ABC):
 
     @abstractmethod
     def count(self) -> int:
-        """Return how many calls run in parallel now; raise any error if nothing answers."""
-
-    @abstractmethod
-    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return the result of a call on every machine or worker, or its exception, by name."""
+        """Return how many calls run in parallel now; EngineError if the cluster is lost."""
 
     @abstractmethod
     def close(self, whole: bool) -> None:
@@ -204,8 +196,12 @@ class Engine(ABC):
 
     def number(self) -> int:
         """Return how many workers there are; the last number where the cluster does not answer."""
-        with suppress(Exception):
+        try:
             self._number = self.count()
+        except EngineError:
+            raise
+        except Exception:  # each engine has its own
+            return self._number
         return self._number
 
     def lost(self, why: str = "") -> Exception:
@@ -232,7 +228,7 @@ def failed(error: Exception) -> "Future[Any]":
     return future
 
 
-# -- Opening the engine that a word names, and comparing its workers with this machine -------------
+# -- Opening the engine that a word names ----------------------------------------------------------
 
 WORD = re.compile(r"(dask|ray)(?:://([^\s/:]+|\[[0-9a-fA-F:]+\]):(\d{1,5}))?")
 ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
@@ -251,7 +247,7 @@ def parsed(on: str) -> tuple[str, str | None]:
 
 @contextmanager
 def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
-    """Return a context with the engine that `on` names, after a check of its workers' versions."""
+    """Return a context with the engine that `on` names."""
     name, address = parsed(on)
     if address is not None and workers is not None:
         raise SettingError(f"{on} has workers of its own: workers={workers} is for dask or ray")
@@ -275,24 +271,9 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         ) from None
     whole = True
     try:
-        check_versions(on, engine.on_all(versions_here))
         yield engine
     except BaseException as error:
         whole = isinstance(error, Exception)  # and no interrupt
         raise
     finally:
         engine.close(whole)
-
-
-def check_versions(on: str, there: Mapping[str, Any]) -> None:
-    """Raise SettingError, which names a worker, unless all have this machine's versions."""
-    for worker, versions in sorted(there.items()):
-        if isinstance(versions, BaseException):
-            raise SettingError(
-                f"each worker of {on} must have Curricle: {worker} answered "
-                f"{type(versions).__name__}: {versions}"
-            )
-        if differ := difference(versions_here(), versions):
-            raise SettingError(
-                f"each worker of {on} must have the versions of the run: {worker} has {differ}"
-            )

@@ -5,20 +5,15 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import cache
-from threading import Lock
 from time import sleep
 from typing import Any
 from warnings import catch_warnings, filterwarnings
 
 import ray
-from ray._private.worker import global_worker  # Ray tells of attempts nowhere else
-from ray.exceptions import RayTaskError
-from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from curricle.errors import EngineError
 from curricle.study.engines.engine import Engine, answers
 
-ASKED = 60  # seconds in which each machine must answer; it starts a process first
 ASKED_AGAIN, PAUSE = 3, 2.0  # how often a head that turns us away is asked, and seconds between
 
 
@@ -31,34 +26,22 @@ class RayEngine(Engine):
 
     def __init__(self, link: str | None, head: tuple[str, int], ends: bool):
         self.link, self.head, self.ends = link, head, ends
-        self._lock, self._open = Lock(), set[Future[Any]]()
         self._remote = cache(ray.remote)  # each ray.remote sends the function to the head again
 
     def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
         """Return the future result of a call, which has a processor to itself."""
         if not ray.is_initialized():  # Ray would start a new cluster
             raise ConnectionError("it is not connected to Ray")
-        call = self._remote(_counted).options(name=function.__name__)
-        reference = call.remote(function, argument)
-        outcome = Future[Any]()
-        self._open.add(outcome)
+        reference, outcome = self._remote(function).remote(argument), Future[Any]()
 
         def end(done: "Future[Any]") -> None:
-            with self._lock:
-                self._open.discard(outcome)
-                if outcome.done() or not outcome.set_running_or_notify_cancel():
-                    return
-                error = done.exception()
-                if error is None:
-                    attempts, result = done.result()
-                    self.repeated += attempts
-                    outcome.set_result(result)
-                    return
-                if isinstance(error, RayTaskError) and isinstance(error.cause, Exception):
-                    error = error.cause  # as it was raised, without Ray's words
-                elif isinstance(error, ConnectionError):
-                    error = lost(str(error))
-                outcome.set_exception(error)
+            if not outcome.set_running_or_notify_cancel():
+                return
+            error = done.exception()
+            if error is None:
+                outcome.set_result(done.result())
+            else:
+                outcome.set_exception(lost(str(error)))
 
         def cancel(done: "Future[Any]") -> None:
             if done.cancelled():
@@ -70,36 +53,12 @@ class RayEngine(Engine):
         return outcome
 
     def count(self) -> int:
-        """Return how many processors there are."""
-        if not (self._head_answers() and ray.is_initialized()):  # Ray would start a new cluster
+        """Return how many processors there are; EngineError if the head takes no connection."""
+        if not answers(*self.head):
+            raise lost(f"its head at {self.head[0]}:{self.head[1]} is gone")
+        if not ray.is_initialized():  # Ray would start a new cluster
             raise ConnectionError("it is not connected to Ray")
         return int(ray.cluster_resources().get("CPU", 0))
-
-    def _head_answers(self) -> bool:
-        """Return whether the head takes connections; where it does not, all futures fail."""
-        if answers(*self.head):
-            return True
-        with self._lock:
-            for future in self._open:
-                if not future.done() and future.set_running_or_notify_cancel():
-                    future.set_exception(lost(f"its head at {self.head[0]}:{self.head[1]} is gone"))
-            self._open.clear()
-        return False
-
-    def on_all(self, function: Callable[[], Any]) -> Mapping[str, Any]:
-        """Return the result of a call on every machine, or its exception, by name."""
-        asked, answers_by_name = {}, dict[str, Any]()
-        for name, node in _alive().items():
-            at = NodeAffinitySchedulingStrategy(node, soft=False)
-            call = ray.remote(function).options(num_cpus=0, scheduling_strategy=at)
-            asked[name] = call.remote()
-        for name, reference in asked.items():
-            try:
-                answers_by_name[name] = ray.get(reference, timeout=ASKED)
-            except Exception as error:
-                answers_by_name[name] = getattr(error, "cause", None) or error
-        there = _alive()
-        return {name: answer for name, answer in answers_by_name.items() if name in there}
 
     def close(self, whole: bool) -> None:
         """Leave the cluster, and end it if it was started here."""
@@ -107,22 +66,10 @@ class RayEngine(Engine):
             ray.shutdown()
 
 
-def _counted(function: Callable[[Any], Any], argument: Any) -> tuple[int, Any]:
-    """Return how often Ray began this call before, and the call's result."""
-    before = getattr(global_worker.core_worker, "get_current_task_attempt_number", int)
-    return before(), function(argument)
-
-
 def lost(why: str) -> EngineError:
     """Return the error of a unit whose cluster is gone."""
     reason = why.split("\n", maxsplit=1)[0]
     return EngineError(f"Ray was lost: {reason}: go on with --resume")
-
-
-def _alive() -> dict[str, str]:
-    """Return the identifier of each live machine by name."""
-    nodes = [node for node in ray.nodes() if node["Alive"]]
-    return {f"{n['NodeManagerHostname']} ({n['NodeID'][:8]})": n["NodeID"] for n in nodes}
 
 
 def _connected(where: Mapping[str, Any], again: int = ASKED_AGAIN) -> Any:
