@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from math import log
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -59,6 +59,7 @@ SECONDS = 150.0  # estimated seconds on one processor up to which curricula are 
 TARGET = "target"  # its name, without curricula of the user's
 OF_TARGET = ("learner", "budget", "eval_freq", "evaluation", "storage")
 SHOWN = 8  # rows of a printed table
+ROW = ("name", "source_steps", "seeds", "mean_return", "gain", "gain_low", "gain_high", "answer")
 HEADS = ("", "source steps", "seeds", "mean return", "gain over the best opponent", "answer")
 
 # -- The curricula that are played, and the result -------------------------------------------------
@@ -118,7 +119,7 @@ class Choice:
         mean_return, gain, gain_low, gain_high (over the best opponent, in mean return, sources
         charged), and answer: the verdict of a finalist, or when it was left out.
     remarks : tuple of str
-        Sentences on curricula that failed or were not played, and on where they were played.
+        Sentences below the table: on curricula that failed or were not played, and where.
     """
 
     name: str
@@ -148,10 +149,10 @@ class Choice:
     def text(self, width: int = UNBOUNDED) -> str:
         """Return the sentence and the table in lines of at most `width` characters."""
         lines = [folded(self.sentence, width), *text_table(HEADS, self._cells, width, prose=True)]
-        return "\n".join([*lines, *(folded(remark, width) for remark in self._remarks)])
+        return "\n".join([*lines, *(folded(remark, width) for remark in self.remarks)])
 
     def _repr_html_(self) -> str:
-        return block(self.sentence, table(HEADS, self._cells, wide=HEADS[-1:]), *self._remarks)
+        return block(self.sentence, table(HEADS, self._cells, wide=HEADS[-1:]), *self.remarks)
 
     @property
     def _cells(self) -> list[tuple[str, ...]]:
@@ -161,11 +162,6 @@ class Choice:
             numbers = f"{row['source_steps']:,.0f}", f"{row['seeds']}", f"{row['mean_return']:.4g}"
             rows.append((row["name"], *numbers, short(gain), row["answer"]))
         return rows
-
-    @property
-    def _remarks(self) -> list[str]:
-        others = len(self.rows) - SHOWN
-        return [*([f"and {others} more"] if others > 0 else []), *self.remarks]
 
 
 # -- Halving ---------------------------------------------------------------------------------------
@@ -195,16 +191,10 @@ def chosen(plan: Plan, play: Play, seed: int = 0, seconds: float = SECONDS) -> C
         return comparison
 
     def add_row(name: str, arm: Arm, returns: FloatArray, gain: Interval, answer: str) -> None:
-        rows[name] = {
-            "name": name,
-            "source_steps": float(arm.curve.source_steps.mean()),
-            "seeds": len(returns),
-            "mean_return": float(returns.mean()),
-            "gain": float(gain.estimate),
-            "gain_low": float(gain.low),
-            "gain_high": float(gain.high),
-            "answer": answer,
-        }
+        spent, numbers = arm.curve.source_steps, (gain.estimate, gain.low, gain.high)
+        of_row = name, spent.mean(), len(returns), returns.mean(), *numbers, answer
+        types = str, float, int, *[float] * 4, str
+        rows[name] = {k: of(x) for k, of, x in zip(ROW, types, of_row, strict=True)}
 
     for n, further in enumerate(ROUNDS, 1):
         comparison = played(further, f"round {n}", constants=False)
@@ -231,6 +221,7 @@ def chosen(plan: Plan, play: Play, seed: int = 0, seconds: float = SECONDS) -> C
     others = sorted(rows.keys() - {*last}, key=lambda name: (-rows[name]["gain"], name))
     order = [*pays, *(name for name in last if name not in pays), *others]
     remarks += [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
+    remarks = [f"and {len(order) - SHOWN} more"] * (len(order) > SHOWN) + remarks
     name, listed = pays[0] if pays else "", tuple(rows[name] for name in order)
     return Choice(name, None, _best_alone(final), final, listed, tuple(remarks))
 
@@ -287,9 +278,8 @@ def choose(
     Each source is tried with 2, 5 and 15 % of the target's steps and its values times 1 and 2;
     several mappings are joined by :func:`minimum`, and potentials enter by ``QInitialisation()``
     without a portfolio, in trials and in the chosen curriculum. The better half of each round gets
-    more seeds; the last three meet all opponents of :func:`compare` on 20 fresh seeds. Nothing of an experiment is used up: the seeds
-    of trials begin at 2,000,000. Equal seeds give equal choices. ``curricle.choose`` also takes a
-    study or its path.
+    more seeds; the last three meet all opponents of :func:`compare` on 20 fresh seeds. The seeds of
+    trials begin at 2,000,000. ``curricle.choose`` also takes a study or its path.
 
     Parameters
     ----------
@@ -297,25 +287,21 @@ def choose(
         With tables, as :func:`source_candidates` needs them.
     candidates : sequence of SourceCandidate and Curriculum, or dict of str to Curriculum
         Further candidates; curricula are played as they are.
-    kinds : sequence of str
-        The kinds of candidates that are made; none if empty.
-    most : int
-        Most candidates that are made or :class:`SourceCandidate`.
+    kinds, most : sequence of str and int
+        The kinds of candidates that are made, none if empty, and how many at most.
     on : Task or FamilyMember, optional
         A smaller relative in which to choose instead, with as many steps a state. The kind of
         source, the relation of its size to the target's, its steps a state and its scale are then
         carried over.
     seed : int
+        Equal seeds give equal choices.
     seconds : float
         Estimated seconds on one processor up to which curricula are played, in their order.
-    workers : int, optional
-        Threads over seeds.
-    progress : bool or callable, optional
-        True shows a bar for each round; a function is called with the name of each trained arm.
+    workers, progress : optional
+        As :func:`compare` takes them; a bar is of a round.
     **settings
         The target's ``budget`` (100,000 steps), ``learner``, ``eval_freq``, ``evaluation`` and
-        ``storage``, as a :class:`Curriculum` takes them; by default those of the first curriculum
-        in `candidates`, if there is any.
+        ``storage``; by default those of the first curriculum in `candidates`.
 
     Returns
     -------
@@ -335,38 +321,15 @@ def choose(
     >>> choice.curriculum, choice.alone
     (None, 'OptimisticQLearning')
     """
-    if on is None:
-        curricula, _ = trial_curricula(target, candidates, kinds, most, settings)
-        return _tried(curricula, seed, seconds, workers, progress)
-    task, relative = map(_task, (target, on))
-    budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
-    settings = {key: value for key, value in settings.items() if key != "eval_freq"}
-    steps = max(FEWEST_STEPS, round(budget * relative.states.size / task.states.size))
-    there = {**settings, "budget": steps}
-    curricula, options = trial_curricula(on, candidates, kinds, most, there)
-    choice = _tried(curricula, seed, seconds, workers, progress)
-    remarks = [
-        *choice.remarks,
-        f"played in a relative with {relative.states.size:,} states instead of "
-        f"{task.states.size:,}, in {steps:,} steps instead of {budget:,}; assumes that what pays "
-        "there pays in the target",
-    ]
-    choice = replace(choice, curriculum=None, remarks=tuple(remarks))
-    if choice.name not in options:  # none pays, or a curriculum of the user's
-        return choice
-    option, words = _carried_over(target, options[choice.name], on)
-    curriculum = option and option.curriculum(TARGET, task, {**settings, "budget": budget})
-    return replace(choice, curriculum=curriculum, remarks=(*remarks, words))
-
-
-def _tried(
-    curricula: Mapping[str, Curriculum],
-    seed: int,
-    seconds: float,
-    workers: int | None,
-    progress: Progress,
-) -> Choice:
-    """Return the choice among curricula, played in memory."""
+    there = settings
+    if on is not None:
+        budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
+        states, fewer = (_task(of).states.size for of in (target, on))
+        steps = max(FEWEST_STEPS, round(budget * fewer / states))
+        settings = {**settings, "budget": budget, "eval_freq": None}
+        there = {**settings, "budget": steps}
+    place = target if on is None else on
+    curricula, options = trial_curricula(place, candidates, kinds, most, there)
     memory, failed = Memory(), dict[str, Exception]()
     whole = comparison_plan(curricula, memory, opponents=OPPONENTS)
     level, window = threshold_before(whole, None), min(WINDOW, checkpoints(whole))
@@ -383,7 +346,18 @@ def _tried(
 
     with shown(progress) as bars:
         choice = chosen(whole, play, seed, seconds)
-    return replace(choice, curriculum=curricula.get(choice.name))
+    curriculum, remarks = curricula.get(choice.name), [*choice.remarks]
+    if on is not None:
+        curriculum = None
+        remarks.append(
+            f"played in a relative with {fewer:,} states instead of {states:,}, in {steps:,} steps "
+            f"instead of {budget:,}; assumes that what pays there pays in the target"
+        )
+        if choice.name in options:  # a curriculum of the user's is not carried over
+            option, words = _carried_over(target, options[choice.name], on)
+            curriculum = option and option.curriculum(TARGET, _task(target), settings)
+            remarks.append(words)
+    return replace(choice, curriculum=curriculum, remarks=tuple(remarks))
 
 
 def trial_curricula(
@@ -443,21 +417,18 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
     def distance(draft: Draft) -> tuple[bool, float]:
         if draft.member is not None and like.member is not None:
             size = draft.member.task.states.size / _task(target).states.size
-            return _changed(draft.member, target) != _changed(like.member, on), abs(
-                log(size / share)
-            )
-        apart = 0.0 if None in (draft.share, like.share) else draft.share - like.share  # type: ignore[operator]
-        return like.share is None and draft.words != like.words, abs(apart)
+            unlike = _changed(draft.member, target) != _changed(like.member, on)
+            return unlike, abs(log(size / share))
+        if like.share is None:
+            return draft.words != like.words, 0.0
+        return False, abs((like.share if draft.share is None else draft.share) - like.share)
 
-    drafts, of_family = list[Draft](), isinstance(target, FamilyMember)
-    if like.kind == "member" and of_family:  # members need no tables of the target
-        nothing: Any = None
-        drafts += islice(
-            family_members(DesignTarget(nothing, target, nothing, nothing)), MOST_DRAFTS
-        )
+    drafts, nothing = iter(()), cast(Any, None)
+    if like.kind == "member" and isinstance(target, FamilyMember):  # its tables are not needed
+        drafts = family_members(DesignTarget(nothing, target, nothing, nothing))
     elif like.kind in MAKERS and has_tables(_task(target)):
-        drafts += islice(MAKERS[like.kind](design_target(target)), MOST_DRAFTS)
-    for draft in sorted(drafts, key=distance):
+        drafts = MAKERS[like.kind](design_target(target))
+    for draft in sorted(islice(drafts, MOST_DRAFTS), key=distance):
         with suppress(CurricleError):
             task, mappings = draft.build()
             source = SourceCandidate(draft.name, task, mappings, draft.kind, draft.words)

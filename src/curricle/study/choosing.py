@@ -13,7 +13,7 @@ from curricle.design.candidates import source_candidates
 from curricle.design.choice import MOST, Choice, choose as choose_curriculum, options_of
 from curricle.errors import SettingError
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies
-from curricle.study_file.file import Positions, line_numbers, parsed, toml_text
+from curricle.study_file.file import Positions, parsed, toml_text
 from curricle.study_file.vary import target_alone
 
 NO_CURRICULUM = "no curriculum"  # the arm of a study in which none pays
@@ -62,7 +62,7 @@ def chosen_file(study: StudyConfig, choice: Choice, folder: Any) -> str:
     run = {key: data[key] for key in defaults if key in data and data[key] != defaults[key]}
     remark = "".join(f"# {line}\n" for line in str(choice).splitlines())
     text = remark + toml_text({**run, "name": f"{study.name}, chosen", **arm})
-    configured(parsed(text), folder, Positions("the chosen study", line_numbers(text)))
+    configured(parsed(text), folder, Positions("the chosen study", text))
     return text
 
 

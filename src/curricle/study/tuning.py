@@ -75,8 +75,8 @@ def tuning_words(store: StudyStore) -> str:
     if not isinstance(configuration, dict) or not {"tune", "choose"} & configuration.keys():
         return ""
     if "choose" in configuration:
-        trials = store.path / CHOICE
-        files = len(StudyStore(trials).units()) if holds_study(trials) else 0
+        folder = store.path / CHOICE
+        files = len(StudyStore(folder).units()) if holds_study(folder) else 0
         return f"its arm is chosen first: {counted(files, 'file')} of trials stored"
     if not holds_study(store.path / TRIALS):
         return "it is tuned first: no trial has begun"

@@ -237,27 +237,18 @@ def _complete_task(
 
 
 def toml_text(study: Mapping[str, Any]) -> str:
-    """Return a study as the text of a file: its keys, then its tasks, then its transfers."""
-    keys = {key: value for key, value in study.items() if key not in ("tasks", "transfers")}
-    tables = [("", keys)]
-    tables += [(f"[tasks.{_key(name)}]", task) for name, task in study["tasks"].items()]
-    tables += [("[[transfers]]", edge) for edge in study["transfers"]]
-    lines = [[head, *(f"{_key(k)} = {_toml(v)}" for k, v in part.items())] for head, part in tables]
-    return "\n\n".join("\n".join(part).lstrip("\n") for part in lines) + "\n"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else json.dumps(name, ensure_ascii=False)
+    """Return a study as the text of a file, a line for each key and each task."""
+    lines = {key: value for key, value in study.items() if key != "tasks"}
+    lines |= {f"tasks.{json.dumps(name)}": task for name, task in study["tasks"].items()}
+    return "".join(f"{key} = {_toml(value)}\n" for key, value in lines.items())
 
 
 def _toml(value: Any) -> str:
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{_key(k)} = {_toml(inner)}' for k, inner in value.items())} }}"
-    if isinstance(value, list | tuple):
+        inner = (f"{json.dumps(key)} = {_toml(below)}" for key, below in value.items())
+        return f"{{ {', '.join(inner)} }}"
+    if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, str) and "\n" in value:
-        lines = (json.dumps(line, ensure_ascii=False)[1:-1] for line in value.split("\n"))
-        return '"""\n' + "\n".join(lines) + '"""'
     return str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
