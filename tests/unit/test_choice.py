@@ -196,15 +196,6 @@ def test_progress_is_told_and_a_failure_is_reported(hunt, choice):
     assert "scratch" in told
 
 
-def test_only_as_many_curricula_are_played_as_time_allows(hunt, monkeypatch):
-    monkeypatch.setattr(module, "node_seconds", lambda *_: 1.0)
-    few = cr.choose(hunt, kinds=["removed"], seconds=448 + 25, **SETTINGS)
-    assert len(few.rows) == 2
-    assert few.remarks == ("2 of 6 curricula were played: all take too long",)
-    with pytest.raises(SettingError, match="on="):
-        cr.choose(hunt, seconds=0.1, **SETTINGS)
-
-
 @pytest.mark.parametrize(
     ("how", "error", "says"),
     [

@@ -280,14 +280,14 @@ def trial_seconds(candidates: Sequence[Candidate]) -> float:
     node = plans[0].node(plans[0].target)
     total = limits(node.budget)[0] + max(map(most_source_steps, plans))
     alone, constants = 1 + 3, len(CONSTANTS)  # scratch, bounds and the optimistic learner
-    seconds = node_seconds(node, total) * (alone + len(plans) * (1 + constants))
+    seconds = _node_seconds(node, total) * (alone + len(plans) * (1 + constants))
     for plan in plans:
         sources = [plan.node(name) for name in plan.ancestors(plan.target)]
-        seconds += sum(node_seconds(source, source.most_steps) for source in sources)
+        seconds += sum(_node_seconds(source, source.most_steps) for source in sources)
     return seconds
 
 
-def node_seconds(node: Node, steps: int) -> float:
+def _node_seconds(node: Node, steps: int) -> float:
     """Return the seconds of learning a task for so many steps and of its greedy evaluations."""
     kernel, evaluation = node.evaluation.kernel(node.task), 0.0
     if isinstance(kernel, ExactEvaluation):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from curricle.arrays import FloatArray
-from curricle.checks import number, whole_number
+from curricle.checks import whole_number
 from curricle.comparison.comparison import (
     Arm,
     Comparison,
@@ -31,7 +31,7 @@ from curricle.comparison.comparison import (
 )
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
-from curricle.comparison.trial import WINDOW, hindrance, node_seconds
+from curricle.comparison.trial import WINDOW, hindrance
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
 from curricle.design.candidates import KINDS, MAKERS, SourceCandidate, source_candidates
@@ -55,7 +55,6 @@ MOST = 10  # candidates that are made
 ROUNDS = (4, 4, 8, 16)  # seeds that each round adds, for the better half of the one before
 FINALISTS, FINAL_SEEDS = 3, 20  # curricula that meet all opponents, and on how many fresh seeds
 FIRST_SEED, SEEDS_APART = 2_000_000, 1_000  # of a trial, and between those of two choices
-SECONDS = 150.0  # estimated seconds on one processor up to which curricula are played
 TARGET = "target"  # its name, without curricula of the user's
 OF_TARGET = ("learner", "budget", "eval_freq", "evaluation", "storage")
 SHOWN = 8  # rows of a printed table
@@ -119,7 +118,7 @@ class Choice:
         mean_return, gain, gain_low, gain_high (over the best opponent, in mean return, sources
         charged), and answer: the verdict of a finalist, or when it was left out.
     remarks : tuple of str
-        Sentences below the table: on curricula that failed or were not played, and where.
+        Sentences below the table: on curricula that failed, and on where they were played.
     """
 
     name: str
@@ -171,14 +170,14 @@ Play = Callable[[Plan, Seeds, str], Comparison]
 """A part of a plan, the seeds on which its arms are trained, a title -> their comparison."""
 
 
-def chosen(plan: Plan, play: Play, seed: int = 0, seconds: float = SECONDS) -> Choice:
+def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
     """Return which curriculum of a plan pays most, if any; its name, without the curriculum."""
     first = FIRST_SEED + whole_number("seed", seed, 0, SettingError) * SEEDS_APART
     curricula = [name for name, arm in plan.arms.items() if not (arm.scratch or arm.of)]
-    left = affordable(plan, curricula, seconds)
+    if why := next(filter(None, (hindrance(plan.curricula[name]) for name in curricula)), ""):
+        raise TaskError(f"trials need a model, and {why}: name a smaller relative with on=")
+    left = curricula
     returns, rows, failed = dict[str, FloatArray](), dict[str, dict[str, Any]](), dict[str, Any]()
-    remarks = [f"{len(left)} of {len(curricula)} curricula were played: all take too long"]
-    remarks *= len(left) < len(curricula)
 
     def played(further: int, title: str, *, constants: bool) -> Comparison:
         nonlocal first
@@ -220,8 +219,8 @@ def chosen(plan: Plan, play: Play, seed: int = 0, seconds: float = SECONDS) -> C
         add_row(name, final[name], final.returns[name], contrast.strong_gain, answer)
     others = sorted(rows.keys() - {*last}, key=lambda name: (-rows[name]["gain"], name))
     order = [*pays, *(name for name in last if name not in pays), *others]
+    remarks = [f"and {len(order) - SHOWN} more"] * (len(order) > SHOWN)
     remarks += [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
-    remarks = [f"and {len(order) - SHOWN} more"] * (len(order) > SHOWN) + remarks
     name, listed = pays[0] if pays else "", tuple(rows[name] for name in order)
     return Choice(name, None, _best_alone(final), final, listed, tuple(remarks))
 
@@ -240,23 +239,6 @@ def _best_alone(comparison: Comparison) -> str:
     return "learning from scratch" if best == SCRATCH else best.removeprefix(f"{SCRATCH}, ")
 
 
-def affordable(plan: Plan, curricula: Sequence[str], seconds: float) -> list[str]:
-    """Return the curricula that can be played in so many seconds, as estimated."""
-    for name in curricula:
-        if why := hindrance(plan.curricula[name]):
-            raise TaskError(f"trials need a model, and {why}: name a smaller relative with on=")
-    node = plan.curricula[SCRATCH].node(plan.target)
-    opponents = 4 * (sum(ROUNDS) + FINAL_SEEDS) + FINALISTS * 4 * FINAL_SEEDS
-    runs = number("seconds", seconds, SettingError, 0) / node_seconds(node, plan.steps[1])
-    most = int((runs - opponents) / sum(n / 2**k for k, n in enumerate(ROUNDS)))
-    if most < 1:
-        raise SettingError(
-            f"trials must take at most {seconds:g} s, and those of this target take longer by "
-            "estimate: choose on a smaller relative with on=, or raise seconds"
-        )
-    return [*curricula[:most]]
-
-
 # -- Choosing --------------------------------------------------------------------------------------
 
 
@@ -268,7 +250,6 @@ def choose(
     most: int = MOST,
     on: Any = None,
     seed: int = 0,
-    seconds: float = SECONDS,
     workers: int | None = None,
     progress: Progress = None,
     **settings: Any,
@@ -295,8 +276,6 @@ def choose(
         carried over.
     seed : int
         Equal seeds give equal choices.
-    seconds : float
-        Estimated seconds on one processor up to which curricula are played, in their order.
     workers, progress : optional
         As :func:`compare` takes them; a bar is of a round.
     **settings
@@ -312,7 +291,7 @@ def choose(
     Raises
     ------
     TaskError, CurriculumError, SettingError
-        When the target has no model or no candidates, or takes too long.
+        When the target has no model, or there are no candidates.
 
     Examples
     --------
@@ -345,7 +324,7 @@ def choose(
         return comparison_of(plan, arms, level, window, failed)
 
     with shown(progress) as bars:
-        choice = chosen(whole, play, seed, seconds)
+        choice = chosen(whole, play, seed)
     curriculum, remarks = curricula.get(choice.name), [*choice.remarks]
     if on is not None:
         curriculum = None
@@ -423,7 +402,7 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
             return draft.words != like.words, 0.0
         return False, abs((like.share if draft.share is None else draft.share) - like.share)
 
-    drafts, nothing = iter(()), cast(Any, None)
+    drafts, nothing = cast(Iterator[Draft], iter(())), cast(Any, None)
     if like.kind == "member" and isinstance(target, FamilyMember):  # its tables are not needed
         drafts = family_members(DesignTarget(nothing, target, nothing, nothing))
     elif like.kind in MAKERS and has_tables(_task(target)):

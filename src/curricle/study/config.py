@@ -304,10 +304,9 @@ class StudyConfig(RunTable):
 
     @model_validator(mode="after")
     def _tuned_apart(self) -> Self:
-        if self.choose and (self.tune or self.variants):
-            raise wrong_at((("choose",), "goes with no sweep and no tuning: the arm is chosen"))
-        if self.choose and not (self.scratch and self.compared):
-            raise wrong_at((("choose",), "needs the comparison with scratch"))
+        if self.choose and (self.tune or self.variants or not (self.scratch and self.compared)):
+            text = "needs the comparison with scratch, and goes with no sweep and no tuning"
+            raise wrong_at((("choose",), text))
         if self.choose and max(self.seeds) >= FIRST_SEED:
             raise wrong_at((("seeds",), f"must be below {FIRST_SEED:,}: those are of trials"))
         if self.tune and (both := sorted({*self.tune.seeds} & {*self.seeds})):

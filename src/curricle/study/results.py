@@ -562,7 +562,7 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
     kind["knows_target"] = record.arms[name].knows_target
     arm = Arm.of(result, spent, total, record.eval_freq, **kind)
     unlearnt = {
-        task: np.array([ended[seed] == UNLEARNT for seed in result.seeds])
+        task: np.array([ended.get(seed) == UNLEARNT for seed in result.seeds])
         for task in record.arms[name].nodes
         if not changes and task != record.target and (ended := study.ended_by(name, task))
     }

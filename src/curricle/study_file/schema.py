@@ -599,6 +599,11 @@ ACTIONS = (
 )
 
 
+NamedMapping = Literal[
+    "identity", "same_position", "relative_objects", "family", "candidate", "auto"
+]
+
+
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
         source: str  # derived, as are target, scale, shift and calibrate
@@ -609,10 +614,7 @@ class _TransferTable(ObjectTable):
     # The keys that say f are by hand: they are arguments of five functions that make a mapping.
     project: dict[str, str] | None = None
     """f by name: source component = target component where the names differ; may be empty."""
-    mapping: (
-        Literal["identity", "same_position", "relative_objects", "family", "candidate", "auto"]
-        | None
-    ) = None
+    mapping: NamedMapping | None = None
     """f, one of Curricle's other mappings; 'family' is what the family of both tasks says, and
     'candidate' what a candidate is listed with, one transfer for each mapping; 'auto' is the best
     that is found between the tasks."""
