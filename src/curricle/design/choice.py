@@ -165,9 +165,7 @@ class Choice:
 
 # -- Halving ---------------------------------------------------------------------------------------
 
-Seeds = tuple[int, ...]
-Play = Callable[[Plan, Seeds, str], Comparison]
-"""A part of a plan, the seeds on which its arms are trained, a title -> their comparison."""
+Play = Callable[[Plan, tuple[int, ...], str], Comparison]  # of a plan, seeds and a title
 
 
 def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
@@ -211,18 +209,17 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
             break
     left = left[:FINALISTS]
     final = played(FINAL_SEEDS, "last round", constants=True)
-    last = sorted(final.verdicts, key=lambda name: -final.returns[name].mean())
-    pays = [name for name in last if final.verdicts[name].direction > 0]
+    pays = {name: verdict.direction > 0 for name, verdict in final.verdicts.items()}
+    last = sorted(pays, key=lambda name: (not pays[name], -final.returns[name].mean()))
     for name in last:
         contrast = final.contrasts[name]
         answer = f"{contrast.verdict}, against {final.best_opponent(name)}"
         add_row(name, final[name], final.returns[name], contrast.strong_gain, answer)
     others = sorted(rows.keys() - {*last}, key=lambda name: (-rows[name]["gain"], name))
-    order = [*pays, *(name for name in last if name not in pays), *others]
-    remarks = [f"and {len(order) - SHOWN} more"] * (len(order) > SHOWN)
+    remarks = [f"and {len(rows) - SHOWN} more"] * (len(rows) > SHOWN)
     remarks += [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
-    name, listed = pays[0] if pays else "", tuple(rows[name] for name in order)
-    return Choice(name, None, _best_alone(final), final, listed, tuple(remarks))
+    listed = tuple(rows[name] for name in (*last, *others))
+    return Choice(last[0] * pays[last[0]], None, _best_alone(final), final, listed, tuple(remarks))
 
 
 def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
@@ -305,7 +302,7 @@ def choose(
         budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
         states, fewer = (_task(of).states.size for of in (target, on))
         steps = max(FEWEST_STEPS, round(budget * fewer / states))
-        settings = {**settings, "budget": budget, "eval_freq": None}
+        settings = {k: x for k, x in settings.items() if k != "eval_freq"} | {"budget": budget}
         there = {**settings, "budget": steps}
     place = target if on is None else on
     curricula, options = trial_curricula(place, candidates, kinds, most, there)
@@ -313,14 +310,11 @@ def choose(
     whole = comparison_plan(curricula, memory, opponents=OPPONENTS)
     level, window = threshold_before(whole, None), min(WINDOW, checkpoints(whole))
 
-    def play(plan: Plan, seeds: Seeds, title: str) -> Comparison:
-        grow = bars.bar(title, len(plan.arms))
-
-        def tell(name: str) -> None:
-            grow()
-            bars.tell(name)
-
-        arms = trained_arms(plan, seeds, failed, memory, workers, Bars(call=tell))
+    def play(plan: Plan, seeds: tuple[int, ...], title: str) -> Comparison:
+        tell: Any = bars.tell
+        grow: Any = bars.bar(title, len(plan.arms))
+        told = Bars(call=lambda name: (grow(), tell(name)))
+        arms = trained_arms(plan, seeds, failed, memory, workers, told)
         return comparison_of(plan, arms, level, window, failed)
 
     with shown(progress) as bars:
@@ -353,8 +347,8 @@ def trial_curricula(
     own = [candidate for candidate in stated if isinstance(candidate, Curriculum)]
     sources = [candidate for candidate in stated if isinstance(candidate, SourceCandidate)]
     names = numbered([", ".join(plan.ancestors(plan.target)) for plan in own])
-    by_name = isinstance(candidates, Mapping) and not sources
-    curricula = dict(zip(candidates if by_name else names, own, strict=True))
+    labels = candidates if isinstance(candidates, Mapping) and not sources else names
+    curricula = dict(zip(labels, own, strict=True))
     name, options = own[0].target if own else TARGET, dict[str, Option]()
     for key in OF_TARGET if own else ():
         settings = {key: own[0].setting(key, name), **settings}

@@ -75,14 +75,7 @@ from curricle.study_file.schema import (
     unknown,
     wrong_at,
 )
-from curricle.study_file.task_tables import (
-    TASKS,
-    AnyTask,
-    CandidateTask,
-    FamilyTable,
-    FamilyTask,
-    started,
-)
+from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
 from curricle.study_file.vary import (
     SWEEP_HOME,
     SweepTable,
@@ -160,10 +153,9 @@ class ArmTables(Table):
             if edge.mapping == "family" and strangers:
                 text = f"must map members of a family: {strangers[0]} is none"
                 messages.append(((*here, "mapping"), text))
-            if edge.mapping == "candidate" and (
-                not isinstance(source := self.tasks[edge.source], CandidateTask)
-                or source.of != edge.target
-            ):
+            source: Any = self.tasks[edge.source]
+            of = source.of if source.type == "candidate" else None
+            if edge.mapping == "candidate" and of != edge.target:
                 text = f"must map to a candidate of {edge.target}: {edge.source} is none"
                 messages.append(((*here, "mapping"), text))
             messages += [((*here, key), text) for key, text in edge.mismatches(deep=target.deep)]
@@ -535,7 +527,7 @@ class _Builder:
                 with self._refused("tasks", name):
                     if key not in self.made:
                         whole = self._member(name) if of is None else tasks[of]
-                        if isinstance(task, CandidateTask):
+                        if task.type == "candidate":
                             whole = self._candidate(name, tasks)
                         self.made[key] = started(task.build(self.folder, whole), task.start_states)
                     tasks[name] = self.made[key]

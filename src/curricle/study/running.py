@@ -53,6 +53,7 @@ from curricle.study.store import (
     Taken,
     files_of,
     group_of,
+    holds_study,
     lost_errors,
     pack,
     stored_values,
@@ -541,7 +542,7 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         if analysis is not None:
             target.write_record(ANALYSIS, analysis)
         write_failures(target, failures)
-    of_record = studies[0].record
-    for folder in [TRIALS] * bool(of_record.tuned) + [CHOICE] * bool(of_record.chosen):
-        merge(target.path / folder, [store.path / folder for store in stores])
+    for folder in (TRIALS, CHOICE):
+        if holds_study(stores[0].path / folder):
+            merge(target.path / folder, [store.path / folder for store in stores])
     return merged
