@@ -37,6 +37,7 @@ LINES = """
 name = 'lines'
 seeds = 30
 eval_freq = 50
+opponents = []
 tasks.near = { type = 'maze', map = 'S.T', budget = { max_steps = 50 } }
 tasks.far = { type = 'maze', map = 'S..T', budget = 50 }
 transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
