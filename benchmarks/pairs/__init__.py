@@ -10,7 +10,7 @@ on the verification families. A family lies in one split as a whole.
 
 from functools import cache
 
-from benchmarks.pairs.families import FAMILIES
+from benchmarks.pairs.families import FAMILIES, FRESH
 from benchmarks.pairs.pair import Pair, Split
 
 __all__ = ["Pair", "Split", "family_names", "pairs"]
@@ -18,7 +18,7 @@ __all__ = ["Pair", "Split", "family_names", "pairs"]
 
 @cache
 def _family(name: str) -> tuple[Pair, ...]:
-    return tuple(FAMILIES[name]().pairs.values())
+    return tuple({**FAMILIES, **FRESH}[name]().pairs.values())
 
 
 def family_names() -> list[str]:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import curricle as cr
 from curricle.transfer import StateActionMapping
 
-Split = Literal["development", "verification"]
+Split = Literal["development", "verification", "fresh"]
 SENSIBLE = ("near", "far")
 """Kinds whose source a person would call sensible."""
 CHECKPOINTS = 40
@@ -23,7 +23,7 @@ class Pair:
     name : str
         ``family/label``, the label within its family.
     family : str
-    split : {"development", "verification"}
+    split : {"development", "verification", "fresh"}
         Of the whole family.
     kind : str
         ``near`` and ``far`` are sensible. ``wrong goal``: the source's goal is not the target's.
