@@ -18,10 +18,10 @@ from itertools import groupby
 from typing import NamedTuple, cast
 
 import numpy as np
+from benchmarks.pairs.playing import levels
 
 import curricle as cr
 from benchmarks.pairs import Pair, Split, pairs
-from benchmarks.pairs.playing import levels
 from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
 from curricle.statistics import mean_return

@@ -70,6 +70,11 @@ class Pair:
         """Steps of the target and the source together, in whole checkpoints."""
         return -(-(self.target_budget + self.source_budget) // self.eval_freq) * self.eval_freq
 
+    @property
+    def label(self) -> str:
+        """The name within its family."""
+        return self.name.partition("/")[2]
+
     def transfers(self, **settings: Any) -> list[cr.Transfer]:
         """Return the transfers; `settings` are those of Transfer, such as ``calibrate``."""
         settings = {"scale": self.scale, **settings}

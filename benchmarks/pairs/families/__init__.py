@@ -1,8 +1,12 @@
 """The families; constants of the library are fitted on the development ones alone."""
 
 from collections.abc import Callable
+from functools import cache
+from typing import Any
 
-from ..pair import Family
+from curricle.tasks import task_family
+
+from ..pair import Family, Pair
 from .cliffs import cliffs
 from .garnets import garnets
 from .hills import hills
@@ -44,4 +48,27 @@ FRESH: dict[str, Callable[[], Family]] = {
     "hills": hills,
 }
 """Written before they were played, and not changed since."""
-FAMILIES = {**DEVELOPMENT, **VERIFICATION}
+FAMILIES = {**DEVELOPMENT, **VERIFICATION, **FRESH}
+
+
+@cache
+def pairs_of(family: str) -> tuple[Pair, ...]:
+    """Return the pairs of a family; the same objects at every call."""
+    return tuple(FAMILIES[family]().pairs.values())
+
+
+def _mappings(target: Any, source: Any) -> tuple[Any, ...]:
+    """Return the mappings of the pair whose source this is."""
+    names = source["world"], source["task"]
+    (pair,) = (pair for pair in pairs_of(names[0]) if pair.name == "/".join(names))
+    return pair.mappings
+
+
+@task_family(mapping=_mappings)
+def tasks(world: str, task: str) -> Any:
+    """Return a task by the names of its family and of its target, or else of its pair."""
+    for pair in pairs_of(world):
+        if pair.target_name == task:
+            return pair.target
+    (source,) = (pair.source for pair in pairs_of(world) if pair.label == task)
+    return source

@@ -542,7 +542,9 @@ class _Builder:
 # -- From a file to its configuration, or a sentence for every mistake in it -----------------------
 
 
-def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyConfig:
+def read_study(
+    path: str | PathLike[str], *, set: Sequence[str] = (), arms: Sequence[str] = ()
+) -> StudyConfig:
     r"""Return the study that a TOML file describes.
 
     Tasks and curricula are built when they are asked for.
@@ -552,6 +554,8 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
     path : path
     set : sequence of str
         Changes such as ``"tasks.chase.budget=1000"``: a dotted key and a value, TOML or else text.
+    arms : sequence of str
+        The only arms of the file to keep, without the others; by default all of them.
 
     Raises
     ------
@@ -587,6 +591,12 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
                 raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
         changed.append(place)
         study = merged(study, value)
+    known_arms = table(study.get("arms"))
+    for arm in arms:
+        if arm not in known_arms:
+            raise ConfigError(f"{file}: arm {arm!r} {unknown(arm, known_arms)}")
+    if arms:
+        study["arms"] = {arm: patch for arm, patch in known_arms.items() if arm in arms}
     return configured(study, file.parent, Positions(str(file), text, tuple(changed)))
 
 
