@@ -3,7 +3,7 @@
     python -m benchmarks.found_mappings families --split verification --seeds 10
     python -m benchmarks.found_mappings families --split unseen --seeds 10
 
-Everything is as by default, the guard too; the sources' steps are charged. Gains are in units of
+Everything is as by default, the portfolio too; sources' steps are charged. Gains are in units of
 the way from the random policy's return to the optimum. A pair is harmful through its mapping, its
 source or its budget; a search may find another mapping of the same source, so that a pair that is
 harmful by hand need not be so by search. Negated pairs are left out: they have no mapping of their
@@ -18,10 +18,10 @@ from itertools import groupby
 from typing import NamedTuple, cast
 
 import numpy as np
-from benchmarks.pairs.playing import levels
 
 import curricle as cr
 from benchmarks.pairs import Pair, Split, pairs
+from benchmarks.pairs.pair import levels
 from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
 from curricle.statistics import mean_return

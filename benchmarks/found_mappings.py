@@ -389,7 +389,7 @@ def refusals(seeds: int) -> None:
         lines[row] = lines[row][:column] + "T" + lines[row][column + 1 :]
         other = cr.GridWorld(lines, rewards=arena.rewards, start="uniform")
         settings = maze_settings() | {"budget": {"target": 60_000}, "eval_freq": {"target": 500}}
-        guarded = cr.QInitialisation(guard=cr.Guard())
+        guarded = cr.QInitialisation(portfolio=cr.Portfolio())
         made = of(arena, other, shaping=guarded, **settings)
         tell(f"mirrored maze, goal at {row}, {column}", arena, other, made, seeds)
     for target in (cr.Pursuit(3, 1), cr.Pursuit(4, 1), cr.Pursuit(3, 2), cr.Pursuit(4, 2)):
@@ -398,7 +398,7 @@ def refusals(seeds: int) -> None:
 
 
 def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> None:
-    """Print why a mapping is refused; of one that is not, the steps that it loses with a guard."""
+    """Print why a mapping is refused; of others, the steps that it loses in a portfolio."""
     try:
         best = auto_mapping(target, source)
     except MappingError as error:

@@ -6,12 +6,12 @@ The dry 8x8 lake has the same map, and no move slips.
 
 Measured over 20 seeds, with the source's steps charged, steps until half the episodes reach the
 goal: 120,000 from scratch, 47,000 from the dry lake, 82,000 from the 4x4 lake goal to goal, 81,000
-one for four, and 103,000 start to start. These arms have the guard that is the default. Without
+one for four, and 103,000 start to start. These arms have the portfolio that is the default. Without
 it one for four does harm (5 seeds never get there), and the dry lake, whose values are too high for
 ice and are halved, needs 35,000 instead of 47,000. In its 10,000 steps the dry lake is learnt in
 none of the 20 seeds, and the table says so.
 
-What the guard makes of the 4x4 lake is optimism, not knowledge: values above 0 make the learner
+What the portfolio makes of the 4x4 lake is optimism, not knowledge: values above 0 make the learner
 explore, and `controls=["constant"]` finds that one value everywhere gains more than either mapping.
 
 python examples/frozen_lake.py
@@ -55,7 +55,7 @@ def main(seeds=20, steps=200_000, source_steps=10_000):
 
     arms = {name: curriculum(*arm) for name, arm in ARMS.items()}
     for name in ("one for four", "dry, halved"):
-        arms[f"{name}, no guard"] = replace(arms[name], shaping=cr.QInitialisation())
+        arms[f"{name}, no portfolio"] = replace(arms[name], shaping=cr.QInitialisation())
     # Half the episodes reach the goal; at best, in 200 steps, 9 in 10 do.
     found = cr.compare(arms, seeds=seeds, threshold=0.5)
     print("Greedy return is the share of episodes that reach the goal.")

@@ -77,7 +77,7 @@ def main(size=40, winds=21, steps=5_000_000, seeds=4):
         transfers=[cr.Transfer("calm", "windy", cr.project(windy, calm), scale=3)],
         learner={"calm": cr.QLearning(learning_rate=1.0, epsilon=0.3), "windy": LEARNER},
         budget={"calm": 2 * steps // 5, "windy": steps},
-        # Without the guard that is the default, to see where the calm's values alone begin.
+        # Without the portfolio that is the default, to see where the calm's values alone begin.
         shaping=cr.QInitialisation(),
         evaluation=moves,
     )

@@ -9,7 +9,7 @@ Measured over 20 seeds, with the source's steps charged, steps until greedy epis
 optimum is 7.9): 114,000 from scratch, about 103,000 from the smaller taxis. From the unchanged
 errand 7 seeds do not get there in 128,000. Its greedy policy is good at first, but the values of
 fetching are too high, as they leave out the cost of the ride, and learning corrects one after the
-other. Shifted by the cost of a ride they lead there in 16,400. All arms have the guard that is the
+other. Shifted by the cost of a ride they lead there in 16,400. All arms have the portfolio, the
 default; without it no seed gets there from the unchanged errand, and the others need 900 to 15,000
 steps less.
 

@@ -99,5 +99,5 @@ def assert_same(one, other):
     np.testing.assert_array_equal(one.curve.values, other.curve.values)
     np.testing.assert_array_equal(one.curve.source_steps, other.curve.source_steps)
     np.testing.assert_array_equal(one.training_return, other.training_return)
-    np.testing.assert_array_equal(one.guard_share, other.guard_share)
+    np.testing.assert_array_equal(one.source_share, other.source_share)
     assert (one.scratch, one.curriculum) == (other.scratch, other.curriculum)

@@ -89,7 +89,7 @@ MUTATIONS = [
         ("tests/property/test_theorems_of_learning.py::test_nothing_added_changes_nothing",)),
     Mutation("values under a changing potential handed on", "learning/potential.py",
         "return len(self.frame_steps) > 1 or self.weight.first != self.weight.last", "return False",
-        ("tests/property/test_guard_properties.py::test_values_that_contain_what_shaping_added_say_so",)),
+        ("tests/property/test_portfolio_properties.py::test_values_that_contain_what_shaping_added_say_so",)),
     Mutation("sign of the shaping term", "learning/general_loop.py",
         "return discount * there - carried, there", "return carried - discount * there, there",
         ("tests/unit/test_published_mistakes.py::test_a_cut_episode_keeps_the_potential_of_its_last_state",
@@ -375,6 +375,9 @@ MUTATIONS = [
             "tests/unit/test_mappings_that_know_the_target.py::test_it_is_kept_in_the_folder_of_a_study",
         ),
     ),
+    Mutation("a learner of a portfolio is dropped", "learning/portfolio.py",
+        "    if tally.last[SOURCE] <= latest:\n", "    if tally.last[SOURCE] < 0.0:\n",
+        ("tests/property/test_portfolio_properties.py::test_each_learner_acts_in_any_turns_of_the_longest_rest",)),
 ]
 # fmt: on
 

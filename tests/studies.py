@@ -45,7 +45,6 @@ scale = 2
 """
 OBSERVED_HUNT = """
 name = "hunt"
-opponents = []
 seeds = 2
 learner = { learning_rate = 0.2, epsilon = 0.2 }
 aggregate = "minimum"
@@ -115,7 +114,6 @@ def only(study, arm="transfer"):
 
 NUMBERED_HUNT = """\
 name = "hunt"
-opponents = []
 seeds = "0-3"
 
 [learner]
@@ -138,7 +136,6 @@ project = { predator = "predator_1" }
 """
 NUMBERED_MAZES = """\
 name = "mazes"
-opponents = []
 
 [tasks.maze]
 type = "maze"

@@ -25,14 +25,12 @@ from scipy.stats import rankdata
 
 import curricle as cr
 from benchmarks.pairs.families import pairs_of
-from benchmarks.pairs.pair import SENSIBLE
+from benchmarks.pairs.pair import SENSIBLE, levels
 from curricle.comparison.comparison import Comparison
-from curricle.planning.target import Target
 from curricle.statistics import mean_interval
 from curricle.statistics.curves import SCRATCH
 from curricle.study import StudyResults
 
-EXACT = cr.GreedyEvaluation(method="exact")
 OPTIMISTIC = "scratch, OptimisticQLearning"
 FRESH_SEEDS = "1000-1039"
 MUCH = 0.1
@@ -47,8 +45,8 @@ class Played:
         self.name, self.comparison = results.record.name, results.comparison
         world, _, target = self.name.partition(", ")
         self.pair = next(pair for pair in pairs_of(world) if pair.target_name == target)
-        judge = Target.of(self.pair.target, EXACT)
-        self.way = judge.optimum - judge.random_return
+        random_return, optimum = levels(self.pair.target)
+        self.way = optimum - random_return
 
     @property
     def arms(self) -> list[str]:

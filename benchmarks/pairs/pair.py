@@ -1,9 +1,11 @@
 """A pair: a target, a source, and how the target reads the source's values."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, Literal
 
 import curricle as cr
+from curricle.planning.target import Target
 from curricle.transfer import StateActionMapping
 
 Split = Literal["development", "verification", "fresh"]
@@ -107,6 +109,20 @@ class Pair:
             self.transfers(calibrate=calibrate),
             **{**given, **settings},
         )
+
+
+def default(pair: Pair) -> cr.Curriculum:
+    """Return a curriculum with nothing set but the target's budget."""
+    return pair.curriculum(
+        shaping=None, budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
+    )
+
+
+@cache
+def levels(task: Any) -> tuple[float, float]:
+    """Return the random policy's return in a task and the optimum, as checkpoints measure it."""
+    target = Target.of(task, cr.GreedyEvaluation(method="exact"))
+    return float(target.random_return), float(target.optimum)
 
 
 class Family:

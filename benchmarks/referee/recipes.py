@@ -18,8 +18,8 @@ from curricle.design import SourceCandidate, mappings_between
 from curricle.design.candidates import MAKERS
 from curricle.design.kinds import Draft, design_target
 from curricle.errors import CurricleError, CurriculumError
-from curricle.learning.guard import Guard
 from curricle.learning.learners import QLearning
+from curricle.learning.portfolio import Portfolio
 from curricle.learning.schedules import linear
 from curricle.learning.shaping import LookAheadAdvice, QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import SETTLED, StoppingRule
@@ -32,7 +32,7 @@ from curricle.transfer.transfer import Calibrate, Transfer
 AGGREGATES = {"mean": mean, "minimum": minimum, "maximum": maximum, "total": total}
 SHAPINGS: dict[str, Callable[[], Shaping]] = {
     "initialise": QInitialisation,
-    "guarded": partial(QInitialisation, guard=Guard()),
+    "guarded": partial(QInitialisation, portfolio=Portfolio()),
     "look-ahead": LookAheadAdvice,
     "state": StateShaping,
 }
@@ -249,7 +249,7 @@ class Recipe:
             return problem.scratch
         budgets = {one.name: stage.budget(one.task, problem.task) for stage, one in stages}
         shapings: dict[str, Shaping] = {TARGET: SHAPINGS[self.shaping]()}
-        if self.chain:  # sources read those before them as the start of Q, without a guard
+        if self.chain:  # sources read those before them as the start of Q, without a portfolio
             shapings |= {source.name: QInitialisation() for _, source in stages[1:]}
         learners = {name: annealed_learner(one.max_steps) for name, one in budgets.items()}
         return problem.curriculum(

@@ -25,13 +25,13 @@ from .interop.gymnasium import (
 )
 from .interop.potential_shaping import PotentialShaping as PotentialShaping
 from .interop.tabulation import tabulate as tabulate
-from .learning.guard import Guard as Guard
 from .learning.learners import (
     SARSA as SARSA,
     DoubleQLearning as DoubleQLearning,
     ExpectedSARSA as ExpectedSARSA,
     QLearning as QLearning,
 )
+from .learning.portfolio import Portfolio as Portfolio
 from .learning.potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,

@@ -276,7 +276,10 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     ("arguments", "message"),
     [
         ({"learner": cr.QLearning()}, "learner must be a DeepLearner"),
-        ({"shaping": cr.StateShaping(guard=cr.Guard())}, "a guard is for learners with tables"),
+        (
+            {"shaping": cr.StateShaping(portfolio=cr.Portfolio())},
+            "a portfolio is for learners with tables",
+        ),
         ({"evaluation": cr.GreedyEvaluation("exact")}, "since an exact evaluation needs tables"),
         ({"learner": cr.deep.DeepLearner("PPO")}, "a budget must hold a rollout of PPO"),
         ({"learner": cr.deep.DeepLearner("DNQ")}, "an algorithm must be one of"),

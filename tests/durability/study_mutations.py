@@ -35,7 +35,7 @@ KEYS = [
     "unmapped_value", "project", "mapping", "function", "observations", "actions", "status",
     "episodes", "method", "discounted", "storage", "save_values", "memory_limit", "precision",
     "snapshots", "threshold", "window", "scratch", "seeds_per_unit", "eval_freq", "aggregate",
-    "shaping", "guard", "evaluation", "max_steps", "patience", "drop", "of", "type",
+    "shaping", "portfolio", "evaluation", "max_steps", "patience", "drop", "of", "type",
 ]  # fmt: skip
 """Keys that mean something somewhere."""
 N = "a number"
@@ -54,7 +54,7 @@ ADDED = {
         {"storage": {"memory_limit": N}}, {"storage": {"precision": N}}, {"start": [[N, N]]},
         {"shaping": {"type": "DecayingAdvice", "weight": N}}, {"shaping": "StateShaping"},
         {"shaping": {"type": "RewardBonus", "weight": N}}, {"shaping": "LookBackAdvice"},
-        {"shaping": {"type": "QInitialisation", "guard": {"share_behind": N, "memory": N}}},
+        {"shaping": {"type": "QInitialisation", "portfolio": {"first_turns": N, "memory": N}}},
         {"learner": {"learning_rate": {"type": "harmonic", "first": N, "last": N, "half": N}}},
         {"learner": {"epsilon": {"type": "exponential", "first": N, "last": N, "half": N}}},
         {"learner": {"inverse_temperature": N}}, {"learner": {"type": "SARSA", "epsilon": N}},

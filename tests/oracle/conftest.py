@@ -97,9 +97,15 @@ class Ties:
             self.bits[state] = bits
 
 
-def pick_action(values, learner, step, draw, take=None):
-    """Return an action and the bits that its outcome, or a tie, is drawn with."""
+def pick_action(values, learner, step, draw, take=None, *, bold=False):
+    """Return an action and the bits that its outcome, or a tie, is drawn with.
+
+    A bold learner is greedy, but draws as the others do.
+    """
     n = len(values)
+    if bold:
+        _, bits = pick_action(values, learner, step, draw, take)
+        return take(values) if take else draw_best(values, bits)[0], bits
     if learner.inverse_temperature is None:
         bits = next(draw)
         if (bits >> 32) / 2**32 < value_of(exploring(learner), step):
@@ -221,70 +227,121 @@ class NaiveLearner:
 
 
 @dataclass
-class NaiveGuard:
-    """Which of the two acts; 0 has no potential. `log` has a row for each turn that has ended."""
+class NaiveOptimist:
+    """A learner that starts at a bound of the values and never explores, with Q beside it."""
 
-    guard: cr.Guard
-    returns: tuple = ((), ())
-    credit: list = field(default_factory=lambda: [0.0, 0.0])
+    task: cr.FiniteMDP
+    bounds: tuple
+    tables: list = field(init=False)
+    before: float = 0.0
+    choice: tuple = ()
+
+    def __post_init__(self):
+        mdp = self.task.mdp
+        shape = mdp.outcome_row.shape
+        self.visits = np.zeros(shape, int)
+        self.tables = [np.where(mdp.terminal[:, None], 0.0, np.full(shape, b)) for b in self.bounds]
+
+    def acting(self, state, step):
+        return self.tables[1][state].tolist()
+
+    def optimistically(self, state, action, reward, after, ended, horizon):
+        self.visits[state, action] += 1
+        rate = (horizon + 1.0) / (horizon + int(self.visits[state, action]))
+        for q, most in zip(self.tables, (math.inf, self.bounds[1]), strict=True):
+            ahead = 0.0 if ended else min(most, max(q[after].tolist()))
+            target = reward if ended else reward + self.task.mdp.discount * ahead
+            q[state, action] += rate * (target - q[state, action])
+
+    def values(self, step):
+        return self.tables[0]
+
+
+@dataclass
+class NaivePortfolio:
+    """Which of the two acts; 1 is the source's. `log` has a row for each turn that has ended."""
+
+    settings: cr.Portfolio
+    turns: list = field(default_factory=list)  # (who acted, first state, length, return, score)
     share: float = 0.5
     acting: int = 1
-    log: list = field(default_factory=list)
 
-    def mean_and_error(self, earned):
+    @property
+    def horizon(self):
+        """Return the exponential mean of the turns' lengths."""
+        mean = 0.0
+        for n, (_, _, length, *_) in enumerate(self.turns, start=1):
+            mean += max(1.0 / n, 0.02) * (length - mean)
+        return mean
+
+    def mean_and_error(self, member):
         """Return a weighted mean and the square of its standard error."""
-        mean = variance = squares = 0.0
-        for n, x in enumerate(earned, start=1):
-            part = max(1.0 / self.guard.memory, 1.0 / n)
-            deviation = x - mean
-            mean += part * deviation
-            variance = (1.0 - part) * (variance + part * deviation * deviation)
-            squares = (1.0 - part) * (1.0 - part) * squares + part * part
+        mean = variance = squares = n = 0.0
+        for total, (acting, *_, score) in enumerate(self.turns, start=1):
+            if acting == member:
+                n += 1.0
+                part = 1.0 / min(n, max(self.settings.memory, total / 10.0))
+                deviation = score - mean
+                mean += part * deviation
+                variance = (variance + part * deviation * deviation) * (1.0 - part)
+                squares = (1.0 - part) * (1.0 - part) * squares + part * part
         return mean, variance / (1.0 / squares - 1.0)
 
-    def end_turn(self, length, earned):
-        ahead = self.share > 0.5
-        self.log.append((self.acting, ahead, length))
-        if min(map(len, self.returns)) >= 2:
-            self.credit[ahead] += self.share * length
-            self.credit[ahead] -= length * (self.acting == 1)
-        self.returns = tuple(
-            (*r, earned) if i == self.acting else r for i, r in enumerate(self.returns)
-        )
-        n = [len(r) for r in self.returns]
-        if min(n) < 2:
-            self.acting = 1 if n[1] <= n[0] else 0
-            return
-        (plain, error), (shaped, other) = map(self.mean_and_error, self.returns)
-        gain, both = shaped - plain, error + other
-        chance = 0.5
-        if gain > 0:
-            chance += 0.5 * gain / math.sqrt(2.0 * both + gain * gain)
-        if chance > 0.5:
-            self.share = min(chance, self.guard.share_ahead)
+    def typical(self, start):
+        """Return the mean return of turns from a state; of all turns from a new state."""
+        alike = [t for t in self.turns if t[1] == start] or self.turns
+        mean = 0.0
+        for n, (_, _, _, earned, _) in enumerate(alike, start=1):
+            mean += max(1.0 / n, 0.05) * (earned - mean)
+        return mean
+
+    def end_turn(self, start, length, earned, draw):
+        chance = uniform(next(draw))
+        score = earned - self.typical(start) if self.turns else 0.0
+        self.turns.append((self.acting, start, length, earned, score))
+        acted = [turn[0] for turn in self.turns]
+        n = [acted.count(0), acted.count(1)]
+        if min(n) >= 2:
+            (other, error), (source, noise) = map(self.mean_and_error, (0, 1))
+            gain, both = source - other, error + noise
+            self.share = 0.5 if gain == 0 else float(gain > 0)
+            if both > 0:
+                self.share = 0.5 * math.erfc(-gain / math.sqrt(2.0 * both))
+        recent, first = acted[-(self.settings.longest_rest - 1) :], self.settings.first_turns
+        if len(acted) >= self.settings.longest_rest - 1 and len({*recent}) == 1:
+            self.acting = 1 - recent[0]
+        elif n[1] < 5 and (n[1] * first <= n[0] * 5 or n[0] >= first):
+            self.acting = 1
+        elif n[0] < first:
+            self.acting = 0
         else:
-            self.share = self.guard.share_behind
-        self.acting = 1 if self.credit[self.share > 0.5] > 0 else 0
+            self.acting = int(chance < self.share)
 
 
 def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_freq=None, seed=0,
-                  stream="", episodes=math.inf, turn=math.inf):  # fmt: skip
+                  stream="", episodes=math.inf, turn=math.inf, bounds=None):  # fmt: skip
     """Return what `learn` does for one seed, without the greedy evaluation.
 
-    Under a guard, whose turns last `turn` steps at most, a learner without the shaping is beside.
+    In a portfolio, whose turns last `turn` steps at most, a second learner is beside: an optimist
+    with these bounds of its values, or the learner without the shaping.
     """
-    mdp, guarded = task.mdp, shaping is not None and shaping.guard is not None
+    mdp, several = task.mdp, shaping is not None and shaping.portfolio is not None
     limit, rates = mdp.time_limit or math.inf, schedule(learner.learning_rate)
-    guard = NaiveGuard(shaping.guard) if guarded else None
-    learners = [NaiveLearner(task, learner)] * guarded
-    learners.append(NaiveLearner(task, learner, shaping, literal))
+    portfolio = NaivePortfolio(shaping.portfolio) if several else None
+    other = NaiveOptimist(task, bounds) if bounds else NaiveLearner(task, learner)
+    learners = [*[other] * several, NaiveLearner(task, learner, shaping, literal)]
     visits = np.zeros((2, *mdp.outcome_row.shape), int)  # of tables 0 and 1
     start = stream_start(seed, stream)
-    draw, ties = random_bits(start), None
-    if isinstance(learner, cr.QLearning) and not guarded:
-        ties = Ties(len(mdp.start), splitmix64(start))
+    draw, ties = random_bits(start), [None, None]
+    plain = shaping is None or isinstance(shaping, cr.QInitialisation | cr.LookAheadAdvice)
+    if isinstance(learner, cr.QLearning) and (not several or (bounds and plain)):
+        n = len(mdp.start)
+        bits = Ties(2 * n, splitmix64(start)).bits
+        ties = [Ties(0, 0), Ties(0, 0)]
+        ties[-1].bits, ties[0].bits = bits[:n], bits[n:]
+        ties = ties if several else ties[-1:]
     eval_freq = eval_freq or max(1, steps // 100)
-    training, shares, counts = [math.nan], [guard.share if guarded else math.nan], [0]
+    training, shares, counts = [math.nan], [portfolio.share if several else math.nan], [0]
     fresh, step, ended_episodes, returns, used = True, 0, 0, [], 0
     while step < steps and ended_episodes < episodes:
         if fresh:
@@ -292,12 +349,14 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
             for naive in learners:
                 naive.before = 0.0
         if used == 0:
-            earned, factor = 0.0, 1.0
-        actor = learners[guard.acting if guarded else 0]
+            earned, factor, begin = 0.0, 1.0, state
+        acting = portfolio.acting if several else 0
+        actor = learners[acting]
+        bold = isinstance(actor, NaiveOptimist)
         shown = actor.acting(state, step)
-        if fresh or not isinstance(learner, cr.SARSA):
-            take = ties and partial(ties.take, state)
-            actor.choice = pick_action(shown, learner, step, draw, take)
+        if fresh or bold or not isinstance(learner, cr.SARSA):
+            take = ties[acting] and partial(ties[acting].take, state)
+            actor.choice = pick_action(shown, learner, step, draw, take, bold=bold)
         action, bits = actor.choice
         row = mdp.outcome_row[state, action]
         outcome = pick(mdp.probability[row].tolist(), uniform(splitmix64(bits)))
@@ -307,33 +366,38 @@ def learn_naively(task, learner, steps, *, shaping=None, literal=False, eval_fre
         counted = visits[coin & 1, state, action] if rates.shape == 3 else step
         rate = value_of(rates, int(counted))
         visits[coin & 1, state, action] += 1
-        for naive in learners:
-            naive.learn(state, action, reward, after, ended, step, rate, coin, draw)
-        if ties:
-            ties.update(shown, actor.acting(state, step), state, action, bits)
+        for naive, tied in zip(learners, ties, strict=False):
+            before = naive.acting(state, step)
+            if isinstance(naive, NaiveOptimist):
+                horizon = portfolio.horizon or float(used + 1)
+                naive.optimistically(state, action, reward, after, ended, horizon)
+            else:
+                naive.learn(state, action, reward, after, ended, step, rate, coin, draw)
+            if tied:
+                tied.update(before, naive.acting(state, step), state, action, bits)
         step, length, total, used = step + 1, length + 1, total + reward, used + 1
         earned, factor, state = earned + factor * reward, factor * mdp.discount, after
         fresh = ended or length >= limit
         if fresh:
             ended_episodes += 1
             returns.append(total)
-        if guarded and (fresh or used >= turn):
-            guard.end_turn(used, earned)
+        if several and (fresh or used >= turn):
+            portfolio.end_turn(begin, used, earned, draw)
             used = 0
         if step % eval_freq == 0:
             training.append(plain_sum(returns) / len(returns) if returns else math.nan)
-            shares.append(guard.share if guarded else math.nan)
+            shares.append(portfolio.share if several else math.nan)
             counts.append(ended_episodes)
             returns = []
-    ahead = guarded and guard.share > 0.5
+    ahead = several and portfolio.share > 0.5
     return SimpleNamespace(
-        values=learners[ahead if guarded else 0].values(step),
+        values=learners[ahead if several else 0].values(step),
         training_return=np.array(training),
-        guard_share=np.array(shares),
+        source_share=np.array(shares),
         episodes=np.array(counts),
         steps_used=step,
         episodes_used=ended_episodes,
-        turns=[*guard.log, (guard.acting, ahead, used)] if guarded else [],
+        turns=portfolio.turns if several else [],
         ahead=ahead,
     )
 

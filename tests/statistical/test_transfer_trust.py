@@ -1,4 +1,4 @@
-"""Calibration and the guard on the paper's domains: bounds on what they gain.
+"""Calibration and the portfolio on the paper's domains: bounds on what they gain.
 
 Seeds are fixed: a test either always passes or always fails. Bounds are in standard errors of
 differences paired by seed, or of means; where one could fail by chance after a change of the random
@@ -100,7 +100,7 @@ def test_on_a_larger_grid_calibration_halves_the_cost(seven, aggregate):
     assert errors(calibrated[:, -1] - raw[:, -1] / 2) > 6
 
 
-# -- the guard -------------------------------------------------------------------------------------
+# -- the portfolio ---------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -109,17 +109,17 @@ def scratch(studies):
     return mazes.Maze.learnt(studies, -5)
 
 
-def saved(scratch, size, guard, steps):
+def saved(scratch, size, portfolio, steps):
     """Return the steps saved by a source of this size, (K,), and how many seeds missed it."""
     plan = (
         read_study(mazes.HERE / "maze.toml").curriculum(str(size)).replace("target", budget=steps)
     )
-    result = replace(plan, shaping=cr.QInitialisation(guard=guard)).train(30)["target"]
+    result = replace(plan, shaping=cr.QInitialisation(portfolio=portfolio)).train(30)["target"]
     times = mazes.times(cr.statistics.Curve.of(result), scratch.threshold)
     return SimpleNamespace(
         steps=scratch.steps - times.steps,
         missed=int((~times.reached).sum()),
-        guard_share=result.guard_share,
+        source_share=result.source_share,
     )
 
 
@@ -136,13 +136,13 @@ def test_a_source_of_size_3_costs_nothing_with_a_guard(scratch):
     the second bound, 4 % of the 27,100 steps from scratch and 4 standard errors below 0, which
     chance alone breaks in 1 of 30,000.
     """
-    found = saved(scratch, 3, cr.Guard(), 150_000)
+    found = saved(scratch, 3, cr.Portfolio(), 150_000)
     interval = cr.statistics.mean_interval(found.steps)
     assert found.missed == 0
     assert interval.high >= 0
     assert interval.estimate > -1000
-    # Because of the guard: in most seeds, fewer steps are by the learner with phi.
-    assert (found.guard_share.mean(axis=1) < 0.5).mean() > 0.8
+    # Because of the portfolio: in most seeds, fewer steps are by the learner with phi.
+    assert (found.source_share.mean(axis=1) < 0.5).mean() > 0.8
 
 
 def test_larger_sources_keep_most_of_their_saving_under_a_guard(scratch):
@@ -152,7 +152,9 @@ def test_larger_sources_keep_most_of_their_saving_under_a_guard(scratch):
     """
     kept = {}
     for size in range(4, 11):
-        bare, guarded = (saved(scratch, size, guard, 60_000) for guard in (None, cr.Guard()))
+        bare, guarded = (
+            saved(scratch, size, portfolio, 60_000) for portfolio in (None, cr.Portfolio())
+        )
         assert (bare.missed, guarded.missed) == (0, 0)
         assert bare.steps.mean() > 5000
         kept[size] = guarded.steps.mean() / bare.steps.mean()

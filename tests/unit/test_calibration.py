@@ -182,9 +182,9 @@ def test_calibration_is_charged_to_the_target():
 
 
 @pytest.mark.parametrize("learner", [cr.QLearning(), cr.SARSA()])
-@pytest.mark.parametrize("guard", [None, cr.Guard()])
-def test_learning_starts_after_the_warm_up(learner, guard):
-    shaping = cr.QInitialisation(mapped(), guard)
+@pytest.mark.parametrize("portfolio", [None, cr.Portfolio()])
+def test_learning_starts_after_the_warm_up(learner, portfolio):
+    shaping = cr.QInitialisation(mapped(), portfolio)
     warm_up = WarmUp(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))
     options = {"shaping": shaping, "eval_freq": 50, "seeds": [3], "snapshots": 100}
     late = cr.learn(HUNT, learner, 1130, warm_up=[warm_up], **options)

@@ -32,7 +32,7 @@ NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
 def assert_held(arm, last):
     """Nothing of an arm changes after these checkpoints, one a seed; before them it did."""
     for k, place in enumerate(last):
-        for rows in (arm.curve.values, arm.training_return, arm.guard_share):
+        for rows in (arm.curve.values, arm.training_return, arm.source_share):
             np.testing.assert_array_equal(
                 rows[k, place:], np.full_like(rows[k, place:], rows[k, place])
             )
@@ -143,14 +143,17 @@ def test_the_steps_of_a_calibration_are_charged(calls):
 
 
 def test_an_arm_and_its_controls_have_a_guard():
-    arms = {"bare": corner(), "guarded": corner(shaping=cr.QInitialisation(guard=cr.Guard()))}
+    arms = {
+        "bare": corner(),
+        "guarded": corner(shaping=cr.QInitialisation(portfolio=cr.Portfolio())),
+    }
     comparison = compare(arms, seeds=2, controls=ALL)
     for name, arm in comparison.arms.items():
-        if name.startswith("guarded") and "unguarded" not in name:
-            assert (arm.guard_share[:, 0] == 0.5).all()
-            assert np.ptp(arm.guard_share) > 0
+        if name.startswith("guarded") and "alone" not in name:
+            assert (arm.source_share[:, 0] == 0.5).all()
+            assert np.ptp(arm.source_share) > 0
         else:
-            assert np.isnan(arm.guard_share).all()
+            assert np.isnan(arm.source_share).all()
 
 
 CLIFF = cr.from_gymnasium("CliffWalking-v1", discount=1.0, time_limit=100)

@@ -41,7 +41,7 @@ def test_functions_lead_to_the_values_of_their_tables(initial_value):
     [
         (QLearning, None),
         (QLearning, cr.QInitialisation()),
-        (QLearning, cr.QInitialisation(guard=cr.Guard())),
+        (QLearning, cr.QInitialisation(portfolio=cr.Portfolio())),
         (QLearning, cr.StateShaping()),
         (cr.SARSA, cr.QInitialisation()),
         (cr.ExpectedSARSA, None),
@@ -152,8 +152,8 @@ SLOW = {
     "sparse": lambda bad: cr.learn(bad, budget=300, storage=cr.Storage("sparse")),
     "general": lambda bad: cr.learn(bad, cr.SARSA(), 300),
     "double": lambda bad: cr.learn(bad, cr.DoubleQLearning(), 300),
-    "guard": lambda bad: cr.learn(
-        bad, budget=300, shaping=cr.QInitialisation(phi(bad), guard=cr.Guard())
+    "portfolio": lambda bad: cr.learn(
+        bad, budget=300, shaping=cr.QInitialisation(phi(bad), portfolio=cr.Portfolio())
     ),
     "evaluation": lambda bad: cr.learn(bad, budget=300, eval_freq=1),
     "greedy rollouts": lambda bad: greedy_rollouts(phi(bad), episodes=5),

@@ -67,7 +67,7 @@ def test_a_new_class_is_in_toml_without_a_second_declaration():
         (settings.EvaluationTable, cr.GreedyEvaluation()),
         (settings.StorageTable, cr.Storage()),
         (settings.SHAPINGS[0], cr.QInitialisation()),
-        (table_of(cr.Guard), cr.Guard()),
+        (table_of(cr.Portfolio), cr.Portfolio()),
         (table_of(harmonic), harmonic()),
         (table_of(Calibrate), Calibrate()),
         (tasks.PursuitTask, cr.Pursuit()),
@@ -219,7 +219,7 @@ SAID = [
         OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
     ),
     (SHAPING, "'StateShaping'", cr.StateShaping()),
-    ("shaping", "{ guard = true }", cr.QInitialisation(guard=cr.Guard())),
+    ("shaping", "{ portfolio = true }", cr.QInitialisation(portfolio=cr.Portfolio())),
     (
         "shaping",
         "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
@@ -227,8 +227,8 @@ SAID = [
     ),
     (
         SHAPING,
-        "{ type = 'LookAheadAdvice', guard = { share_behind = 0.2 } }",
-        cr.LookAheadAdvice(guard=cr.Guard(share_behind=0.2)),
+        "{ type = 'LookAheadAdvice', portfolio = { memory = 9 } }",
+        cr.LookAheadAdvice(portfolio=cr.Portfolio(memory=9)),
     ),
     (
         "tasks.hunt.evaluation",
@@ -252,10 +252,10 @@ def test_a_setting_is_the_one_described(read, key, value, made):
 
 
 def test_an_arm_guards_the_shaping_of_the_study(read):
-    arms = "[arms.plain]\n[arms.guarded]\nshaping.guard = true\n"
+    arms = "[arms.plain]\n[arms.guarded]\nshaping.portfolio = true\n"
     study = read(HUNT.replace("[learner]", "shaping = 'LookAheadAdvice'\n[learner]") + arms)
     made = [study.curriculum(arm).setting("shaping", "hunt") for arm in ("plain", "guarded")]
-    assert made == [cr.LookAheadAdvice(), cr.LookAheadAdvice(guard=cr.Guard())]
+    assert made == [cr.LookAheadAdvice(), cr.LookAheadAdvice(portfolio=cr.Portfolio())]
 
 
 @pytest.mark.parametrize(

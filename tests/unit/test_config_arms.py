@@ -248,7 +248,7 @@ SMALL = st.fixed_dictionaries(
         "time_limit": st.integers(1, 99) | st.just("none"),
         "budget": st.integers(1, 10**6) | st.fixed_dictionaries({"episodes": st.integers(1, 99)}),
         "shaping": st.sampled_from(
-            ["StateShaping", {"guard": True}, {"guard": {"share_behind": 0.3}}]
+            ["StateShaping", {"portfolio": True}, {"portfolio": {"memory": 9}}]
         ),
         "learner": st.fixed_dictionaries(
             {},

@@ -210,10 +210,10 @@ def test_a_curriculum_does_not_change_with_the_callers_containers():
     ("shaping", "learner"), [(cr.QInitialisation, cr.QLearning()), (cr.StateShaping, cr.SARSA())]
 )
 def test_a_guard_watches_over_the_tasks_that_have_sources(shaping, learner):
-    guarded = {"shaping": shaping(guard=cr.Guard()), "learner": learner}
+    guarded = {"shaping": shaping(portfolio=cr.Portfolio()), "learner": learner}
     result = build(CHAIN, budget=2000, **guarded).train()
-    assert np.isnan(result["near"].guard_share).all()
-    assert (result["far"].guard_share > 0).all()
+    assert np.isnan(result["near"].source_share).all()
+    assert (result["far"].source_share > 0).all()
 
 
 def test_a_curriculum_fills_the_potential_in():

@@ -16,7 +16,7 @@ from tests.studies import OBSERVED_HUNT as HUNT, reader
 FIRST = HUNT.partition('target = "hunt"\n')[2].partition("[[")[0].rstrip()
 """What the first transfer reads."""
 DEEP = 'learner = { type = "deep", settings = { learning_rate = 1e-3 } }'
-GUARDED = "shaping = { guard = true, type = "
+GUARDED = "shaping = { portfolio = true, type = "
 CART = """
 name = "cart"
 [learner]
@@ -173,7 +173,7 @@ def test_a_deep_learner_takes_a_tables_place_and_the_other_way_round(read):
 def test_every_shaping_of_a_network_may_be_named(read, name):
     plan = read(HUNT, ("aggregate", f"shaping = {name!r}\naggregate")).curriculum("transfer")
     assert plan.setting("shaping", "hunt").name == name
-    assert plan.setting("shaping", "hunt").guard is None
+    assert plan.setting("shaping", "hunt").portfolio is None
 
 
 def test_ways_of_networks_are_none_into_tables(complaint):

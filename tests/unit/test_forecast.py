@@ -138,7 +138,7 @@ BELOW = np.array([[0.0], [1.0], [0.0]])
         (
             Q - 230 * BELOW,
             f"{STEADY}; underestimates state 1 (row 0, column 1), which the optimal policy visits, "
-            "by 31: a guard bounds what that costs",
+            "by 31: a portfolio limits what that costs",
         ),
         (Q - 218 * BELOW, STEADY),  # up to 20 typical rewards, of -1 here, are let pass
     ],

@@ -35,7 +35,10 @@ def ctrl_c():
     [
         (cr.QLearning(), {}),
         (cr.SARSA(), {"seeds": 3, "workers": 2}),
-        (cr.QLearning(), {"shaping": cr.QInitialisation(np.ones((5, 4)), guard=cr.Guard())}),
+        (
+            cr.QLearning(),
+            {"shaping": cr.QInitialisation(np.ones((5, 4)), portfolio=cr.Portfolio())},
+        ),
         (cr.learning.OptimisticQLearning(), {}),
         (cr.QLearning(), {"evaluation": cr.GreedyEvaluation("rollouts", episodes=10**6)}),
     ],

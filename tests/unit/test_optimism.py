@@ -54,7 +54,7 @@ REFUSED = [
     ({"shaping": cr.StateShaping(np.zeros(3))}, "by QInitialisation or LookAheadAdvice alone"),
     ({"shaping": cr.DecayingAdvice(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
     ({"shaping": cr.RewardBonus(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
-    ({"shaping": cr.QInitialisation(PAIRS, guard=cr.Guard())}, "takes no guard"),
+    ({"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())}, "takes no portfolio"),
     ({"storage": Storage(kind="sparse")}, "sparse tables are for QLearning"),
 ]
 

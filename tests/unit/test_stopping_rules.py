@@ -12,7 +12,7 @@ from curricle.learning.stopping import stops
 from tests.refusals import check_values
 
 MAZE = cr.GridWorld(["S...", "..P.", "...T"])
-LEARNERS = [(cr.QLearning(), None), (cr.QLearning(), cr.Guard()), (cr.SARSA(), None)]
+LEARNERS = [(cr.QLearning(), None), (cr.QLearning(), cr.Portfolio()), (cr.SARSA(), None)]
 
 
 def oracle(rule: cr.StoppingRule, greedy: list[float], checkpoint: int, step: int) -> bool:
@@ -51,12 +51,12 @@ def test_rule_is_what_the_docstring_says(greedy, value, plateau, evaluations, wh
         assert ends == oracle(rule, greedy, checkpoint, step)
 
 
-@pytest.mark.parametrize(("learner", "guard"), LEARNERS)
-def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, guard):
+@pytest.mark.parametrize(("learner", "portfolio"), LEARNERS)
+def test_a_stopped_run_is_the_beginning_of_the_whole_one(learner, portfolio):
     settings = {"eval_freq": 50, "seeds": 4}
-    if guard:
+    if portfolio:
         phi = np.full(MAZE.mdp.outcome_row.shape, 5.0)
-        settings["shaping"] = cr.QInitialisation(phi, guard=guard)
+        settings["shaping"] = cr.QInitialisation(phi, portfolio=portfolio)
     whole = cr.learn(MAZE, learner, 4000, **settings)
     rule = cr.StoppingRule(4000, threshold=150.0, patience=3)
     stopped = cr.learn(MAZE, learner, rule, **settings)

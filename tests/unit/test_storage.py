@@ -239,8 +239,14 @@ ARRAY = cr.StateActionPotential(CHASE, np.zeros((81, 5)))
 REFUSED = {
     "SARSA": ({"learner": cr.SARSA()}, "are for QLearning .* got SARSA"),
     "state": ({"shaping": cr.StateShaping(ARRAY)}, "got QLearning with StateShaping"),
-    "guard": ({"shaping": cr.QInitialisation(ARRAY, cr.Guard())}, "got QLearning.* and a guard"),
-    "array": ({"shaping": cr.QInitialisation(ARRAY)}, "StateActionPotential, which is an array"),
+    "portfolio": (
+        {"shaping": cr.QInitialisation(ARRAY, cr.Portfolio())},
+        "got QLearning.* and a portfolio",
+    ),
+    "array": (
+        {"shaping": cr.QInitialisation(ARRAY)},
+        "got StateActionPotential, which is an array",
+    ),
 }
 
 

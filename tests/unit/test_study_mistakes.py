@@ -37,7 +37,7 @@ SHORT = {
     "VIEW": "'MiniGridView'",
     "RING": 'family = "ring", size = 3, predators = 1',
     "COLON": '[families."a:b"]\nfamily = "maze"\n[families.ring]',
-    "GUARD": "shaping = { guard = true, type =",
+    "GUARD": "shaping = { portfolio = true, type =",
     "FIRST": FIRST,
     "DEEP": DEEP,
     "SEEN": '[tasks.cart]\ntype = "observation_task"\nid = "CartPole-v1"\ndiscount = 0.98',
@@ -83,7 +83,7 @@ KIND | type = "persuit"\npred | line 8: tasks.chase.type must be one of maze, cr
 PROJECT | mapping = 'same_positon' | line 20: transfers[0].mapping must be 'identity',
 SIZE | torus = 1\npred | line 9: tasks.chase.torus must be true or false: got 1
 SIZE | moves = 6\npred | line 9: tasks.chase.moves must be 4 or 5: got 6
-LEARNER | shaping.guard = 3 | line 4: shaping.guard must be true, false or a table: got
+LEARNER | shaping.portfolio = 3 | line 4: shaping.portfolio must be true, false or a table: got
 LEARNER | seeds_per_unit = 0 | line 4: seeds_per_unit must be at least 1: got 0
 epsilon = 0.1 | epsilon = nan | line 5: learner.epsilon must be finite: got nan
 LEARNER | [storage]\nqqq = 1 | line 5: storage.qqq is unknown: known are … save_values
@@ -142,8 +142,8 @@ VIEW | { type = 'StackedFrames', of = VIEW } | encode.n is missing
 VIEW | 'own:half' | own:half failed with TypeError
 [network]
 DEEP |  | line 4: learner must be { type = "deep", ... } for hunt, which is seen
-aggr | GUARD 'QInitialisation' }\naggr | a guard is for learners with tables: got
-aggr | GUARD 'PolicyReuse' }\naggr | shaping.guard is unknown
+aggr | GUARD 'QInitialisation' }\naggr | a portfolio is for learners with tables: got
+aggr | GUARD 'PolicyReuse' }\naggr | shaping.portfolio is unknown
 budget = 3_000 | learner = { type = "deep" } | line 10: tasks.chase.learner must be
 settings = | setings = | line 17: tasks.hunt.learner.setings is unknown, did you mean
 "deep",  | "deep", envs = 0,  | line 17: tasks.hunt.learner is refused: envs of a

@@ -20,7 +20,7 @@ from tests.refusals import check_values
 from tests.studies import HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
-CURVES = ("steps", "training_return", "greedy_return", "guard_share", "episodes")
+CURVES = ("steps", "training_return", "greedy_return", "source_share", "episodes")
 SPENT = ("steps_used", "episodes_used", "out_of_memory")
 
 
@@ -237,6 +237,7 @@ def test_a_source_whose_values_are_not_kept_is_said_so(study_file, tmp_path):
 
 
 SPARSE = [
+    "opponents=[]",
     *('seeds="3,7,8"', "seeds_per_unit=2", "tasks.hunt.storage.kind='sparse'"),
     *("tasks.chase.budget=400", "tasks.hunt.budget=400"),
 ]

@@ -363,12 +363,12 @@ def test_other_controls_do_not_decide():
     assert other.contrasts["mean"].reason == "by what it knows"
 
 
-def test_a_placebo_without_the_guard_decides_too():
-    beside = {"mean, placebo, unguarded": flat(12.0 + NOISE, "mean")}
+def test_a_placebo_outside_the_portfolio_decides_too():
+    beside = {"mean, placebo, alone": flat(12.0 + NOISE, "mean")}
     arms = controlled(10.0, 4.0, placebo=4.0).arms | beside
     other = Comparison("maze", arms, 10, 10, 0.5, 1)
     assert other.reasons["mean"].why == "placebo"
-    assert other.knowledge_verdicts["mean"].rival == "mean, placebo, unguarded"
+    assert other.knowledge_verdicts["mean"].rival == "mean, placebo, alone"
 
 
 def test_too_few_seeds_show_nothing():

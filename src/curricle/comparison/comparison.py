@@ -16,9 +16,9 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
 from curricle.comparison.controls import (
+    ALONE,
     CONTROLS,
     PLACEBO,
-    UNGUARDED,
     UNRELATED,
     Control,
     check_fit,
@@ -87,7 +87,7 @@ class Arm:
     ----------
     curve : Curve
         Greedy return (K, T), with the source steps of each seed.
-    training_return, guard_share : (K, T) float64
+    training_return, source_share : (K, T) float64
         As in :class:`LearningResult`.
     scratch : bool
         Whether it is an opponent: it learns the target without sources, for all steps.
@@ -110,7 +110,7 @@ class Arm:
 
     curve: Curve
     training_return: FloatArray = field(repr=False)
-    guard_share: FloatArray = field(repr=False)
+    source_share: FloatArray = field(repr=False)
     scratch: bool = False
     curriculum: str = ""
     initial_values: FloatArray | None = field(default=None, repr=False)
@@ -137,12 +137,12 @@ class Arm:
         n = total // eval_freq + 1
         last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
         place = np.minimum(np.arange(n), last[:, None])
-        greedy, training, guard_share = (
+        greedy, training, source_share = (
             np.take_along_axis(curves, place, axis=1)
-            for curves in (result.greedy_return, result.training_return, result.guard_share)
+            for curves in (result.greedy_return, result.training_return, result.source_share)
         )
         curve = Curve(np.arange(n) * eval_freq, greedy, spent)
-        return cls(curve, training, guard_share, **kind)
+        return cls(curve, training, source_share, **kind)
 
     @property
     def control(self) -> bool:
@@ -176,7 +176,7 @@ def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate
         first,
         curve=Curve(first.curve.steps, values, spent),
         training_return=join([arm.training_return for arm in arms]),
-        guard_share=join([arm.guard_share for arm in arms]),
+        source_share=join([arm.source_share for arm in arms]),
         initial_values=join(initial) if initial else None,
         unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
     )
@@ -351,7 +351,7 @@ class Comparison:
         # Both are needed: values at random are learnt from more slowly than a single value.
         know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
-            labels = (f"{name}, {label}" for label in (PLACEBO, UNGUARDED))
+            labels = (f"{name}, {label}" for label in (PLACEBO, ALONE))
             placebos = [label for label in labels if label in controls]
             constants = [rival for rival in self.scratches if self.arms[rival].curriculum == name]
             asked = placebos and constants

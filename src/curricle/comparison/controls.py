@@ -4,7 +4,7 @@
   much, visiting many states helped, not the easier task.
 - ``pretraining``: the source is the target itself, for as many steps. If it helps as much, the
   longer training helped.
-- ``placebo``: phi's values shuffled over the target's pairs, under the curriculum's guard and
+- ``placebo``: phi's values shuffled over the target's pairs, in the curriculum's portfolio and
   without it. If it helps as much, any values do.
 - ``constant``: no control but an opponent (:mod:`curricle.comparison.opponents`), which this plays
   where ``opponents`` does not.
@@ -48,7 +48,7 @@ Control = Literal[
     "random_start", "pretraining", "placebo", "constant", "scaled", "negated", "unrelated"
 ]
 CONTROLS: tuple[Control, ...] = get_args(Control)
-PLACEBO, UNGUARDED = "placebo", "placebo, unguarded"
+PLACEBO, ALONE = "placebo", "placebo, alone"
 UNRELATED = "unrelated"
 WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
@@ -136,7 +136,7 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
 Change = Callable[[Any, int], AnyPotential]  # phi, seed -> another
 CHANGES: dict[str, Change] = {
     PLACEBO: lambda phi, seed: _shuffled(phi, seed),
-    UNGUARDED: lambda phi, seed: _shuffled(phi, seed),
+    ALONE: lambda phi, seed: _shuffled(phi, seed),
     "scaled x 0.5": lambda phi, _: phi.rescaled(0.5),
     "scaled x 2": lambda phi, _: phi.rescaled(2.0),
     "negated": lambda phi, _: (
@@ -147,7 +147,7 @@ CHANGES: dict[str, Change] = {
 }
 """What the controls that change a potential do to it, by their labels."""
 LABELS: dict[Control, tuple[str, ...]] = {
-    "placebo": (PLACEBO, UNGUARDED),
+    "placebo": (PLACEBO, ALONE),
     "scaled": ("scaled x 0.5", "scaled x 2"),
     "negated": ("negated",),
     "unrelated": (UNRELATED,),
@@ -167,10 +167,10 @@ def control_arms(
         for label in labels if control in controls else ():
             if is_shuffled(label, curriculum):
                 yield label, shuffled_miniatures(curriculum)
-            elif label != UNGUARDED:
+            elif label != ALONE:
                 yield label, curriculum
-            elif shaping.guard is not None:
-                yield label, curriculum.replace(target, shaping=replace(shaping, guard=None))
+            elif shaping.portfolio is not None:
+                yield label, curriculum.replace(target, shaping=replace(shaping, portfolio=None))
 
 
 def is_shuffled(label: str, curriculum: Curriculum) -> bool:

@@ -520,7 +520,7 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
         where = state_name(task.states, worst.most_underestimated_state)
         advice.append(
             f"underestimates {where}, which the optimal policy visits, by "
-            f"{worst.largest_underestimate:.3g}: a guard bounds what that costs"
+            f"{worst.largest_underestimate:.3g}: a portfolio limits what that costs"
         )
     return f"{', '.join(parts)}: {'; '.join(advice)}"
 

@@ -23,7 +23,7 @@ import numpy as np
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import MOST_GUARDED, OF_TARGETS, SETTINGS
+from curricle.curriculum.node import MOST_SHARED, OF_TARGETS, SETTINGS
 from curricle.errors import CurriculumError, SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, value_bounds
 from curricle.learning.result import LearningResult
@@ -127,7 +127,7 @@ def is_large(curriculum: Curriculum) -> bool:
     """Return whether a curriculum's target has more pairs than are learnt in several tables."""
     model = generative_model(curriculum.tasks[curriculum.target])
     sparse = curriculum.setting("storage", curriculum.target).kind == "sparse"
-    return sparse or model.states.size * model.actions.size > MOST_GUARDED
+    return sparse or model.states.size * model.actions.size > MOST_SHARED
 
 
 def _name(learner: Any) -> str:

@@ -14,7 +14,7 @@ from curricle.checks import fit_name, instance, one_of
 from curricle.curriculum.node import (
     ACTOR_CRITICS,
     DEFAULT_STEPS,
-    MOST_GUARDED,
+    MOST_SHARED,
     PULL,
     SETTINGS,
     SOURCES_SHARE,
@@ -28,8 +28,8 @@ from curricle.deep.miniature import Miniatures
 from curricle.display import block, table
 from curricle.errors import CurriculumError
 from curricle.files import Place, file_name, place_at
-from curricle.learning.guard import Guard
 from curricle.learning.learners import Learner, OptimisticQLearning
+from curricle.learning.portfolio import Portfolio
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping
@@ -73,7 +73,7 @@ class Curriculum:
         tenth of the target's steps together. ``StoppingRule(5_000)`` is exactly 5,000 steps.
     shaping : Shaping or dict
         How the potentials of sources enter learning. Default :class:`QInitialisation`, with a
-        :class:`Guard` where the learner has dense tables of up to 10 million pairs and no bonus.
+        :class:`Portfolio` where the learner has dense tables of up to 10 million pairs.
         Default ``WeightTransfer(kl=0.1)`` for an actor-critic whose only source is distilled from
         :func:`miniatures` and read unchanged.
     eval_freq : int or dict, optional
@@ -263,7 +263,7 @@ class Curriculum:
         return SETTINGS[which] if which == "unknown_value" else None
 
     def _default_shaping(self, name: str) -> Shaping:
-        """Return the default shaping of a task: QInitialisation, guarded where that is possible."""
+        """Return the default shaping of a task: QInitialisation, in a portfolio if possible."""
         learner, edges = self.setting("learner", name), self.in_edges(name)
         if len(edges) == 1 and isinstance(self.tasks[edges[0].source], Miniatures):
             alike = learner == self.setting("learner", edges[0].source)
@@ -271,12 +271,12 @@ class Curriculum:
             if critic and alike and edges[0].mapping.is_identity:
                 by_episodes = isinstance(self.setting("budget", name), Episodes)
                 return WeightTransfer(kl=0.0 if by_episodes else PULL)
-        # A guard needs a learner without a bonus, and dense tables, whatever the machine's memory.
+        # A portfolio needs dense tables, whatever the machine's memory, and no second optimist.
         possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
         if possible and self.setting("storage", name).kind != "sparse":
             model = generative_model(self.tasks[name])
-            if model.states.size * model.actions.size <= MOST_GUARDED:
-                return QInitialisation(guard=Guard())
+            if model.states.size * model.actions.size <= MOST_SHARED:
+                return QInitialisation(portfolio=Portfolio())
         return QInitialisation()
 
     def _stated(self, which: str, name: str) -> Any:

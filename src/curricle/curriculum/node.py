@@ -63,7 +63,7 @@ PULL = 0.1
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
 among the development targets of benchmarks/networks/miniatures.py."""
 ACTOR_CRITICS = ("PPO", "A2C")  # algorithms that a pull is known to fit
-MOST_GUARDED = 10_000_000  # state-action pairs of a guarded task: some 300 MB of tables a seed
+MOST_SHARED = 10_000_000  # state-action pairs of a portfolio's task: 350 MB of tables a seed
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ CURVES = {
     "rollout/ep_rew_mean": "training_return",
     "eval/mean_reward": "greedy_return",
     "time/episodes": "episodes",
-    "curricle/guard_share": "guard_share",
+    "curricle/source_share": "source_share",
 }
 """Tag of a curve, as other libraries name it, -> field of :class:`LearningResult`."""
 

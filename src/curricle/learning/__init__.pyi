@@ -1,4 +1,3 @@
-from .guard import Guard as Guard
 from .learners import (
     SARSA as SARSA,
     DoubleQLearning as DoubleQLearning,
@@ -8,6 +7,7 @@ from .learners import (
     QLearning as QLearning,
     value_bounds as value_bounds,
 )
+from .portfolio import Portfolio as Portfolio
 from .potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,

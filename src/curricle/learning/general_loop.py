@@ -1,7 +1,8 @@
-"""The general learning loop: n learners of the same steps, all update rules, shapings and guards.
+"""The general learning loop: n learners of the same steps, all update rules and shapings.
 
-One learner acts; all of them learn from every step. There is one of them, or under a guard two:
-without the potential and with it. Q-learning on unshaped rewards has a faster loop (q_learning.py).
+One learner acts; all of them learn from every step. There is one of them, or in a portfolio two or
+three: before the source's learner stands the learner from scratch, or the two tables of an optimist
+(the second one never acts). Q-learning on unshaped rewards has a faster loop (q_learning.py).
 """
 
 # This loop is compiled once for all rules and shapings: with bodies chosen by type it would be
@@ -15,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import FloatArray, FloatTable, IntArray
-from curricle.learning.guard import SCRATCH, SHAPED, UNDECIDED, GuardKernel, Tally, next_turn
 from curricle.learning.learners import (
     DOUBLE_Q_LEARNING,
     EXPECTED_SARSA,
@@ -23,6 +23,16 @@ from curricle.learning.learners import (
     SARSA_RULE,
     expected_value,
     explore,
+)
+from curricle.learning.portfolio import (
+    OTHER,
+    SOURCE,
+    UNDECIDED,
+    PortfolioKernel,
+    Tally,
+    horizon_of,
+    next_turn,
+    optimistic_rate,
 )
 from curricle.learning.record import Record, Used, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
@@ -38,6 +48,8 @@ PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
 
 
 FIRST, SECOND = np.uint64(0), np.uint64(1)  # tables of a learner
+N_OPTIMISTIC = 3  # learners of a portfolio with an optimist
+LEARNT = np.uint64(0)  # the learner that is evaluated where the source's is not ahead
 
 
 class ShapingKernel(NamedTuple):
@@ -60,12 +72,19 @@ class Learners(NamedTuple):
     bits: npt.NDArray[np.uint64]  # (n,) for the outcome of that action
     values: FloatArray  # (1, A) work space: the values that a learner acts on
     ties: npt.NDArray[np.uint64]  # (S,) bits that break the ties of each state, or (0,)
-    guard: GuardKernel
+    portfolio: PortfolioKernel
     tally: Tally
+    highest: float  # cuts the values that an optimist bootstraps from
+    visits: IntArray  # (S, A) of an optimist, or (0, 0)
 
     @classmethod
     def starting(
-        cls, q: FloatTable, update: int, shaping: ShapingKernel, guard: GuardKernel | None
+        cls,
+        q: FloatTable,
+        update: int,
+        shaping: ShapingKernel,
+        portfolio: PortfolioKernel,
+        highest: float,
     ) -> "Learners":
         """Return the learners before their first step, on tables that have their first values."""
         n_actions = q.shape[3]
@@ -80,9 +99,11 @@ class Learners(NamedTuple):
             action=np.zeros(len(q), np.uint64),
             bits=np.zeros(len(q), np.uint64),
             values=room[start : start + n_actions].reshape(1, n_actions),
-            ties=np.empty(q.shape[2] if guard is None and update == Q_LEARNING else 0, np.uint64),
-            guard=GuardKernel(0.0, 0.0, 0.0) if guard is None else guard,
-            tally=Tally.empty(),
+            ties=np.empty(q.shape[2] if len(q) == 1 and update == Q_LEARNING else 0, np.uint64),
+            portfolio=portfolio,
+            tally=Tally.empty(q.shape[2] if len(q) > 1 else 0),
+            highest=highest,
+            visits=np.zeros(q.shape[2:] if len(q) == N_OPTIMISTIC else (0, 0), np.int64),
         )
 
 
@@ -91,7 +112,7 @@ class Course(NamedTuple):
 
     discount: float
     limit: int  # steps of an episode
-    turn: int  # steps after which a guarded turn ends, if no episode has ended before
+    turn: int  # steps after which a portfolio's turn ends, if no episode has ended before
     stream: np.uint64  # where the run's random stream starts
     used: Used  # before learning
     steps: int  # at which learning ends, or
@@ -155,7 +176,7 @@ def acted_on(learners, learner, weight):
 def train(model, rule, learners, course):
     """Learn in place on ``learners.q``, fill the record.
 
-    Return the steps and episodes done, and the learner that is ahead: the one that is evaluated.
+    Return the steps and episodes done.
     """
     return learn_all(model, rule, learners, course)
 
@@ -167,40 +188,46 @@ def learn_all(model, rule, learners, course):
     n, last = np.uint64(len(learners.n)), np.uint64(learners.q.shape[1] - 1)
     discount, record = course.discount, course.record
     shaping, ties, shaped = learners.shaping, learners.ties, n - np.uint64(1)
-    guarded, looks_ahead = shaped > np.uint64(0), rule.update in (SARSA_RULE, EXPECTED_SARSA)
+    several, optimism = shaped > np.uint64(0), len(learners.n) == N_OPTIMISTIC
+    looks_ahead, tally = rule.update in (SARSA_RULE, EXPECTED_SARSA), learners.tally
     key = splitmix64(course.stream)
     for place in range(np.uint64(ties.shape[0])):
         ties[place] = tie_bits(key, place)
-    share, ahead, acting = UNDECIDED, SCRATCH, shaped
+    share, ahead, acting = np.nan, shaped, shaped
     step, episodes, ended, ended_return = course.used
     early, checkpoint, counter = step > 0, np.int64(0), course.stream + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
-    turn_length, earned, factor = 0, 0.0, 1.0
+    start, turn_length, earned, factor = state, 0, 0.0, 1.0
     action, bits, drawn = np.uint64(0), np.uint64(0), False
     weight, carried = at(shaping.weight, step), 0.0  # of the potential, and from step to step
     while True:
         if early or step == checkpoint * course.eval_freq:
+            if several:
+                share = tally.share[0]
+                ahead = shaped if share > UNDECIDED else LEARNT
             value = greedy_return(course.evaluation, model, acted_on(learners, ahead, weight))
-            so_far = step, episodes, ended, ended_return, value, share if guarded else np.nan
+            so_far = step, episodes, ended, ended_return, value, share
             q, other = learners.q[ahead, FIRST], learners.q[ahead, last]
             checkpoint, ends = note_all(course, early, checkpoint, so_far, q, other)
             if ends:
-                return step, episodes, ahead
+                return step, episodes
             if early:
                 early = False
                 continue
             ended, ended_return = 0, 0.0
         if is_spent(course, step, episodes) or has_failed(model):
-            return step, episodes, ahead
+            return step, episodes
         if fresh:
             state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
             length, episode_return = 0, 0.0
             carried = 0.0
             if shaping.kind == STATE:
                 carried = weight * state_potential(shaping, state, step)
-        if fresh or rule.update != SARSA_RULE:
+        start = state if turn_length == 0 else start
+        bold = optimism and acting != shaped  # an optimist acts greedily
+        if fresh or bold or rule.update != SARSA_RULE:
             write_acting_row(acted_on(learners, acting, weight), state, learners.values)
-            action, bits, counter, drawn = decide(learners, rule, state, step, counter)
+            action, bits, counter, drawn = decide(learners, rule, state, step, counter, bold)
         else:
             action, bits = learners.action[acting], learners.bits[acting]
         next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
@@ -218,7 +245,11 @@ def learn_all(model, rule, learners, course):
         if shaping.kind != PLAIN:
             pair = state, action
             extra, carried = shaping_reward(shaping, discount, pair, terminated, carried, there)
-        for learner in range(n):
+        if optimism:
+            horizon = horizon_of(tally, turn_length + 1)
+            outcome = reward, next_state, terminated
+            learn_optimistically(learners, horizon, discount, (state, action), outcome)
+        for learner in range(shaped if optimism else np.uint64(0), n):
             target = reward + (extra if learner == shaped else 0.0)
             # Cutting off at the time limit is not termination: it bootstraps like any other step.
             if not terminated:
@@ -227,7 +258,7 @@ def learn_all(model, rule, learners, course):
                     write_acting_row(view, next_state, learners.values)
                 # The values of a learner are those of the actions that it would take itself.
                 if rule.update == SARSA_RULE:
-                    drawn_next = decide(learners, rule, next_state, step, counter)
+                    drawn_next = decide(learners, rule, next_state, step, counter, False)
                     next_action, learners.bits[learner], counter, _ = drawn_next
                     learners.action[learner] = next_action
                 choice = table, coin, step, next_action
@@ -249,13 +280,14 @@ def learn_all(model, rule, learners, course):
         state, fresh = next_state, ends or length >= course.limit or truncated(model)
         if fresh:
             episodes, ended, ended_return = episodes + 1, ended + 1, ended_return + episode_return
-        if guarded:  # the learners are compared by what the task maximises
+        if several:  # the learners are compared by what the task maximises
             turn_length, earned = turn_length + 1, earned + factor * reward
             factor *= discount
             if fresh or turn_length >= course.turn:
-                turn = acting, turn_length, earned
-                share, acting = next_turn(learners.guard, learners.tally, turn, share)
-                ahead = SHAPED if share > UNDECIDED else SCRATCH
+                turn = SOURCE if acting == shaped else OTHER, start, turn_length, earned
+                chance, counter = splitmix64(counter), counter + STRIDE
+                member = next_turn(learners.portfolio, tally, turn, chance)
+                acting = shaped if member == SOURCE else shaped - np.uint64(1)
                 turn_length, earned, factor = 0, 0.0, 1.0
 
 
@@ -265,11 +297,14 @@ def learn_all(model, rule, learners, course):
 
 
 @inlined
-def decide(learners, rule, state, step, counter):
-    """Return the decision on ``learners.values`` in a state, as :func:`explore` does."""
+def decide(learners, rule, state, step, counter, bold):
+    """Return the decision on ``learners.values`` in a state, as :func:`explore` does.
+
+    A bold learner never explores.
+    """
     values, best = learners.values, highest(learners.values, ONLY_ROW)
     action, bits, after, exploits = explore(rule.exploration, values, ONLY_ROW, best, step, counter)
-    if exploits:
+    if exploits or bold:
         tie = learners.ties[state] if learners.ties.shape[0] > 0 else splitmix64(counter)
         action = best_of(values, ONLY_ROW, tie)[1] & ACTION
     return action, bits, after, exploits
@@ -308,6 +343,25 @@ def td_target(rule, learners, learner, discount, reward, next_state, choice):
         return reward + discount * np.float64(q[SECOND - table, next_state, best])
     real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
     return np.float64(real(reward) + real(discount) * highest(q[0], next_state))
+
+
+@inlined
+def learn_optimistically(learners, horizon, discount, pair, outcome):
+    """Update the optimist: the values that start at the highest and, beside them, at the lowest."""
+    (state, action), (reward, next_state, terminated) = pair, outcome
+    real = learners.q.dtype.type
+    learners.visits[state, action] += 1
+    rate = real(optimistic_rate(horizon, learners.visits[state, action]))
+    for learner in range(np.uint64(N_OPTIMISTIC - 1)):
+        q, target = learners.q[learner], real(reward)
+        if not terminated:
+            ahead = highest(q[FIRST], next_state)
+            if learner != LEARNT and ahead > learners.highest:
+                ahead = real(learners.highest)
+            target += real(discount) * ahead
+        new = q[FIRST, state, action] + rate * (target - q[FIRST, state, action])
+        for table in range(np.uint64(q.shape[0])):  # the mean of all tables is acted on
+            q[table, state, action] = new
 
 
 # -- shaping rewards: what is added to a reward, and what is carried to the next step ------------
@@ -364,12 +418,12 @@ def note(record, stopping, checkpoint, so_far, q, other):
     """Fill a checkpoint of a record; return 1 where the stopping rule ends the run there, else 0.
 
     `so_far` are the steps, the episodes, the number and returns of those ended since the last
-    checkpoint, the greedy return, and a guard's share; `q` and `other`, (S, A), have Q as mean.
+    checkpoint, the greedy return, and the source's share; `q` and `other`, (S, A), have Q as mean.
     """
     step, episodes, ended, ended_return, value, share = so_far
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
     record.greedy_return[checkpoint] = value
-    record.guard_share[checkpoint] = share
+    record.source_share[checkpoint] = share
     record.episodes[checkpoint] = episodes
     for i in range(record.snapshot_at.shape[0]):
         if record.snapshot_at[i] == checkpoint:

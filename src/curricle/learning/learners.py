@@ -198,7 +198,7 @@ class OptimisticQLearning(Learner):
     The learning rate is that of Jin et al. 2018, without their bonus for rarely tried pairs.
 
     A potential by :class:`QInitialisation` or :class:`LookAheadAdvice` is added to the start of
-    both tables. Other shapings, guards and sparse tables are refused.
+    both tables. Other shapings, portfolios and sparse tables are refused.
 
     Parameters
     ----------

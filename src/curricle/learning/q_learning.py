@@ -1,7 +1,7 @@
 """The fast loop: Q-learning on unshaped rewards, as for Q-initialisation and look-ahead advice.
 
 The maximum of each row and a greedy action are stored with it, and computed anew only when that
-value was lowered: most steps scan no row.
+value was lowered: most steps scan no row. A portfolio's learners are rows of one table.
 """
 
 from typing import NamedTuple
@@ -10,6 +10,14 @@ import numpy as np
 
 from curricle.learning.general_loop import is_spent, note_all
 from curricle.learning.learners import explore
+from curricle.learning.portfolio import (
+    OTHER,
+    SOURCE,
+    UNDECIDED,
+    horizon_of,
+    next_turn,
+    optimistic_rate,
+)
 from curricle.learning.record import noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.storage import DenseTable, find_row_maxima, is_full, row_of
@@ -67,16 +75,16 @@ def update(q, best, greedy, row, change):
 def train_q_learning(model, rule, tables, course):
     """Learn in place on a table, fill the record, return the steps and episodes done.
 
-    `tables` are the table that is acted on, and a :class:`Beside` or None. A full table ends
-    the run before the step that needs another row.
+    `tables` are the table that is acted on, a :class:`Beside` or None, and the :class:`Members` of
+    a portfolio or None. A full table ends the run before the step that needs another row.
     """
-    return learn_fast(model, rule, tables[0], tables[1], course)
+    return learn_fast(model, rule, tables[0], tables[1], tables[2], course)
 
 
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
-def learn_fast(model, rule, table, beside, course):
+def learn_fast(model, rule, table, beside, members, course):
     """Do what :func:`train_q_learning` says."""
-    # Where `beside` is None, Numba leaves out what is done with it, as it is an argument.
+    # Where `beside` or `members` is None, Numba leaves out what is done with it, as an argument.
     #
     # Rows of a far table arrive late from memory. There the update of a step is made during the
     # next one, before anything it changes is read, so that results are the same.
@@ -94,10 +102,14 @@ def learn_fast(model, rule, table, beside, course):
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
     pending, pending_change = NO_ROW, (np.uint64(0), nothing, nothing, np.uint64(0))
+    share, acting, start, begun, earned, factor = np.nan, SOURCE, state, step, 0.0, 1.0
     while True:
         if early or step == checkpoint * eval_freq:
+            if members is not None:
+                share = members.tally.share[0]
+                learnt = members.source if share > UNDECIDED else members.learnt
             value = greedy_return(course.evaluation, model, learnt)
-            so_far = step, episodes, ended, ended_return, value, np.nan
+            so_far = step, episodes, ended, ended_return, value, share
             checkpoint, ends = note_all(course, early, checkpoint, so_far, learnt.q, learnt.q)
             if ends:
                 return step, episodes
@@ -112,10 +124,13 @@ def learn_fast(model, rule, table, beside, course):
         stop = stop if stop < course.steps else course.steps
         stop = stop if stop < slice_ends else slice_ends
         while step < stop:
-            drawn = explore(rule.exploration, q, row, best[row], step, counter)
+            actor, optimistic = row, False
+            if members is not None and acting == OTHER:
+                actor, optimistic = row + members.rows, True
+            drawn = explore(rule.exploration, q, actor, best[actor], step, counter)
             action, bits, counter, exploits = drawn
-            if exploits:
-                action = np.uint64(greedy[row]) & ACTION
+            if exploits or optimistic:
+                action = np.uint64(greedy[actor]) & ACTION
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
             next_row = row_of(table, next_state, terminated)
             if is_full(table, next_row):
@@ -123,6 +138,9 @@ def learn_fast(model, rule, table, beside, course):
                 break
             if far:
                 prefetch(q, next_row)
+                if members is not None:
+                    prefetch(q, next_row + members.rows)
+                    prefetch(q, next_row + members.rows + members.rows)
             if pending != NO_ROW:
                 update(q, best, greedy, pending, pending_change)
                 pending = NO_ROW
@@ -140,14 +158,34 @@ def learn_fast(model, rule, table, beside, course):
                     target += discount * np.float64(learnt.row_max[next_row])
                 also, of_q = (action, rate, target, bits), of_width(learnt.q, learnt.width)
                 update(of_q, learnt.row_max, learnt.row_argmax, row, also)
+            if members is not None:
+                members.visits[row, action] += 1
+                horizon = horizon_of(members.tally, step + 1 - begun)
+                fast = q.dtype.type(optimistic_rate(horizon, members.visits[row, action]))
+                bold, sober = row + members.rows, row + members.rows + members.rows
+                hoped = expected = q.dtype.type(reward)
+                if not terminated:
+                    ahead = best[next_row + members.rows]
+                    ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
+                    hoped += discount * ahead
+                    expected += discount * best[next_row + members.rows + members.rows]
+                update(q, best, greedy, bold, (action, fast, hoped, bits))
+                update(q, best, greedy, sober, (action, fast, expected, bits))
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
-            if far and not ends and next_row != row:
+            if far and members is None and not ends and next_row != row:
                 pending, pending_change = row, change
             else:
                 update(q, best, greedy, row, change)
 
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row
+            if members is not None:  # the learners are compared by what the task maximises
+                earned, factor = earned + factor * reward, factor * course.discount
+                if ends or step - begun >= course.turn:
+                    turn = acting, start, step - begun, earned
+                    chance, counter = splitmix64(counter), counter + STRIDE
+                    acting = next_turn(members.portfolio, members.tally, turn, chance)
+                    start, begun, earned, factor = state, step, 0.0, 1.0
             # Cutting off at the time limit is not termination: the target was bootstrapped.
             if ends:
                 ended, ended_return, episode_return = ended + 1, ended_return + episode_return, 0.0
@@ -155,7 +193,7 @@ def learn_fast(model, rule, table, beside, course):
                 if episodes == course.episodes:
                     break
                 state, counter = first_state(model, splitmix64(counter)), counter + STRIDE
-                row = row_of(table, state, False)
+                row, start = row_of(table, state, False), state
                 if is_full(table, row) or has_failed(model):
                     break
         if pending != NO_ROW:

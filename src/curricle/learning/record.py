@@ -46,7 +46,7 @@ class Record(NamedTuple):
 
     training_return: FloatArray  # (T,) mean return of the episodes ended since the last checkpoint
     greedy_return: FloatArray  # (T,)
-    guard_share: FloatArray  # (T,) share of the steps that a guarded potential's learner gets
+    source_share: FloatArray  # (T,) chance that the source's learner of a portfolio acts a turn
     episodes: IntArray  # (T,)
     snapshot_at: IntArray  # (M,) checkpoints whose tables are kept
     snapshots: npt.NDArray[np.float32]  # (M, S, A)
@@ -63,14 +63,14 @@ class Record(NamedTuple):
         unknown_ends: bool = False,
     ) -> Self:
         """Return the record to be filled, with up to so many snapshots of tables of a shape."""
-        returns, greedy, guard_share = np.full((3, checkpoints), np.nan)
+        returns, greedy, source_share = np.full((3, checkpoints), np.nan)
         fitting = min(snapshots, MAX_SNAPSHOT_BYTES // (4 * max(1, shape[0] * shape[1])))
         place = np.linspace(0.0, 1.0, fitting if fitting > 1 else 0) ** 2 * (checkpoints - 1)
         kept = np.unique(place.astype(np.int64))
         tables = np.zeros((len(kept), *shape), np.float32)
         ends = np.zeros(shape[0] if unknown_ends else 0, np.bool_)
         episodes = np.zeros(checkpoints, np.int64)
-        return cls(returns, greedy, guard_share, episodes, kept, tables, ends, HALTED.get())
+        return cls(returns, greedy, source_share, episodes, kept, tables, ends, HALTED.get())
 
 
 @inlined

@@ -70,8 +70,9 @@ class LearningResult(Frozen):
     training_return : (K, T) float64
         Mean undiscounted, unshaped return of the episodes that ended since the last checkpoint;
         NaN where none did.
-    guard_share : (K, T) float64
-        Share of the steps for a guarded potential's learner; NaN without a :class:`Guard`.
+    source_share : (K, T) float64
+        Probability with which the source's learner of a :class:`Portfolio` acts the next turn, by
+        the returns so far; 0.5 before there are any, NaN without a portfolio.
     greedy_return : (K, T) float64
         Expected return of the greedy policy (:class:`GreedyEvaluation`). Checkpoints after a seed's
         end repeat its last value.
@@ -112,7 +113,7 @@ class LearningResult(Frozen):
     episodes_used: Annotated[IntArray, ResultField("K", "int64")]
     evaluation_steps: Annotated[IntArray, ResultField("K", "int64")]
     out_of_memory: Annotated[BoolArray, ResultField("K", "bool")]
-    guard_share: Annotated[FloatArray, ResultField("KT", "float64", "share of steps", held=True)]
+    source_share: Annotated[FloatArray, ResultField("KT", "float64", "share of turns", held=True)]
     own_rewards: Annotated[BoolArray, ResultField("K", "bool")]
     snapshots: Snapshots | None = None
 
@@ -152,7 +153,7 @@ class LearningResult(Frozen):
     def frame(self) -> Any:
         """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
 
-        Its columns are seed, checkpoint, steps, training_return, greedy_return, guard_share and
+        Its columns are seed, checkpoint, steps, training_return, greedy_return, source_share and
         episodes, each seed up to its own end; ``frame().attrs["units"]`` has their units.
         ImportError where pandas is not installed.
 

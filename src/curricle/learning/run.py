@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +12,15 @@ from curricle.arrays import FloatTable, IntArray, frozen
 from curricle.checks import instance, whole_number
 from curricle.errors import SettingError
 from curricle.learning.general_loop import Acting, Course, Learners, note, train
-from curricle.learning.guard import SCRATCH, UNDECIDED, longest_turn
 from curricle.learning.learners import Q_LEARNING, Learner, OptimisticQLearning, QLearning
+from curricle.learning.portfolio import (
+    NO_PORTFOLIO,
+    UNDECIDED,
+    Members,
+    Tally,
+    longest_turn,
+    optimism,
+)
 from curricle.learning.q_learning import Beside, train_q_learning
 from curricle.learning.record import Record, Used, WarmUp
 from curricle.learning.result import LearningResult, Outcome, learning_result
@@ -158,16 +165,19 @@ def learn(
         work = kernel.tables.outcome_row.size * kernel.horizon
     if threads == 1 and len(settings) * (longest + (longest // eval_freq + 1) * work) <= SHORT:
         threads = 0  # the caller's, where starting another takes long
-    guarded = any(seed.shaping is not None and seed.shaping.guard is not None for seed in settings)
+    several = any(seed.shaping is not None and seed.shaping.portfolio for seed in settings)
+    bounds = optimism(task) if several else None
     rows = rows_allowed(
         storage,
         generative,
-        tables=learner.tables * (2 if guarded else 1),
-        counts=learner.counts,
+        tables=learner.tables * (1 + several + (bounds is not None)),
+        counts=learner.counts + (bounds is not None),
         seeds=len(settings) if storage.save_values else max(1, threads),
         steps=longest,
     )
-    run = Run(generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows)
+    run = Run(
+        generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows, bounds
+    )
     if rows:
         run.check_sparse(settings)
     with shown(progress) as bars:
@@ -254,6 +264,7 @@ class Run:
     stopping: StoppingKernel
     storage: Storage
     rows: int  # that a sparse table may have; 0 for a dense table
+    bounds: tuple[float, float] | None  # of values, where portfolios have an optimist
 
     def train(
         self, settings: SeedSettings, start: int, out: FloatTable | None, snapshots: int = 0
@@ -265,15 +276,18 @@ class Run:
         record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)
         seed = _Seed(start, settings, out, record, used, self.evaluation.for_run(start))
-        if not self.plain(settings.shaping):
-            return self._train_learners(seed)
-        return self._train_sparsely(seed) if self.rows else self._train_densely(seed)
+        if self.plain(settings.shaping):
+            return self._train_sparsely(seed) if self.rows else self._train_densely(seed)
+        shaping, fast = settings.shaping, self.learner.update == Q_LEARNING and bool(self.bounds)
+        if fast and shaping is not None and shaping.starts_at_potential:
+            return self._train_members(seed)
+        return self._train_learners(seed)
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
         if self.learner.update != Q_LEARNING:
             return False
-        return shaping is None or (shaping.starts_at_potential and shaping.guard is None)
+        return shaping is None or (shaping.starts_at_potential and shaping.portfolio is None)
 
     def check_sparse(self, settings: Sequence[SeedSettings]) -> None:
         """Raise SettingError unless the loop for sparse tables can train every seed."""
@@ -282,8 +296,8 @@ class Run:
                 entering = "no shaping" if shaping is None else shaping.name
                 raise SettingError(
                     "sparse tables are for QLearning with QInitialisation or LookAheadAdvice, "
-                    f"without a guard: got {type(self.learner).__name__} with {entering}"
-                    f"{' and a guard' if shaping is not None and shaping.guard else ''}"
+                    f"without a portfolio: got {type(self.learner).__name__} with {entering}"
+                    f"{' and a portfolio' if shaping is not None and shaping.portfolio else ''}"
                 )
             potential = None if shaping is None else shaping.potential
             if potential is not None and potential.kernel is None:
@@ -292,24 +306,50 @@ class Run:
                     f"(project): got {type(potential).__name__}, which is an array"
                 )
 
-    def _train_densely(self, seed: _Seed) -> Outcome:
-        def dense(q: FloatTable) -> DenseTable:
-            best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
-            key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
-            return DenseTable(q, best, greedy, key, self._width, far)
+    def _dense(self, seed: _Seed, q: FloatTable) -> DenseTable:
+        best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
+        key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
+        return DenseTable(q, best, greedy, key, self._width, far)
 
+    def _train_densely(self, seed: _Seed) -> Outcome:
         q = self._filled(seed.initial, seed.out)
-        acts, learnt = q, dense(q)
-        tables: Any = learnt, None
+        acts, learnt = q, self._dense(seed, q)
+        tables: Any = learnt, None, None
         if isinstance(self.learner, OptimisticQLearning):
             assert self.learner.value_range is not None
             lowest, highest = self.learner.value_range
             acts = np.add(q, highest - lowest, dtype=q.dtype)
             if self.task.terminal is not None:
                 acts[self.task.terminal] = 0.0
-            tables = dense(acts), Beside(learnt, highest)
+            tables = self._dense(seed, acts), Beside(learnt, highest), None
         steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
+        return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
+
+    def _train_members(self, seed: _Seed) -> Outcome:
+        """Train the source's learner, an optimist and its second table as rows of one table."""
+        shaping, (lowest, highest) = seed.settings.shaping, cast(tuple[float, float], self.bounds)
+        assert shaping is not None
+        assert shaping.portfolio is not None
+        n, n_actions = self.shape
+        q = np.empty((3 * n, n_actions), self.storage.dtype)
+        for k, start in enumerate((None, highest, lowest)):
+            self._filled(seed.initial if k == 0 else None, q[k * n : (k + 1) * n], start)
+        table = self._dense(seed, q)
+
+        def part(k: int) -> DenseTable:
+            rows = slice(k * n, (k + 1) * n)
+            arrays = {name: getattr(table, name)[rows] for name in ("q", "row_max", "row_argmax")}
+            return table._replace(**arrays)
+
+        tally, visits = Tally.empty(n), np.zeros(self.shape, np.int64)
+        rows, learnt = np.uint64(n), part(2)
+        kernel = shaping.portfolio.kernel
+        members = Members(kernel, tally, rows, highest, visits, part(0), learnt)
+        tables = table, None, members
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, :n])
+        if seed.out is not None:
+            seed.out[...] = q[:n] if tally.share[0] > UNDECIDED else learnt.q
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
     def _train_sparsely(self, seed: _Seed) -> Outcome:
@@ -333,7 +373,9 @@ class Run:
             self._width,
             (None,),
         )
-        steps, episodes = self._loop(train_q_learning, seed, (table, None), table, table.q[None])
+        steps, episodes = self._loop(
+            train_q_learning, seed, (table, None, None), table, table.q[None]
+        )
         checkpoint, rest = divmod(steps, self.eval_freq)
         stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
@@ -348,23 +390,27 @@ class Run:
         return Outcome(seed.record, values, steps, episodes, seed.evaluation.steps, full)
 
     def _train_learners(self, seed: _Seed) -> Outcome:
-        """Train a learner with a shaping; under a guard also a learner without it."""
+        """Train a learner with a shaping; in a portfolio also an optimist or one without it."""
         shaping, record = seed.settings.shaping or QInitialisation(), seed.record
-        guard, n = shaping.guard, 1 if shaping.guard is None else 2
-        q = np.empty((n, self.learner.tables, *self.shape), self.storage.dtype)
-        for k, tables in enumerate(q):
+        portfolio, starts = shaping.portfolio, list[float | None]([None])
+        if portfolio is not None:
+            starts = [None, None] if self.bounds is None else [*self.bounds, None]
+        q = np.empty((len(starts), self.learner.tables, *self.shape), self.storage.dtype)
+        for k, (tables, start) in enumerate(zip(q, starts, strict=True)):
             for table in tables:
-                self._filled(None if guard is not None and k == SCRATCH else seed.initial, table)
-        kernel = None if guard is None else guard.kernel
-        learners = Learners.starting(q, self.learner.update, shaping.kernel(), kernel)
+                self._filled(seed.initial if k == len(q) - 1 else None, table, start)
+        kernel = NO_PORTFOLIO if portfolio is None else portfolio.kernel
+        highest = 0.0 if self.bounds is None else self.bounds[1]
+        learners = Learners.starting(q, self.learner.update, shaping.kernel(), kernel, highest)
         acting = Acting(q[0], False, learners.shaping.pair_values, 0.0, learners.values)
-        steps, episodes, ahead = self._loop(train, seed, learners, acting, q[-1])
+        steps, episodes = self._loop(train, seed, learners, acting, q[-1])
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
-            if guard is None or record.guard_share[checkpoint] > UNDECIDED:
+            if portfolio is None or record.source_share[checkpoint] > UNDECIDED:
                 step = checkpoint * self.eval_freq
                 values += shaping.offset(step) + shaping.advice(step)
-        if guard is not None and ahead == SCRATCH:
-            shaping = QInitialisation()
+        ahead = -1
+        if portfolio is not None and learners.tally.share[0] <= UNDECIDED:
+            shaping, ahead = QInitialisation(), 0
         if seed.out is not None:
             initial = shaping.potential if shaping.starts_at_potential else None
             seed.out[...] = q[ahead].mean(axis=0) + shaping.offset(steps)
@@ -424,10 +470,15 @@ class Run:
         n_actions = self.task.actions.size
         return (None,) * (n_actions if n_actions <= UNROLLED else 0)
 
-    def _filled(self, potential: Any, q: FloatTable | None = None) -> FloatTable:
-        """Fill a table, a new one without `q`, with the initial value plus the potential."""
+    def _filled(
+        self, potential: Any, q: FloatTable | None = None, initial: float | None = None
+    ) -> FloatTable:
+        """Fill a table, a new one without `q`, with an initial value plus the potential.
+
+        By default it is that of the learner.
+        """
         q = np.empty(self.shape, self.storage.dtype) if q is None else q
-        initial = float(self.learner.initial_value)
+        initial = float(self.learner.initial_value) if initial is None else initial
         if potential is None:
             q[...] = initial
         else:

@@ -128,7 +128,7 @@ class ByVisits(NamedTuple):
 
 
 # Types of their own: a check of the shape at each step would take 5 % of the fast loop's time, and
-# 80 % of that of a guarded one.
+# 80 % of that of one with two learners.
 
 
 def at(schedule, step):

@@ -62,8 +62,8 @@ def seed_settings(
                 f"{type(shaping).__name__}"
             )
         shaping.check(learner)
-        if shaping.guard is not None and shaping.potential is None:
-            raise SettingError("a guard needs a potential: got a shaping without one")
+        if shaping.portfolio is not None and shaping.potential is None:
+            raise SettingError("a portfolio needs a potential: got a shaping without one")
         shaping = fitted(shaping)
         return None if shaping.potential is None else shaping  # nothing added is no shaping
 

@@ -14,8 +14,8 @@ from curricle.arrays import frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
-from curricle.learning.guard import Guard
 from curricle.learning.learners import SARSA, Learner, OptimisticQLearning
+from curricle.learning.portfolio import Portfolio
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import constant, schedule
 from curricle.tasks.mdp import Task, generative_model, same_task
@@ -59,8 +59,8 @@ class Shaping(ABC):
     at_ends: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
-        if self.guard is not None:
-            instance(f"guard of {self.name}", self.guard, Guard, SettingError)
+        if self.portfolio is not None:
+            instance(f"portfolio of {self.name}", self.portfolio, Portfolio, SettingError)
 
     @property
     @abstractmethod
@@ -68,8 +68,8 @@ class Shaping(ABC):
         """The potential, or None."""
 
     @property
-    def guard(self) -> Guard | None:
-        """The guard against a harmful potential, if there is one."""
+    def portfolio(self) -> Portfolio | None:
+        """The portfolio in which the learner takes turns with another, if there is one."""
         return None
 
     @property
@@ -99,12 +99,12 @@ class Shaping(ABC):
             raise SettingError(
                 f"{self.name} is not a shaping for learners with {kind}: got {learner!r}"
             )
-        if self.guard is not None and not tabular:
-            raise SettingError(f"a guard is for learners with tables: got {learner!r}")
+        if self.portfolio is not None and not tabular:
+            raise SettingError(f"a portfolio is for learners with tables: got {learner!r}")
         if not isinstance(learner, OptimisticQLearning):
             return
-        if self.guard is not None:
-            raise SettingError(f"OptimisticQLearning takes no guard: got {self.guard!r}")
+        if self.portfolio is not None:
+            raise SettingError(f"OptimisticQLearning takes no portfolio: got {self.portfolio!r}")
         if not self.starts_at_potential:
             raise SettingError(
                 "OptimisticQLearning has bounds of the task's own values, so it takes a potential "
@@ -170,15 +170,15 @@ class Shaping(ABC):
 
 
 @dataclass(frozen=True)
-class _Guarded(Shaping):
-    """A shaping by a potential, which a guard may accompany."""
+class _ByPotential(Shaping):
+    """A shaping by a potential."""
 
     potential: Any = field(default=None, repr=False)
-    guard: Guard | None = None
+    portfolio: Portfolio | None = None
 
 
 @dataclass(frozen=True)
-class _StartsAtPotential(_Guarded):
+class _StartsAtPotential(_ByPotential):
     """Q-initialisation and look-ahead advice, which are the same computation."""
 
     for_networks: ClassVar[bool] = True
@@ -205,7 +205,7 @@ class QInitialisation(_StartsAtPotential):
     Parameters
     ----------
     potential : StateActionPotential, MappedPotential or (S, A) array, optional
-    guard : Guard, optional
+    portfolio : Portfolio, optional
 
     Examples
     --------
@@ -225,7 +225,7 @@ class LookAheadAdvice(_StartsAtPotential):
 
     Parameters
     ----------
-    potential, guard : optional
+    potential, portfolio : optional
         As for :class:`QInitialisation`.
 
     Examples
@@ -236,7 +236,7 @@ class LookAheadAdvice(_StartsAtPotential):
 
 
 @dataclass(frozen=True)
-class LookBackAdvice(_Guarded):
+class LookBackAdvice(_ByPotential):
     """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
 
     An update contains phi of the step before, averaged over all ways into a state, so the optimum
@@ -246,7 +246,7 @@ class LookBackAdvice(_Guarded):
 
     Parameters
     ----------
-    potential, guard : optional
+    potential, portfolio : optional
         As for :class:`QInitialisation`.
 
     Examples
@@ -288,7 +288,7 @@ class LookBackAdvice(_Guarded):
 
 
 @dataclass(frozen=True)
-class StateShaping(_Guarded):
+class StateShaping(_ByPotential):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
     Q is learnt as Q* - Phi. Where Phi changes with time, Q lags behind it by an unknown amount: the
@@ -298,7 +298,7 @@ class StateShaping(_Guarded):
     ----------
     potential : StatePotential or (S,) array, optional
         From phi(s, a), also an (S, A) array, it takes Phi(s) = max_a phi(s, a).
-    guard : Guard, optional
+    portfolio : Portfolio, optional
 
     Examples
     --------
@@ -357,7 +357,7 @@ class DecayingAdvice(Shaping):
         As for :class:`QInitialisation`.
     weight : float or Schedule
         xi(t); a schedule counts steps.
-    guard : Guard, optional
+    portfolio : Portfolio, optional
 
     Examples
     --------
@@ -368,7 +368,7 @@ class DecayingAdvice(Shaping):
 
     potential: Any = field(default=None, repr=False)
     weight: Any = 1.0
-    guard: Guard | None = None
+    portfolio: Portfolio | None = None
 
     adds: ClassVar[int] = ADVICE
     theorem: ClassVar[str] = "Behboudian et al. 2020"
@@ -403,7 +403,7 @@ class DecayingAdvice(Shaping):
 
 
 @dataclass(frozen=True)
-class RewardBonus(_Guarded):
+class RewardBonus(_ByPotential):
     """Rewards get phi(s, a) itself.
 
     This is not potential-based and can change the optimal policy; it is here to show reward
@@ -411,7 +411,7 @@ class RewardBonus(_Guarded):
 
     Parameters
     ----------
-    potential, guard : optional
+    potential, portfolio : optional
         As for :class:`QInitialisation`.
 
     Examples

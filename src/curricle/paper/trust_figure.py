@@ -1,4 +1,4 @@
-"""Beyond the paper: forecast, calibration, controls, guard and a source left out.
+"""Beyond the paper: forecast, calibration, controls, portfolio and a source left out.
 
 The claims answer the paper's questions, each with a control.
 """
@@ -108,7 +108,11 @@ STYLES = {
     "mean": ("blue", "--"),
     "mean, calibrated": ("blue", "-"),
 }
-MAZES = {"scratch": "black", "from the 3x3 corner": "vermillion", "the same, guarded": "green"}
+MAZES = {
+    "scratch": "black",
+    "from the 3x3 corner": "vermillion",
+    "the same, in a portfolio": "green",
+}
 SHOWN = 60_000  # steps in the maze that are drawn
 
 
@@ -128,9 +132,9 @@ def trust(studies: Studies) -> FigureResult:
     )
     hunts = hunts_of(studies)
     scratch = mazes.Maze.learnt(studies, -5)
-    guard = studies.run("guard", "guard")
-    guarded = {arm: guard.results[arm]["target"] for arm in MAZES}
-    added = wrong_choices_added(guard)
+    played = studies.run("portfolio", "portfolio")
+    shared = {arm: played.results[arm]["target"] for arm in MAZES}
+    added = wrong_choices_added(played)
     refused = refused_calibrations(studies, -5)
     studies.say("maze, calibration")
     arena = maze(-5)
@@ -147,7 +151,7 @@ def trust(studies: Studies) -> FigureResult:
         panel.set(xlabel="target steps (thousands)", ylabel=ylabel, title=title)
         panel.legend(loc="center right")
     _draw_controls(axes[1, 0], compared, controls)
-    _draw_guard(axes[1, 1], guarded, scratch.threshold)
+    _draw_portfolio(axes[1, 1], shared, scratch.threshold)
     title = f"the 3x3 corner left out, after {EXAMINED:,} steps"
     unit = "wrong choices added by the source (% of seeds)"
     draw_potential(axes[1, 2], arena, 100 * added, label=title, unit=unit, difference=True)
@@ -171,15 +175,15 @@ def trust(studies: Studies) -> FigureResult:
         "with 95 % bands; the episodes of a calibration come first and count. Bottom left: mean "
         "return above that of scratch at the same number of target and source steps (strong "
         "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a "
-        "guard (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "
-        f"with the source than without it, after {EXAMINED:,} steps.",
+        "portfolio (weak transfer). Bottom right: states whose greedy choice is wrong in more "
+        f"seeds with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
         tables={"trust": table},
         claims=[
             *_forecast_claims(predicted, compared, hunts),
             *_calibration_claims(hunts),
             *_control_claims(controls),
-            *_maze_claims(scratch, guarded, added, refused),
+            *_maze_claims(scratch, shared, added, refused),
         ],
         settings={
             "pursuit": "both must catch; discount 0.95, truncated at 100 steps (7x7: 200)",
@@ -222,15 +226,18 @@ def _draw_controls(panel: Any, compared: Comparison, controls: Comparison) -> No
     panel.set(xlabel="gain over scratch (mean return, strong transfer)")
 
 
-def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: float) -> None:
+def _draw_portfolio(panel: Any, shared: Mapping[str, LearningResult], threshold: float) -> None:
     for name, colour in MAZES.items():
-        result = guarded[name]
+        result = shared[name]
         keep = result.steps <= SHOWN
         curve = Curve(result.steps[keep], result.greedy_return[:, keep])
         draw_curve(panel, curve, label=name, colour=colour, window=mazes.WINDOW)
     draw_level(panel, threshold, ls=":")
     in_thousands(panel)
-    ylabel, title = "greedy return (sum of rewards)", "a harmful source, with and without a guard"
+    ylabel, title = (
+        "greedy return (sum of rewards)",
+        "a harmful source, with and without a portfolio",
+    )
     panel.set(xlabel="target steps (thousands)", ylabel=ylabel, ylim=(-1700, 150), title=title)
     panel.legend(loc="lower right")
 
@@ -365,7 +372,7 @@ def _control_claims(controls: Comparison) -> Iterator[Claim]:
 
 def _maze_claims(
     scratch: mazes.Maze,
-    guarded: Mapping[str, LearningResult],
+    shared: Mapping[str, LearningResult],
     added_wrong: FloatArray,
     refused: Mapping[int, float],
 ) -> Iterator[Claim]:
@@ -380,16 +387,17 @@ def _maze_claims(
     )
     threshold = scratch.threshold
     steps = {
-        name: mazes.times(Curve.of(result), threshold).steps for name, result in guarded.items()
+        name: mazes.times(Curve.of(result), threshold).steps for name, result in shared.items()
     }
     alone = steps.pop("scratch")
     saved = {name: mean_interval(alone - reached) for name, reached in steps.items()}
     yield Claim(
-        "trust.guard",
-        "A harmful source (size 3) does no harm, within noise, to a learner with a guard",
+        "trust.portfolio",
+        "A harmful source (size 3) does no harm, within noise, to a learner with a portfolio",
         "10x10 maze, step reward -5; target steps to the threshold saved",
         answer(
-            saved["the same, guarded"].high >= 0 and saved["from the 3x3 corner"].high < -10_000
+            saved["the same, in a portfolio"].high >= 0
+            and saved["from the 3x3 corner"].high < -10_000
         ),
         {f"{name}, steps saved": value for name, value in saved.items()}
         | {"scratch, steps to threshold": mean_interval(alone)},

@@ -283,13 +283,13 @@ def forecast_sections(
             if curricula.arms[arm].potential in names and arm in same:
                 used.setdefault(curricula.arms[arm].potential, []).append(arm)
             *_, target = learnt[arm].values()
-            guarded = np.isfinite(target.guard_share[:, 0]).any()  # it begins without phi
+            shared = np.isfinite(target.source_share[:, 0]).any()  # it begins without phi
             start = target.greedy_return[:, 0].mean()
-            measured[arm] = "guarded" if guarded else rounded(float(start))
+            measured[arm] = "portfolio" if shared else rounded(float(start))
         starts = {name: [measured[arm] for arm in arms] for name, arms in used.items()}
         for name, texts in starts.items():
-            if {*texts} == {"guarded"}:
-                starts[name] = ["guarded"]
+            if {*texts} == {"portfolio"}:
+                starts[name] = ["portfolio"]
         other = [arm for arm in record.arms if arm not in same]
         section = {"record": record, "used": used, "starts": starts}
         sections.append({**section, "same_sources": same, "other_sources": other})

@@ -574,7 +574,7 @@ class Settings(Table):
     default a tenth of the target's, which all such sources share."""
     shaping: AnyShaping = None
     """How a potential, or a network, enters learning: its name, or { type = "QInitialisation",
-    guard = true }, which is the default where it is possible."""
+    portfolio = true }, which is the default where it is possible."""
     eval_freq: Whole | None = None
     """Steps between checkpoints; a hundredth of the budget by default."""
     evaluation: Annotated[Any, Choice((EvaluationTable,))] = EvaluationTable()

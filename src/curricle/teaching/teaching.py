@@ -193,6 +193,7 @@ def teach(
         stopping=stopping_kernel(budget, tasks[target], evaluation),
         storage=Storage(),
         rows=0,
+        bounds=None,
         task_set=task_set,
         teacher=teacher,
         stream=stream,

@@ -73,7 +73,7 @@ def test_a_guard_and_a_rollout_see_a_cut_too():
     phi = cr.StateActionPotential(task, [[0.0]])
     rate = cr.QLearning(learning_rate=1.0)
     learnt = cr.learn(
-        task, rate, 100, shaping=cr.QInitialisation(phi, guard=cr.Guard()), evaluation=OFF
+        task, rate, 100, shaping=cr.QInitialisation(phi, portfolio=cr.Portfolio()), evaluation=OFF
     )
     assert learnt.episodes_used[0] == 100
     assert learnt.values[0, 0, 0] == pytest.approx(2.0)

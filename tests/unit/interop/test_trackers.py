@@ -164,7 +164,7 @@ def some_result(seeds=(0, 7), n=5, guarded=False):
         evaluation_steps=np.zeros(len(seeds), np.int64),
         out_of_memory=np.zeros(len(seeds), np.bool_),
         own_rewards=np.ones(len(seeds), np.bool_),
-        guard_share=rng.random(shape) if guarded else np.full(shape, np.nan),
+        source_share=rng.random(shape) if guarded else np.full(shape, np.nan),
     )
 
 
@@ -174,7 +174,7 @@ def expected(result, k):
         "rollout/ep_rew_mean": result.training_return,
         "eval/mean_reward": result.greedy_return,
         "time/episodes": result.episodes,
-        "curricle/guard_share": result.guard_share,
+        "curricle/source_share": result.source_share,
     }
     values = {}
     for tag, curve in curves.items():
@@ -216,7 +216,7 @@ def test_tensorboard_shows_the_curves(tmp_path, guarded):
     for k, seed in enumerate(result.seeds):
         shown = read_board(tmp_path / "tensorboard" / "mean" / "hunt" / f"seed-{seed}")
         assert shown == as_float32(expected(result, k))
-        assert ("curricle/guard_share" in shown) is guarded
+        assert ("curricle/source_share" in shown) is guarded
 
 
 def test_tensorboard_has_the_settings_as_hyperparameters(tmp_path):

@@ -256,7 +256,7 @@ def test_a_control_waits_for_the_arm_that_it_is_of(tmp_path):
         "scratch",
         "transfer",
         "transfer, placebo",
-        "transfer, placebo, unguarded",
+        "transfer, placebo, alone",
     ]
     target = results.record.keys["transfer", "maze"]
     for unit in results.store.units():

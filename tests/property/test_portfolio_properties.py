@@ -17,8 +17,8 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from curricle.learning.guard import SHAPED, UNDECIDED, Tally, next_turn
-from curricle.tasks.kernel import compiled
+from curricle.learning.portfolio import SOURCE, Tally, next_turn
+from curricle.tasks.kernel import compiled, splitmix64
 from curricle.transfer.calibration import fit_calibration
 
 STEPS, VISITS = 200_000, 2500
@@ -33,10 +33,15 @@ class Problem:
     optimum: np.ndarray  # (S, A)
     noise: float  # the largest standard deviation of r + gamma V*(s') over pairs
 
-    def allowed(self, potential):
-        """Return how far learning may end from the optimum."""
+    def allowed(self, potential, portfolio=None):
+        """Return how far learning may end from the optimum.
+
+        In a portfolio the learner that explores acts in one of `longest_rest` turns at least, and
+        an optimist's rate forgets more slowly how far its start was wrong, by 20 at most.
+        """
         wrong = abs(potential.values - self.optimum).max()
-        return 6 * np.sqrt(6.25 / VISITS) * self.noise + 1e-5 * wrong + 1e-7
+        rest, forgot = (1, 1e-5) if portfolio is None else (portfolio.longest_rest, 1e-2)
+        return 6 * np.sqrt(6.25 * rest / VISITS) * self.noise + forgot * (wrong + 20) + 1e-7
 
 
 @st.composite
@@ -74,47 +79,47 @@ def potentials(draw, problem):
     return cr.StateActionPotential(problem.task, values)
 
 
-guards = st.builds(
-    cr.Guard,
-    share_behind=st.floats(0.01, 0.5),
-    share_ahead=st.floats(0.51, 0.99),
+portfolios = st.builds(
+    cr.Portfolio,
+    first_turns=st.integers(2, 50),
     memory=st.integers(2, 50),
+    longest_rest=st.integers(2, 9),
 )
 
 
-def learnt(problem, potential, guard=None, seed=0):
+def learnt(problem, potential, portfolio=None, seed=0):
     return cr.learn(
         problem.task,
         LEARNER,
         STEPS,
         seeds=[seed],
-        shaping=cr.QInitialisation(potential, guard=guard),
+        shaping=cr.QInitialisation(potential, portfolio=portfolio),
         eval_freq=STEPS // 50,
         workers=1,
     )
 
 
-@given(problems(), guards, st.data(), st.integers(0, 1000))
-def test_a_guarded_learner_finds_the_optimum_whatever_it_was_told(problem, guard, data, seed):
+@given(problems(), portfolios, st.data(), st.integers(0, 1000))
+def test_a_portfolio_finds_the_optimum_whatever_the_potential(problem, portfolio, data, seed):
     phi = data.draw(potentials(problem))
-    result = learnt(problem, phi, guard, seed)
-    assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(phi)
-    share = result.guard_share[0]
+    result = learnt(problem, phi, portfolio, seed)
+    share = result.source_share[0]
     assert share[0] == 0.5
-    ahead = (share > 0.5) & (share <= guard.share_ahead)
-    assert (ahead | (share == guard.share_behind) | (share == 0.5)).all()
+    assert ((share >= 0) & (share <= 1)).all()
+    # The optimist's rate, (H + 1) / (H + n) with H + 1 <= 5, is at most that of the learner.
+    assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(phi, portfolio)
 
 
-# -- how many steps the learner with the potential gets ------------------------------------------
+# -- who acts --------------------------------------------------------------------------------------
 
 
-def _turns(guard, tally, turns, begun):
-    """Play turns of given lengths and returns, (E, 3); note who acted and if phi was ahead."""
-    share, acting = UNDECIDED, SHAPED
+def _turns(portfolio, tally, turns, acted):
+    """Play turns of given first states, lengths and returns, (E, 5); note who acted."""
+    acting = SOURCE
     for i in range(len(turns)):
-        begun[i, 0], begun[i, 1] = acting, share > UNDECIDED
-        turn = acting, turns[i, 0], turns[i, 1 + acting]
-        share, acting = next_turn(guard, tally, turn, share)
+        acted[i] = acting
+        turn = acting, np.uint64(turns[i, 0]), turns[i, 1], turns[i, 2 + acting]
+        acting = next_turn(portfolio, tally, turn, splitmix64(np.uint64(turns[i, 4])))
 
 
 @st.composite
@@ -130,19 +135,20 @@ def adversaries(draw):
     return np.column_stack([lengths, returns])
 
 
-@given(guards, adversaries())
-def test_steps_of_a_learner_that_is_behind_are_bounded(guard, turns):
-    """The theorem of :class:`Guard`, for any returns and lengths, after every turn."""
-    begun = np.zeros((len(turns), 2))
-    compiled(_turns, False)(guard.kernel, Tally.empty(), turns, begun)
-    lengths, shaped, ahead = turns[:, 0], begun[:, 0] == 1, begun[:, 1] == 1
-    longest = np.maximum.accumulate(np.where(shaped, lengths, 0))
-    behind = np.cumsum(np.where(ahead, 0, lengths))
-    allowed = guard.share_behind * behind + 3 * longest
-    assert (np.cumsum(np.where(shaped & ~ahead, lengths, 0)) <= allowed + 1e-6).all()
-    unshaped = (1 - guard.share_behind) * behind
-    unshaped += (1 - guard.share_ahead) * np.cumsum(np.where(ahead, lengths, 0))
-    assert (np.cumsum(np.where(shaped, 0, lengths)) >= unshaped - 4 * longest - 1e-6).all()
+@given(portfolios, adversaries())
+def test_each_learner_acts_in_any_turns_of_the_longest_rest(portfolio, turns):
+    """The theorem of :class:`Portfolio`, for any returns and lengths."""
+    acted = np.zeros(len(turns), np.uint64)
+    rng = np.random.default_rng(len(turns))
+    turns = np.column_stack(
+        [rng.integers(0, 3, len(turns)), turns, rng.integers(0, 99, len(turns))]
+    )
+    compiled(_turns, False)(portfolio.kernel, Tally.empty(3), turns, acted)
+    rest = portfolio.longest_rest
+    for first in range(len(acted) - rest + 1):
+        assert 0 < acted[first : first + rest].sum() < rest
+    before = acted[: portfolio.first_turns] if portfolio.first_turns < rest else acted[:0]
+    assert (acted[: len(before)] == SOURCE).sum() <= 5  # its first turns, while others have theirs
 
 
 @st.composite
@@ -172,12 +178,13 @@ def test_calibration_keeps_the_greedy_policy(problem, data):
     )
 
 
-@given(problems(), st.data(), st.sampled_from([None, cr.Guard()]))
-def test_a_calibrated_learner_finds_the_optimum(problem, data, guard):
+@given(problems(), st.data(), st.sampled_from([None, cr.Portfolio(longest_rest=5)]))
+def test_a_calibrated_learner_finds_the_optimum(problem, data, portfolio):
     calibration = fit_calibration(data.draw(guesses(problem)), SETTINGS)
     assume(not calibration.refusal)
-    result = learnt(problem, calibration.potential, guard)
-    assert abs(result.values[0] - problem.optimum).max() <= problem.allowed(calibration.potential)
+    result = learnt(problem, calibration.potential, portfolio)
+    allowed = problem.allowed(calibration.potential, portfolio)
+    assert abs(result.values[0] - problem.optimum).max() <= allowed
 
 
 @given(problems(), st.data(), st.integers(0, 1000))

@@ -1,0 +1,179 @@
+"""Is the portfolio as good as the better of its learners? Bars: no loss above .1, 85 % of the gain.
+
+    python -m benchmarks.portfolio --split verification --seeds 20
+
+Played are the sensible sources of the pairs, by their default budgets, each also negated, and two
+deceptive cases: lines whose near prize the source knows, and an inventory's negated potential (a
+pair of the stocks). Scores are mean returns while learning, as shares of the way from the random
+policy (0) to the optimum (1): of the training episodes (t), and of the greedy policy (g). Gains
+are over learning from scratch; a loss is against the best of scratch, the raw source and the
+optimistic learner. The source's steps are not charged, as all that the portfolio decides on comes
+after them; `cost` is their share of the target's.
+"""
+
+import argparse
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import curricle as cr
+from benchmarks.pairs import Pair, pairs
+from benchmarks.pairs.pair import Family, default
+from benchmarks.pairs.worlds import by_place, task_of
+from curricle.learning import OptimisticQLearning
+from curricle.planning.target import Target
+from curricle.statistics.curves import Curve, mean_return
+
+PARTS, MOST_LOSS, LEAST_KEPT = 20, 0.1, 0.85
+RIVALS = ("scratch", "source", "optimist")
+EXPLORING_RUINS = ("gambler",)
+"""Families where random play earns nine tenths of the optimum, and exploring loses the stake."""
+MOVE = cr.Component("move", 2, labels=("left", "right"))
+
+
+def line(n: int, far: float = 1.0) -> cr.FiniteMDP:
+    """Return a line with a prize of .3 near the start and another at its far end."""
+
+    def outcomes(point: Any, action: int) -> Any:
+        to = point[0] + (1 if action else -1)
+        return [(1.0, (to,), 0.3 if to == 0 else far if to == n - 1 else 0.0)]
+
+    return task_of(
+        [(i,) for i in range(n)], ("place",), MOVE, outcomes,
+        ends=lambda point: point[0] in (0, n - 1), starts=lambda point: point[0] == 2,
+        discount=0.95, time_limit=100,
+    )  # fmt: skip
+
+
+def lines(split: str) -> Family:
+    """Return lines whose source knows the near prize alone."""
+    family = Family("deceptive", "verification" if split == "verification" else "development")
+    for n in (8, 10, 12) if split == "verification" else (9, 11, 13):
+        target, source = family.target(f"line {n}", line(n), 15_000), line(n, far=0.0)
+        family.add("near", f"near prize, {n}", source, by_place(target, source), budget=1000)
+    return family
+
+
+def bets(goal: int, chance: float) -> cr.FiniteMDP:
+    """Return the gambler's problem: stakes of 1, 2, 4, ... until all or nothing."""
+    stakes = [2**k for k in range(goal.bit_length() - 1)]
+
+    def outcomes(point: Any, action: int) -> Any:
+        stake = min(stakes[action], point[0], goal - point[0])
+        won = point[0] + stake
+        return [
+            (chance, (won,), 1.0 if won == goal else 0.0),
+            (1 - chance, (point[0] - stake,), 0.0),
+        ]
+
+    return task_of(
+        [(i,) for i in range(goal + 1)], ("place",), cr.Component("stake", len(stakes)), outcomes,
+        ends=lambda point: point[0] in (0, goal), starts=lambda point: point[0] == goal // 2,
+        discount=1.0, time_limit=500,
+    )  # fmt: skip
+
+
+def gamblers() -> Family:
+    """Return the gambler's problem with 32 coins, from a kinder one and a fair one."""
+    family = Family("gambler", "verification")
+    target = family.target("32 coins", bets(32, 0.4), 40_000)
+    for kind, chance in (("near", 0.45), ("far", 0.5)):
+        source = bets(32, chance)
+        family.add(kind, f"chance {chance}", source, by_place(target, source), budget=4_000)
+    return family
+
+
+def chosen(split: Any) -> Iterator[Pair]:
+    """Yield the sensible pairs of a split, each also negated."""
+    extra = [*lines(split).pairs.values()]
+    extra += gamblers().pairs.values() if split == "verification" else ()
+    for pair in (pair for pair in [*pairs(split), *extra] if pair.sensible):
+        yield pair
+        yield replace(pair, name=f"{pair.name}, negated", kind="negated", scale=-pair.scale)
+
+
+def level(task: Any, **settings: Any) -> tuple[float, float]:
+    """Return the random policy's return and the optimum."""
+    target = Target.of(task, cr.GreedyEvaluation(method="exact", **settings))
+    return float(target.random_return), float(target.optimum)
+
+
+def played(pair: Pair, seeds: int) -> dict[str, Any]:
+    """Return the scores of all arms of a pair."""
+    task, steps = pair.target, pair.target_budget
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        curriculum = default(pair)
+        source = curriculum.train(seeds, only="source", workers=1)["source"]
+        potentials = curriculum.potentials("target", {"source": source})
+    greedy, training = level(task), level(task, discounted=False)
+    portfolio = [cr.QInitialisation(phi, portfolio=cr.Portfolio()) for phi in potentials]
+    arms: dict[str, Any] = {
+        "scratch": {},
+        "source": {"shaping": [cr.QInitialisation(phi) for phi in potentials]},
+        "optimist": {"learner": OptimisticQLearning()},
+        "portfolio": {"shaping": portfolio},
+    }
+    row: dict[str, Any] = {"pair": pair.name, "family": pair.family}
+    row["cost"] = float(np.mean(source.steps_used)) / steps
+    for arm, settings in arms.items():
+        result = cr.learn(
+            task, budget=steps, seeds=seeds, eval_freq=steps // PARTS, workers=1,
+            evaluation=cr.GreedyEvaluation(method="exact"), **settings,
+        )  # fmt: skip
+        curve = result.training_return[:, 1:].copy()
+        for k in range(curve.shape[1]):  # a part in which no episode ends keeps the last mean
+            last = curve[:, k - 1] if k else np.full(len(curve), training[0])
+            curve[:, k] = np.where(np.isnan(curve[:, k]), last, curve[:, k])
+        height = mean_return(Curve(result.steps, result.greedy_return)).mean()
+        row[arm] = {
+            "t": (curve.mean() - training[0]) / (training[1] - training[0]),
+            "g": (height - greedy[0]) / (greedy[1] - greedy[0]),
+        }
+        if arm == "portfolio":
+            row["share"] = float(result.source_share[:, 1:].mean())
+    return row
+
+
+def main() -> None:
+    """Play all pairs, print a row for each and the bars."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--split", default="development")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--workers", type=int, default=2)
+    settings = parser.parse_args()
+    rows = []
+    print(f"{'':46}cost share  " + "  ".join(f"{arm:>10}" for arm in (*RIVALS, "portfolio")))
+    with ProcessPoolExecutor(settings.workers) as pool:
+        for row in pool.map(partial(played, seeds=settings.seeds), chosen(settings.split)):
+            rows.append(row)
+            cells = (f"{row[arm]['t']:5.2f}{row[arm]['g']:5.2f}" for arm in (*RIVALS, "portfolio"))
+            head = f"{row['pair'][:45]:46}{row['cost']:4.2f} {row['share']:5.2f}  "
+            print(head + "  ".join(cells), flush=True)
+    for name in ("t", "g"):
+        judge(name, [row for row in rows if row["family"] not in EXPLORING_RUINS])
+
+
+def judge(name: str, rows: list[dict[str, Any]]) -> None:
+    """Print the bars on training returns or on greedy ones."""
+    scores = np.array([[row[arm][name] for arm in (*RIVALS, "portfolio")] for row in rows])
+    loss = scores[:, :3].max(axis=1) - scores[:, 3]
+    kept = (scores[:, 3] - scores[:, 0]).mean() / (scores[:, 1:3].max(axis=1) - scores[:, 0]).mean()
+    lost = [f"{rows[k]['pair']} {loss[k]:.2f}" for k in np.argsort(-loss) if loss[k] > MOST_LOSS]
+    deceptive = [k for k, row in enumerate(rows) if row["family"] == "deceptive"]
+    behind = (scores[deceptive, 2] - scores[deceptive, 3]).max()
+    met = "MET" if not lost and kept >= LEAST_KEPT else "MISSED"
+    print(
+        f"{name}: {met}; largest loss {loss.max():.2f}, above {MOST_LOSS} in {len(lost)} of "
+        f"{len(rows)} ({'; '.join(lost)}); keeps {kept:.0%} of the better one's gain; at most "
+        f"{behind:.2f} behind the optimistic learner on deceptive lines"
+    )
+
+
+if __name__ == "__main__":
+    main()
