@@ -1,22 +1,24 @@
 """Print the tables of docs/trust.md from folders of the studies here.
 
     for study in benchmarks/pairs/*.toml; do
-        curricle run $study --out pairs/$(basename $study .toml)
-        curricle run $study --out raw/$(basename $study .toml) --set shaping=QInitialisation \\
+        name=$(basename $study .toml)
+        curricle run $study --out pairs/$name
+        curricle run $study --out raw/$name --set shaping=QInitialisation \\
             --set controls=[] --set opponents=[]
     done
     python -m benchmarks.pairs forecasts benchmarks/pairs/*.toml > forecasts.json
     python -m benchmarks.pairs again pairs/* | sh       # what pays, on 40 fresh seeds, into again/
-    python -m benchmarks.pairs gains pairs/* --raw raw/* --again again/* --forecasts forecasts.json
+    python -m benchmarks.pairs gains pairs/* --beside raw --again again --forecasts forecasts.json
 
-Gains are shares of the way from the random policy's return to the optimum, of the mean over all
-steps, sources charged, with Student intervals at 95 %. A sensible source is near or far.
+`raw` is phi alone, without the portfolio of the default; other ways in are played like it and stand
+beside it. Gains are shares of the way from the random policy's return to the optimum, of the mean
+over all steps, sources charged, with Student intervals at 95 %. A sensible source is near or far.
 """
 
 import argparse
 import json
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from scipy.stats import rankdata
 import curricle as cr
 from benchmarks.pairs.families import pairs_of
 from benchmarks.pairs.pair import SENSIBLE, levels
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.opponents import CONSTANTS
 from curricle.statistics import mean_interval
 from curricle.statistics.curves import SCRATCH
 from curricle.study import StudyResults
@@ -53,20 +55,30 @@ class Played:
         """The curricula."""
         return [*self.comparison.controls]
 
-    def gains(self, arm: str, rival: str = SCRATCH, of: Comparison | None = None) -> np.ndarray:
-        """Return by how much an arm gains more than another, seed by seed, (K,)."""
+    def gains(self, arm: str, rival: str = SCRATCH, of: "Played | None" = None) -> np.ndarray:
+        """Return by how much an arm, here or of another study, gains more than one here, (K,)."""
         returns = self.comparison.returns
-        mine: np.ndarray = (self.comparison if of is None else of).returns[arm]
+        mine: np.ndarray = (of or self).comparison.returns[arm]
         return (mine - returns[rival]) / self.way
 
     def gain(self, arm: str) -> tuple[float, float, float]:
         """Return the gain over the best opponent: estimate, low and high."""
         gain = self.comparison.contrasts[arm].strong_gain
-        return tuple(float(x) / self.way for x in (gain.estimate, gain.low, gain.high))  # type: ignore[return-value]
+        return gain.estimate / self.way, gain.low / self.way, gain.high / self.way
 
     def pays(self, arm: str) -> bool:
         """Return whether the verdict is that an arm pays."""
         return self.comparison.contrasts[arm].verdict == "pays"
+
+
+Beside = Mapping[str, Mapping[str, Played]]  # ways in: by name, each study by its own
+
+
+def stored(home: str, folders: Sequence[str]) -> dict[str, Played]:
+    """Return the studies in a folder whose names some folders have, those that are there."""
+    there = [Path(home) / Path(folder).name for folder in folders]
+    played = [Played(str(path)) for path in there if path.exists()]
+    return {study.name: study for study in played}
 
 
 def sensible(arm: str) -> bool:
@@ -129,35 +141,37 @@ def short(values: Any) -> str:
     return f"{interval.estimate:+.2f}" + (f"±{half:.2f}" if np.isfinite(half) else "")
 
 
-def rows_of(study: Played, raw: Played | None, again: Played | None) -> Iterator[str]:
+def rows_of(study: Played, beside: Beside, again: Mapping[str, Played]) -> Iterator[str]:
     """Yield a line for each curriculum: gains, the best opponent and the verdict."""
     played = study.comparison
-    optimistic = study.gains(OPTIMISTIC) if OPTIMISTIC in played.arms else None
-    best = "" if optimistic is None else f"; {OPTIMISTIC} {short(optimistic)}"
-    yield f"{study.name}{best}"
+    best = f"; {OPTIMISTIC} {short(study.gains(OPTIMISTIC))}"
+    yield f"{study.name}{best if OPTIMISTIC in played.arms else ''}"
     for arm in study.arms:
-        alone = "" if raw is None else short(study.gains(arm, of=raw.comparison))
+        others = (study.gains(arm, of=way.get(study.name)) for way in beside.values())
+        gains = "".join(f"{short(gain):>11}" for gain in (study.gains(arm), *others))
         estimate, low, high = study.gain(arm)
         over = f"{estimate:+.2f} [{low:+.2f}, {high:+.2f}]"
         contrast = played.contrasts[arm]
         rival = played.best_opponent(arm).removeprefix(f"{arm}, ").removeprefix("scratch, ")
         words = ", ".join(filter(None, (contrast.verdict, contrast.reason)))
-        if again is not None and arm in again.arms:
-            words += f"; fresh seeds: {again.comparison.contrasts[arm].verdict}"
-        gains = f"{alone:>11}{short(study.gains(arm)):>11}{over:>22}"
-        yield f"  {arm[:42]:<43}{gains}  {rival:<22} {words}"
+        if study.name in again and arm in again[study.name].arms:
+            words += f"; fresh seeds: {again[study.name].comparison.contrasts[arm].verdict}"
+        yield f"  {arm[:42]:<43}{gains}{over:>22}  {rival:<22} {words}"
 
 
-def summary(studies: Sequence[Played], raws: Mapping[str, Played]) -> Iterator[str]:
-    """Yield mean gains over scratch by family, and what is lost against the best without phi."""
+def summary(studies: Sequence[Played], beside: Beside) -> Iterator[str]:
+    """Yield mean gains over scratch by family, verdicts, and who loses much against scratch."""
     yield "mean gain over scratch, families weighing the same: sensible sources, other sources"
-    columns = {
+    arms = [(study, arm) for study in studies for arm in study.arms]
+    columns: dict[str, Callable[[Played, str], np.ndarray]] = {
         "default": lambda study, arm: study.gains(arm),
-        "unguarded": lambda study, arm: study.gains(arm, of=raws[study.name].comparison),
+        **{
+            name: lambda study, arm, way=way: study.gains(arm, of=way.get(study.name))
+            for name, way in beside.items()
+        },
         "placebo": lambda study, arm: study.gains(f"{arm}, placebo"),
         "its best constant": lambda study, arm: max(
-            (study.gains(f"{arm}, constant {kind}") for kind in ("mean", "minimum", "maximum")),
-            key=np.mean,
+            (study.gains(f"{arm}, {constant}") for constant in CONSTANTS), key=np.mean
         ),
         "optimistic learner": lambda study, arm: study.gains(OPTIMISTIC),
         "best opponent": lambda study, arm: study.gains(study.comparison.best_opponent(arm)),
@@ -166,26 +180,25 @@ def summary(studies: Sequence[Played], raws: Mapping[str, Played]) -> Iterator[s
         cells = []
         for wanted in (True, False):
             by_family: dict[str, list[float]] = {}
-            for study in studies:
-                for arm in study.arms:
-                    if sensible(arm) is wanted and (label != "unguarded" or study.name in raws):
-                        values = by_family.setdefault(study.pair.family, [])
-                        values.append(float(gains(study, arm).mean()))  # type: ignore[no-untyped-call]
-            cells.append(np.mean([np.mean(values) for values in by_family.values()] or [np.nan]))
+            for study, arm in arms:
+                if sensible(arm) is wanted:
+                    values = by_family.setdefault(study.pair.family, [])
+                    values.append(float(gains(study, arm).mean()))
+            cells.append(np.mean([np.mean(values) for values in by_family.values()]))
         yield f"  {label:<20}" + "".join(f"{cell:>8.2f}" for cell in cells)
     for wanted, named in ((True, "sensible"), (False, "other")):
-        own = [(study, arm) for study in studies for arm in study.arms if sensible(arm) is wanted]
-        verdicts = [study.comparison.contrasts[arm].verdict for study, arm in own]
+        kept = [(study, arm) for study, arm in arms if sensible(arm) is wanted]
+        verdicts = [study.comparison.contrasts[arm].verdict for study, arm in kept]
         counts = ", ".join(f"{verdicts.count(word)} {word}" for word in dict.fromkeys(verdicts))
-        knows = sum(s.comparison.contrasts[arm].reason == "by what it knows" for s, arm in own)
-        yield f"{len(own)} {named} sources: {counts}; {knows} by what it knows"
-        loses = sum(float(study.gains(arm).mean()) < -MUCH for study, arm in own)
-        raw = sum(
-            float(study.gains(arm, of=raws[study.name].comparison).mean()) < -MUCH
-            for study, arm in own
-            if study.name in raws
-        )
-        yield f"  lose more than {MUCH:.0%} of the way against scratch: {loses}; unguarded: {raw}"
+        knows = sum(s.comparison.contrasts[arm].reason == "by what it knows" for s, arm in kept)
+        yield f"{len(kept)} {named} sources: {counts}; {knows} by what it knows"
+        ways = {name: columns[name] for name in ("default", *beside)}
+        loses = {
+            name: sum(float(gains(study, arm).mean()) < -MUCH for study, arm in kept)
+            for name, gains in ways.items()
+        }
+        listed = ", ".join(f"{name} {n}" for name, n in loses.items())
+        yield f"  lose more than {MUCH:.0%} of the way against scratch: {listed}"
 
 
 def confirmed(studies: Sequence[Played], again: Mapping[str, Played]) -> Iterator[str]:
@@ -214,8 +227,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )  # fmt: skip
     parser.add_argument("what", choices=["gains", "forecasts", "again"])
     parser.add_argument("paths", nargs="+", help="folders of results; of forecasts study files")
-    parser.add_argument("--raw", nargs="*", default=[], help="folders of the unguarded sources")
-    parser.add_argument("--again", nargs="*", default=[], help="folders of the fresh seeds")
+    parser.add_argument("--beside", nargs="*", default=[], help="folders of such folders, by name")
+    parser.add_argument("--again", help="the folder of the folders of fresh seeds")
     parser.add_argument("--forecasts", type=Path)
     options = parser.parse_args(arguments)
     if options.what == "forecasts":
@@ -225,17 +238,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("\n".join(commands(options.paths)))
         return
     studies = [Played(folder) for folder in options.paths]
-    raws, again = (
-        {study.name: study for study in map(Played, folders)}
-        for folders in (options.raw, options.again)
-    )
-    print(f"{'':<45}{'unguarded':>11}{'default':>11}{'over the best':>22}  opponent")
+    beside = {Path(home).name: stored(home, options.paths) for home in options.beside}
+    again = stored(options.again, options.paths) if options.again else {}
+    heads = "".join(f"{head:>11}" for head in ("default", *beside))
+    print(f"{'':<45}{heads}{'over the best':>22}  opponent")
     for study in studies:
-        print("\n".join(rows_of(study, raws.get(study.name), again.get(study.name))))
+        print("\n".join(rows_of(study, beside, again)))
     for split in dict.fromkeys(study.pair.split for study in studies):
         part = [study for study in studies if study.pair.split == split]
         print(f"\n{split}: {len(part)} targets")
-        print("\n".join([*summary(part, raws), *confirmed(part, again)]))
+        print("\n".join([*summary(part, beside), *confirmed(part, again)]))
         if options.forecasts:
             print("\n".join(judged(part, json.loads(options.forecasts.read_text()))))
 
