@@ -89,17 +89,20 @@ def sensible(arm: str) -> bool:
 # -- The forecasts, and whether they came true -----------------------------------------------------
 
 
-def forecasts(files: Sequence[str]) -> dict[str, dict[str, tuple[float, float, float]]]:
+def forecasts(
+    files: Sequence[str], changes: Sequence[str] = ()
+) -> dict[str, dict[str, tuple[float, float, float]]]:
     """Return the gain that is forecast for each arm of each study: estimate, low and high."""
-    found: dict[str, dict[str, tuple[float, float, float]]] = {}
+    foreseen: dict[str, dict[str, tuple[float, float, float]]] = {}
     for file in files:
-        study = cr.read_study(file)
-        found[study.name] = {}
-        for arm, curriculum in study.curricula.items():
-            gain = cr.forecast(curriculum, trial=True).used.gain
+        study = cr.read_study(file, set=changes)
+        foreseen[study.name] = {}
+        for arm in study.arms:
+            part = cr.read_study(file, set=changes, arms=[arm])
+            gain = cr.forecast(part, trial=True).used.gain
             assert gain is not None, "a trial was asked for"
-            found[study.name][arm] = gain.estimate, gain.low, gain.high
-    return found
+            foreseen[study.name][arm] = gain.estimate, gain.low, gain.high
+    return foreseen
 
 
 def pooled_rank(score: np.ndarray, gain: np.ndarray, target: np.ndarray) -> float:
@@ -230,9 +233,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--beside", nargs="*", default=[], help="folders of such folders, by name")
     parser.add_argument("--again", help="the folder of the folders of fresh seeds")
     parser.add_argument("--forecasts", type=Path)
+    parser.add_argument("--set", action="append", default=[], help="of forecasts: KEY=VALUE")
     options = parser.parse_args(arguments)
     if options.what == "forecasts":
-        print(json.dumps(forecasts(options.paths), indent=1))
+        print(json.dumps(forecasts(options.paths, options.set), indent=1))
         return
     if options.what == "again":
         print("\n".join(commands(options.paths)))

@@ -198,7 +198,7 @@ def test_what_is_set_is_read_as_toml_or_else_as_text(read):
 
 
 def test_arms_of_a_file_may_be_left_out(read, tmp_path):
-    whole = read(MAZE + '[arms]\nfast = { budget = 10 }\nslow = { budget = 20 }\n')
+    whole = read(MAZE + "[arms]\nfast = { budget = 10 }\nslow = { budget = 20 }\n")
     (file,) = tmp_path.glob("*.toml")
     part = read_study(file, arms=["slow"])
     assert list(part.arms) == ["slow"]

@@ -754,11 +754,15 @@ def _of_studies(
     return of_either
 
 
-def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
+def rivals(study: StudyConfig) -> dict[str, Any]:
+    """Return the learners without sources that play in a study, as compare and forecast take."""
     scratch = {name: built(table, study.folder) for name, table in study.scratch_learners.items()}
+    return {"scratch": scratch, "opponents": study.played}
+
+
+def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
-    beside = {"scratch": scratch, "controls": study.controls or (), "opponents": study.played}
-    return study.curricula, {**settings, **beside}
+    return study.curricula, {**settings, **rivals(study), "controls": study.controls or ()}
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
@@ -769,7 +773,7 @@ def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
             f"read_study(FILE) and ARM one of {listed(study.arms)}"
         )
     said = {"seeds": study.seeds[:FORECAST_SEEDS], "threshold": study.threshold}
-    return study.curriculum(arm), said
+    return study.curriculum(arm), {**said, **rivals(study)}
 
 
 compare = _of_studies(compare_curricula, _compared)
