@@ -195,6 +195,16 @@ def summary(studies: Sequence[Played], beside: Beside) -> Iterator[str]:
         counts = ", ".join(f"{verdicts.count(word)} {word}" for word in dict.fromkeys(verdicts))
         knows = sum(s.comparison.contrasts[arm].reason == "by what it knows" for s, arm in kept)
         yield f"{len(kept)} {named} sources: {counts}; {knows} by what it knows"
+        over = {
+            word: [getattr(s.comparison.contrasts[arm], part).estimate / s.way for s, arm in kept]
+            for word, part in (("charged", "strong_gain"), ("its source free", "weak_gain"))
+        }
+        for word, shares in over.items():
+            lost = sum(share < -MUCH for share in shares)
+            yield (
+                f"  over the best opponent, {word}: {np.mean(shares):+.2f} on average; {lost} lose "
+                f"more than {MUCH:.0%} of the way"
+            )
         ways = {name: columns[name] for name in ("default", *beside)}
         loses = {
             name: sum(float(gains(study, arm).mean()) < -MUCH for study, arm in kept)
