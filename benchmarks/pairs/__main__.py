@@ -147,8 +147,8 @@ def short(values: Any) -> str:
 def rows_of(study: Played, beside: Beside, again: Mapping[str, Played]) -> Iterator[str]:
     """Yield a line for each curriculum: gains, the best opponent and the verdict."""
     played = study.comparison
-    best = f"; {OPTIMISTIC} {short(study.gains(OPTIMISTIC))}"
-    yield f"{study.name}{best if OPTIMISTIC in played.arms else ''}"
+    there = OPTIMISTIC in played.arms
+    yield study.name + (f"; {OPTIMISTIC} {short(study.gains(OPTIMISTIC))}" if there else "")
     for arm in study.arms:
         others = (study.gains(arm, of=way.get(study.name)) for way in beside.values())
         gains = "".join(f"{short(gain):>11}" for gain in (study.gains(arm), *others))
@@ -167,7 +167,7 @@ def summary(studies: Sequence[Played], beside: Beside) -> Iterator[str]:
     yield "mean gain over scratch, families weighing the same: sensible sources, other sources"
     arms = [(study, arm) for study in studies for arm in study.arms]
     columns: dict[str, Callable[[Played, str], np.ndarray]] = {
-        "default": lambda study, arm: study.gains(arm),
+        "as played": lambda study, arm: study.gains(arm),
         **{
             name: lambda study, arm, way=way: study.gains(arm, of=way.get(study.name))
             for name, way in beside.items()
@@ -179,6 +179,14 @@ def summary(studies: Sequence[Played], beside: Beside) -> Iterator[str]:
         "optimistic learner": lambda study, arm: study.gains(OPTIMISTIC),
         "best opponent": lambda study, arm: study.gains(study.comparison.best_opponent(arm)),
     }
+    study, arm = arms[0]
+    for label, known in {
+        "placebo": f"{arm}, placebo",
+        "its best constant": f"{arm}, constant mean",
+        "optimistic learner": OPTIMISTIC,
+    }.items():
+        if known not in study.comparison.arms:  # of studies with fewer controls or opponents
+            del columns[label]
     for label, gains in columns.items():
         cells = []
         for wanted in (True, False):
@@ -205,7 +213,7 @@ def summary(studies: Sequence[Played], beside: Beside) -> Iterator[str]:
                 f"  over the best opponent, {word}: {np.mean(shares):+.2f} on average; {lost} lose "
                 f"more than {MUCH:.0%} of the way"
             )
-        ways = {name: columns[name] for name in ("default", *beside)}
+        ways = {name: columns[name] for name in ("as played", *beside)}
         loses = {
             name: sum(float(gains(study, arm).mean()) < -MUCH for study, arm in kept)
             for name, gains in ways.items()
@@ -254,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     studies = [Played(folder) for folder in options.paths]
     beside = {Path(home).name: stored(home, options.paths) for home in options.beside}
     again = stored(options.again, options.paths) if options.again else {}
-    heads = "".join(f"{head:>11}" for head in ("default", *beside))
+    heads = "".join(f"{head:>11}" for head in ("gain", *beside))
     print(f"{'':<45}{heads}{'over the best':>22}  opponent")
     for study in studies:
         print("\n".join(rows_of(study, beside, again)))
