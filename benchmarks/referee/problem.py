@@ -117,7 +117,7 @@ class Problem:
         taken = sum(int(task.steps_used.sum()) for task in result.sources.values())
         last = result[TARGET]
         if placebo:
-            last, _, _ = train_control(PLACEBO, plan, numbers, result.sources, workers=1)
+            last, _ = train_control(PLACEBO, plan, numbers, result.sources, workers=1)
             taken += int(last.steps_used.sum())
         return Training(before + last.steps_used, self._learnt(last), before), taken
 

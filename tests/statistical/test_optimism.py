@@ -1,4 +1,4 @@
-"""Curricula whose gain is their optimism are called that, with 20 seeds each.
+"""Curricula whose gain is their optimism do not pay, with 20 seeds each.
 
 In a long chain and in RiverSwim a learner from scratch whose values start at 0 hardly ever meets
 the reward at the end. Any potential far above 0 makes it look there. Seeds are fixed.
@@ -70,26 +70,33 @@ def of_river():
 
 
 @pytest.mark.parametrize("plan", ["of_chain", "of_river"])
-def test_optimism_is_called_by_its_name(plan, request):
+def test_optimism_does_not_pay(plan, request):
+    """It gains much over scratch, and an opponent without a source gains as much within a tenth."""
     plan = request.getfixturevalue(plan)
-    comparison = cr.compare(plan, seeds=20, controls=["constant", "placebo"])
-    contrast, reason = comparison.contrasts["transfer"], comparison.reasons["transfer"]
-    assert contrast.verdict == "pays"
-    assert contrast.reason in ("by optimism alone", "nearly all by optimism")
-    assert reason.share < 0.1
-    # The cheaper way is one: it needs no source, and gains as much within a tenth.
-    sentence = comparison.cheaper_way("transfer")
-    value = float(sentence.partition("initial_value=")[2].split()[0])
-    assert value > 0.1
-    free = cr.compare(plan, seeds=20, scratch={"optimistic": QLearning(initial_value=value)})
-    gain = free.returns["scratch, optimistic"] - free.returns["scratch"]
-    assert gain.mean() > 0.9 * float(contrast.strong_gain.estimate)
-    assert free.best_scratch == "scratch, optimistic"
-    assert free.contrasts["transfer"].verdict != "pays"
+    comparison = cr.compare(plan, seeds=20)
+    assert comparison.against("scratch")["transfer"].answer == "yes"
+    assert comparison.contrasts["transfer"].verdict != "pays"
+    gains = {
+        name: (returns - comparison.returns["scratch"]).mean()
+        for name, returns in comparison.returns.items()
+    }
+    best = comparison.best_opponent("transfer")
+    assert gains[best] > 0.9 * gains["transfer"] > 0
 
 
-def test_what_is_optimism_in_the_long_run_may_be_knowledge_in_the_short(of_chain):
-    """In a fifth of the steps its order of the places counts, and it is called that."""
-    short = of_chain.replace("long", budget=20_000)
-    comparison = cr.compare(short, seeds=20, controls=["constant", "placebo"])
+def test_one_predator_teaches_two_by_what_it_knows():
+    """A source and a mapping by hand, against all opponents and placebos."""
+    hunt, chase = cr.Pursuit(4, 2), cr.Pursuit(4, 1)
+    edges = [
+        Transfer("chase", "hunt", cr.project(hunt, chase, predator=name))
+        for name in hunt.predator_names
+    ]
+    plan = cr.Curriculum(
+        {"chase": chase, "hunt": hunt},
+        edges,
+        aggregate=cr.minimum,
+        budget={"chase": cr.StoppingRule(5_000), "hunt": 50_000},
+        learner=QLearning(initial_value=-10.0),
+    )
+    comparison = cr.compare(plan, seeds=10, controls=["placebo"])
     assert comparison.contrasts["transfer"].answer == "pays, by what it knows"

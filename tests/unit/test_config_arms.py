@@ -215,6 +215,7 @@ def test_two_ways_to_write_a_study_are_one_configuration(read):
     long = read(
         """
         name = 'hunt'
+        opponents = []
         seeds = [0, 1, 2, 3]
         seeds_per_unit = 2.0
         threshold = -8
@@ -244,7 +245,9 @@ def test_two_ways_to_write_a_study_are_one_configuration(read):
 
 def test_a_configuration_holds_its_maps(read, tmp_path):
     (tmp_path / "maze.txt").write_text("....T\n.PPP.\nS....\n")
-    by_file = read("name = 'maze'\ntasks.maze = { type = 'maze', file = 'maze.txt' }")
+    by_file = read(
+        "name = 'maze'\nopponents = []\ntasks.maze = { type = 'maze', file = 'maze.txt' }"
+    )
     (tmp_path / "maze.txt").unlink()
     assert by_file == read(MAZE)
     again = StudyConfig.from_data(by_file.to_data(), Path("elsewhere"))

@@ -37,7 +37,7 @@ def test_a_study_without_a_file_is_called_by_its_name(tmp_path):
 
 def test_a_study_is_compared_from_its_path_with_its_own_settings(file):
     study = cr.read_study(file)
-    expected = cr.compare(study.curricula, seeds=[3, 5], threshold=5, window=2)
+    expected = cr.compare(study.curricula, seeds=[3, 5], threshold=5, window=2, opponents=())
     for argument in ("corners.toml", file, study):
         comparison = cr.compare(argument)
         assert (comparison.seeds, comparison.threshold, comparison.window) == (2, 5, 2)

@@ -178,7 +178,7 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
 
 def test_the_comparison_is_that_of_compare(study_file, finished):
     results = StudyResults(finished).comparison
-    wanted = cr.compare(read_study(study_file).curricula, seeds=4, workers=1)
+    wanted = cr.compare(read_study(study_file).curricula, seeds=4, opponents=())
     assert list(results.arms) == list(wanted.arms)
     for name, arm in wanted.arms.items():
         np.testing.assert_array_equal(results[name].curve.steps, arm.curve.steps)

@@ -604,8 +604,13 @@ class Comparison:
         values = self.returns[name]
         if (groups := clusters(values)) is None:
             return ""
-        high, low = (f"{len(some)} near {some.mean():.4g}" for some in reversed(groups))
-        sentence = f"the seeds of {name} are in two clusters, mean return of {high} and of {low}"
+        high, low = (f"{some.mean():.4g}" for some in reversed(groups))
+        if high == low:  # apart by less than is printed
+            return ""
+        sentence = (
+            f"the seeds of {name} are in two clusters, mean return of {len(groups[1])} near {high} "
+            f"and of {len(groups[0])} near {low}"
+        )
         if min(map(len, groups)) > self.seeds // 4:
             return sentence
         middle = interquartile_interval(values, confidence=self.confidence)

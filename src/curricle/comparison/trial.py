@@ -122,7 +122,7 @@ def part_of(
 
 STREAM = "/trial"  # what the names of a trial's random streams end with
 SEEDS, FEWEST = 20, 8  # seeds of a trial; the fewest that are worth it
-QUICK = 5.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
+QUICK = 10.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
 STEP, OUTCOME = 25e-9, 8e-9
 """Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
 are constants, so that whether there is a trial does not depend on the machine."""
