@@ -89,19 +89,22 @@ def sensible(arm: str) -> bool:
 # -- The forecasts, and whether they came true -----------------------------------------------------
 
 
-def forecasts(
-    files: Sequence[str], changes: Sequence[str] = ()
-) -> dict[str, dict[str, tuple[float, float, float]]]:
-    """Return the gain that is forecast for each arm of each study: estimate, low and high."""
-    foreseen: dict[str, dict[str, tuple[float, float, float]]] = {}
+Foreseen = dict[str, dict[str, tuple[float, float, float, bool]]]
+"""By study and arm: gain, its low and high end, and whether phi is said to be anti-knowledge."""
+
+
+def forecasts(files: Sequence[str], changes: Sequence[str] = ()) -> Foreseen:
+    """Return what is forecast for each arm of each study."""
+    foreseen: Foreseen = {}
     for file in files:
         study = cr.read_study(file, set=changes)
         foreseen[study.name] = {}
         for arm in study.arms:
             part = cr.read_study(file, set=changes, arms=[arm])
-            gain = cr.forecast(part, trial=True).used.gain
-            assert gain is not None, "a trial was asked for"
-            foreseen[study.name][arm] = gain.estimate, gain.low, gain.high
+            used = cr.forecast(part, trial=True).used
+            assert used.gain is not None, "a trial was asked for"
+            of_arm = used.gain.estimate, used.gain.low, used.gain.high, bool(used.anti_knowledge)
+            foreseen[study.name][arm] = of_arm
     return foreseen
 
 
@@ -116,22 +119,22 @@ def pooled_rank(score: np.ndarray, gain: np.ndarray, target: np.ndarray) -> floa
     return float(np.corrcoef(*ranks)[0, 1])
 
 
-def judged(studies: Sequence[Played], foreseen: Mapping[str, Any]) -> Iterator[str]:
+def judged(studies: Sequence[Played], foreseen: Foreseen) -> Iterator[str]:
     """Yield how good the forecasts are, against the gains over the best opponents."""
     rows = [
-        (study.name, *np.divide(foreseen[study.name][arm], study.way), *study.gain(arm))
+        (study.name, *foreseen[study.name][arm], *study.gain(arm))
         for study in studies
         for arm in study.arms
-        if arm in foreseen.get(study.name, {})
     ]
-    target, score, low, high, gain, least, most = map(np.array, zip(*rows, strict=True))
-    commits, differs = (low > 0) | (high < 0), (least > 0) | (most < 0)
-    right, n_pays = (score > 0) == (gain > 0), int((low > 0).sum())
-    yield f"forecasts of {len(rows)} curricula: {n_pays} likely pay, {(high < 0).sum()} likely cost"
-    yield f"sign right where it commits itself: {right[commits].sum()} of {commits.sum()}"
-    both = commits & differs
-    yield f"  where the gain came out different from 0, too: {right[both].sum()} of {both.sum()}"
-    yield f"rank correlation within targets: {pooled_rank(score, gain, target):.2f}"
+    target, score, low, high, against, gain, least, most = map(np.array, zip(*rows, strict=True))
+    commits, right = (low > 0) | (high < 0), (score > 0) == (gain > 0)
+    said = f"{(low > 0).sum()} likely pay, {(high < 0).sum()} likely cost"
+    yield f"forecasts of {len(rows)} curricula: {said}"
+    yield f"  sign right where it commits itself: {right[commits].sum()} of {commits.sum()}"
+    yield f"  rank correlation within targets: {pooled_rank(score, gain, target):.2f}"
+    for words, named in ("may be", against), ("is not said to be", ~against):
+        costs, pays = (most < 0)[named].sum(), (least > 0)[named].sum()
+        yield f"  phi {words} anti-knowledge: {named.sum()}, of which {costs} cost and {pays} pay"
 
 
 # -- The tables ------------------------------------------------------------------------------------
