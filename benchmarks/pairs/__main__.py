@@ -35,8 +35,8 @@ from curricle.study import StudyResults
 
 OPTIMISTIC = "scratch, OptimisticQLearning"
 FRESH_SEEDS = "1000-1039"
-MUCH = 0.1
-"""Share of the way that no default should lose."""
+MUCH, SLIGHT = 0.1, 0.01
+"""Shares of the way: that no default should lose, and that make a difference."""
 
 
 class Played:
@@ -200,6 +200,11 @@ def summary(studies: Sequence[Played], beside: Beside) -> Iterator[str]:
                     values.append(float(gains(study, arm).mean()))
             cells.append(np.mean([np.mean(values) for values in by_family.values()]))
         yield f"  {label:<20}" + "".join(f"{cell:>8.2f}" for cell in cells)
+    for name in beside:
+        paired = [mean_interval(columns[name](s, arm) - s.gains(arm)) for s, arm in arms]
+        more = sum(difference.low > SLIGHT for difference in paired)
+        less = sum(difference.high < -SLIGHT for difference in paired)
+        yield f"{name} is shown to gain {SLIGHT:.0%} of the way more in {more}, less in {less}"
     for wanted, named in ((True, "sensible"), (False, "other")):
         kept = [(study, arm) for study, arm in arms if sensible(arm) is wanted]
         verdicts = [study.comparison.contrasts[arm].verdict for study, arm in kept]

@@ -73,7 +73,7 @@ def test_the_tables_say_what_pays_and_whether_the_forecasts_were_right(folders, 
     foreseen = {played.name: {arm: (*played.gain(arm), False) for arm in ARMS}}
     file = tmp_path / "forecasts.json"
     file.write_text(json.dumps(foreseen))
-    tables.main(["gains", stored, "--raw", str(folders / "raw/stock"), "--forecasts", str(file)])
+    tables.main(["gains", stored, "--beside", str(folders / "raw"), "--forecasts", str(file)])
     text = capsys.readouterr().out
     assert "verification: 1 targets" in text
     assert "rank correlation within targets: 1.00" in text
