@@ -68,7 +68,6 @@ from curricle.statistics.intervals import (
     clusters,
     interquartile_interval,
     mean_interval,
-    paired_difference,
     seed_line,
 )
 from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, shortened, text_table
@@ -446,18 +445,18 @@ class Comparison:
         weak, base = self._weak(name), self._weak(rival)
         strong, whole = arm.charged(self.scratch), scratch.curve
         saved = partial(steps_saved, threshold=self._level, window=self.window)
-        of_mean, of_difference, of_improvement = (
+        of_mean, of_improvement = (
             partial(interval_of, confidence=self.confidence)
-            for interval_of in (mean_interval, paired_difference, probability_of_improvement)
+            for interval_of in (mean_interval, probability_of_improvement)
         )
         return Contrast(
             jumpstart=of_mean(jumpstart(base, weak)),
             weak_steps_saved=of_mean(saved(base, weak)),
             strong_steps_saved=of_mean(saved(whole, strong)),
-            weak_gain=of_difference(mean_return(weak), mean_return(base)),
+            weak_gain=of_mean(difference(mean_return(weak), mean_return(base))),
             strong_gain=alone.gain if alone.rivals > 1 else of_mean(arm.strong_gain(scratch)),
-            asymptotic_gain=of_difference(
-                asymptotic_performance(strong), asymptotic_performance(whole)
+            asymptotic_gain=of_mean(
+                difference(asymptotic_performance(strong), asymptotic_performance(whole))
             ),
             probability_of_improvement=of_improvement(mean_return(strong), mean_return(whole)),
             p=alone.p,
