@@ -542,7 +542,9 @@ class _Builder:
 # -- From a file to its configuration, or a sentence for every mistake in it -----------------------
 
 
-def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyConfig:
+def read_study(
+    path: str | PathLike[str], *, set: Sequence[str] = (), arms: Sequence[str] = ()
+) -> StudyConfig:
     r"""Return the study that a TOML file describes.
 
     Tasks and curricula are built when they are asked for.
@@ -552,6 +554,8 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
     path : path
     set : sequence of str
         Changes such as ``"tasks.chase.budget=1000"``: a dotted key and a value, TOML or else text.
+    arms : sequence of str
+        The only arms of the file to keep, without the others; by default all of them.
 
     Raises
     ------
@@ -587,6 +591,12 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
                 raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
         changed.append(place)
         study = merged(study, value)
+    known_arms = table(study.get("arms"))
+    for arm in arms:
+        if arm not in known_arms:
+            raise ConfigError(f"{file}: arm {arm!r} {unknown(arm, known_arms)}")
+    if arms:
+        study["arms"] = {arm: patch for arm, patch in known_arms.items() if arm in arms}
     return configured(study, file.parent, Positions(str(file), text, tuple(changed)))
 
 
@@ -744,11 +754,15 @@ def _of_studies(
     return of_either
 
 
-def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
+def rivals(study: StudyConfig) -> dict[str, Any]:
+    """Return the learners without sources that play in a study, as compare and forecast take."""
     scratch = {name: built(table, study.folder) for name, table in study.scratch_learners.items()}
+    return {"scratch": scratch, "opponents": study.played}
+
+
+def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
-    beside = {"scratch": scratch, "controls": study.controls or (), "opponents": study.played}
-    return study.curricula, {**settings, **beside}
+    return study.curricula, {**settings, **rivals(study), "controls": study.controls or ()}
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
@@ -759,7 +773,7 @@ def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
             f"read_study(FILE) and ARM one of {listed(study.arms)}"
         )
     said = {"seeds": study.seeds[:FORECAST_SEEDS], "threshold": study.threshold}
-    return study.curriculum(arm), said
+    return study.curriculum(arm), {**said, **rivals(study)}
 
 
 compare = _of_studies(compare_curricula, _compared)
