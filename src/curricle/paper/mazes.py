@@ -26,6 +26,7 @@ from curricle import (
     solve,
 )
 from curricle.arrays import FloatArray, IntArray
+from curricle.comparison import Comparison
 from curricle.files import as_json
 from curricle.learning import RewardBonus, StateShaping
 from curricle.planning import greedy_policy, rollout
@@ -443,8 +444,24 @@ def figure3(studies: Studies) -> FigureResult:
                 verdict(visits >= 2),
                 {"times the path enters the corner": visits},
             ),
+            _tuned(studies.run("tuned maze", "tuned").comparison),
         ],
         settings=SETTINGS,
+    )
+
+
+def _tuned(played: Comparison) -> Claim:
+    """Answer whether sources pay where scratch too has its best learning rate and level of Q."""
+    steps = {f"{name}, steps to threshold": played.times(name).steps for name in played.arms}
+    gains = {f"{name}, gain": contrast.strong_gain for name, contrast in played.contrasts.items()}
+    return Claim(
+        "f3.tuned",
+        "Open question: do sources of the maze pay where each arm, scratch too, has its best "
+        "learning rate and level of Q, of 40 that were tried? None is shown to",
+        f"step reward -5, {played.total:,} steps, source steps counted; sizes 3, 4, 7 and 10; gain "
+        "in mean return over the best learner without a source",
+        answer(all(verdict.direction <= 0 for verdict in played.verdicts.values())),
+        {name: mean_interval(values) for name, values in steps.items()} | gains,
     )
 
 

@@ -169,10 +169,10 @@ def trust(studies: Studies) -> FigureResult:
         "of the sources before any training in the target, 5x5. Top middle and right: return of "
         f"the training episodes, {counted(seeds, 'seed')} (7x7: {min(seeds, LARGE_SEEDS)}), means "
         "with 95 % bands; the episodes of a calibration come first and count. Bottom left: mean "
-        "return above that of scratch at the same number of target and source steps (strong "
-        "transfer), with controls; 95 % intervals. Bottom middle: the maze with and without a "
-        "guard (weak transfer). Bottom right: states whose greedy choice is wrong in more seeds "
-        f"with the source than without it, after {EXAMINED:,} steps.",
+        "return above that of the best learner without a source at the same number of target and "
+        "source steps (strong transfer), with controls; 95 % intervals. Bottom middle: the maze "
+        "with and without a guard (weak transfer). Bottom right: states whose greedy choice is "
+        f"wrong in more seeds with the source than without it, after {EXAMINED:,} steps.",
         figure=figure,
         tables={"trust": table},
         claims=[
@@ -219,7 +219,7 @@ def _draw_controls(panel: Any, compared: Comparison, controls: Comparison) -> No
     panel.axvline(0, color=COLOURS["grey"], lw=0.8)
     labels = [name.replace("mean, calibrated,", "control:") for name in names]
     panel.set(yticks=range(len(names)), yticklabels=labels, title="5x5: does it pay?")
-    panel.set(xlabel="gain over scratch (mean return, strong transfer)")
+    panel.set(xlabel="gain over the best opponent (mean return, strong)")
 
 
 def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: float) -> None:
@@ -340,7 +340,7 @@ def _control_claims(controls: Comparison) -> Iterator[Claim]:
     """Yield the claims about causes that controls rule out."""
     gains = {name: contrast.strong_gain for name, contrast in controls.contrasts.items()}
     main = gains["mean, calibrated"]
-    setting = f"{WHERE}; mean return above scratch, source steps counted"
+    setting = f"{WHERE}; mean return above the best opponent, source steps counted"
     placebo, negated, start, longer = (
         gains[f"mean, calibrated, {name}"]
         for name in ("placebo", "negated", "random start", "pretraining")
