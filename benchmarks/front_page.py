@@ -18,7 +18,8 @@ import curricle as cr
 from curricle.comparison import Comparison
 from curricle.paper.figure4 import figure4
 from curricle.paper.mazes import HERE, Studies, figure2, figure3
-from curricle.progress import Bars, shown
+from curricle.paper.trust_figure import CHARGED
+from curricle.progress import Bars
 from tests.walk import walk
 
 ROOT = Path(__file__).parents[1]
@@ -27,7 +28,7 @@ PAYS, COSTS, NOT_SHOWN = "pays", "costs more than it brings", "no difference sho
 CLAIMS = ("f2.faster", "f3.", "f4.published", "f4.stated", "f4.initial", "f4.lower", "f4.scaling")
 
 
-def study(file, seeds, folder, *changes):
+def study(file, seeds, folder, changes=()):
     """Return the comparison of a study's arms."""
     read = cr.read_study(file, set=[*changes, f"seeds={FIRST}-{FIRST + seeds - 1}"])
     place = Path(folder) / f"{len(os.listdir(folder))}-results"
@@ -81,13 +82,51 @@ def played(page, seeds, folder):
         walk(ROOT / "docs/tutorial.md", files, {**os.environ, "PATH": programs}, **how)
         maze, vault, without = files / "maze.toml", files / "vault.toml", "shaping=QInitialisation"
         usual, longer = "learner.type=QLearning", "tasks.corner.budget={ max_steps = 10_000 }"
-        yield "maze", run(maze, None) if False else study(maze, seeds, folder, usual), [COSTS]
-        yield "maze, longer", study(maze, seeds, folder, usual, longer), [COSTS]
-        yield "maze, optimistic", study(maze, seeds, folder, without), [PAYS]
+        yield "maze", run(maze, changes=[usual]), [COSTS]
+        yield "maze, longer", run(maze, changes=[usual, longer]), [COSTS]
+        yield "maze, optimistic", run(maze, changes=[without]), [PAYS]
         yield "vault", run(vault), [COSTS, COSTS]
-        yield "vault, unguarded", study(vault, seeds, folder, without), [COSTS, COSTS]
+        yield "vault, unguarded", run(vault, changes=[without]), [COSTS, COSTS]
     elif page == "paper":
-        yield "pursuit 5x5", run(HERE / "trust.toml"), [COSTS, COSTS, COSTS, PAYS, PAYS]
+        charged = cr.read_study(HERE / "trust.toml", set=CHARGED)
+        yield "pursuit 5x5, calibrated", plan(charged.curriculum("mean, calibrated"), seeds), [PAYS]
         yield "maze, tuned", run(HERE / "tuned.toml"), [COSTS, NOT_SHOWN, COSTS, COSTS]
 
 
+class OtherSeeds(Studies):
+    """The paper's studies with the seeds of this script."""
+
+    def read(self, file, *changes):
+        """Return a study of the paper with its changes, and these seeds."""
+        return super().read(file, *changes, f"seeds={FIRST}-{FIRST + self.seeds - 1}")
+
+
+def claims(seeds, folder):
+    """Yield the paper's claims in which transfer and a baseline meet, with the verdict here."""
+    studies = OtherSeeds(Path(folder), seeds, None, Bars(), print)
+    for figure in (figure2, figure3, figure4):
+        yield from (claim for claim in figure(studies).claims if claim.id.startswith(CLAIMS))
+
+
+def main():
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
+    parser.add_argument("pages", nargs="*", default=["README", "tutorial", "paper", "claims"])
+    parser.add_argument("--seeds", type=int, default=200)
+    given = parser.parse_args()
+    for page in given.pages:
+        print(f"\n{page}, {given.seeds} seeds from {FIRST:,}", flush=True)
+        with TemporaryDirectory() as folder:
+            if page == "claims":
+                for claim in claims(given.seeds, folder):
+                    print(f"  {claim.verdict:16}{claim.id}", flush=True)
+                continue
+            for title, comparison, words in played(page, given.seeds, folder):
+                for (arm, contrast), word in zip(comparison.contrasts.items(), words, strict=True):
+                    mark, best = " !"[contrast.verdict != word], comparison.best_opponent(arm)
+                    row = f"{mark} {title + ': ' + arm:44}{word:28}{contrast.verdict:28}"
+                    print(f"{row}{contrast.strong_gain!s:40}{best}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
