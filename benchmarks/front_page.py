@@ -15,7 +15,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import curricle as cr
-from curricle.comparison import Comparison
 from curricle.paper.figure4 import figure4
 from curricle.paper.mazes import HERE, Studies, figure2, figure3
 from curricle.paper.trust_figure import CHARGED
@@ -35,36 +34,28 @@ def study(file, seeds, folder, changes=()):
     return cr.run_study(read, place, progress=False).comparison
 
 
-def plan(curriculum, seeds):
+def plan(names, transfers, seeds, **settings):
     """Return the comparison of a curriculum."""
+    curriculum = cr.Curriculum(names, transfers, **settings)
     return cr.compare(curriculum, seeds=range(FIRST, FIRST + seeds))
 
 
-def lake():
-    """Return README's curriculum for FrozenLake."""
-    name = "FrozenLake8x8-v1"
-    wet = cr.from_gymnasium(name, discount=0.99)
-    dry = cr.from_gymnasium(name, discount=0.99, is_slippery=False)
-    return cr.Curriculum(
-        {"dry": dry, "lake": wet},
-        [cr.Transfer("dry", "lake", cr.project(wet, dry), scale=0.5)],
-        budget={"lake": 200_000},
-        learner={"dry": cr.QLearning(initial_value=1.0)},
-    )
-
-
-def hunt():
-    """Return README's curriculum for two predators, without tuning."""
+def readme(seeds):
+    """Yield README's curricula that are no study files."""
+    make = partial(cr.from_gymnasium, "FrozenLake8x8-v1", discount=0.99)
+    wet, dry = make(), make(is_slippery=False)
+    edges = [cr.Transfer("dry", "lake", cr.project(wet, dry), scale=0.5)]
+    learner = {"dry": cr.QLearning(initial_value=1.0)}
+    budget = {"lake": 200_000}
+    lake = plan({"dry": dry, "lake": wet}, edges, seeds, budget=budget, learner=learner)
+    yield "FrozenLake 8x8", lake, [COSTS]
     two, chase = (cr.Pursuit(size=4, predators=predators) for predators in (2, 1))
-    return cr.Curriculum(
-        {"chase": chase, "hunt": two},
-        [
-            cr.Transfer("chase", "hunt", cr.project(two, chase, predator=name), scale=2)
-            for name in two.predator_names
-        ],
-        aggregate=cr.minimum,
-        budget={"chase": 50_000, "hunt": 100_000},
-    )
+    mappings = [cr.project(two, chase, predator=name) for name in two.predator_names]
+    edges = [cr.Transfer("chase", "hunt", mapping, scale=2) for mapping in mappings]
+    budget = {"chase": 50_000, "hunt": 100_000}
+    tasks = {"chase": chase, "hunt": two}
+    hunt = plan(tasks, edges, seeds, budget=budget, aggregate=cr.minimum)
+    yield "hunt, scale 2", hunt, [PAYS]
 
 
 def played(page, seeds, folder):
@@ -72,8 +63,7 @@ def played(page, seeds, folder):
     run = partial(study, seeds=seeds, folder=folder)
     if page == "README":
         yield "hunt, tuned", run(ROOT / "examples/tune.toml"), [PAYS]
-        yield "FrozenLake 8x8", plan(lake(), seeds), [COSTS]
-        yield "hunt, scale 2", plan(hunt(), seeds), [PAYS]
+        yield from readme(seeds)
     elif page == "tutorial":
         programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         files = Path(folder) / "files"
@@ -81,15 +71,16 @@ def played(page, seeds, folder):
         how = {"timed": False, "taken": lambda line: line.startswith("curricle new")}
         walk(ROOT / "docs/tutorial.md", files, {**os.environ, "PATH": programs}, **how)
         maze, vault, without = files / "maze.toml", files / "vault.toml", "shaping=QInitialisation"
-        usual, longer = "learner.type=QLearning", "tasks.corner.budget={ max_steps = 10_000 }"
-        yield "maze", run(maze, changes=[usual]), [COSTS]
-        yield "maze, longer", run(maze, changes=[usual, longer]), [COSTS]
-        yield "maze, optimistic", run(maze, changes=[without]), [PAYS]
+        shorter, longer = (f"tasks.corner.budget={{ max_steps = {n} }}" for n in (800, 10_000))
+        yield "maze, usual learner", run(maze, changes=["learner.type=QLearning"]), [COSTS]
+        yield "maze", run(maze, changes=[without, shorter]), [PAYS]
+        yield "maze, longer", run(maze, changes=[without, longer]), [COSTS]
         yield "vault", run(vault), [COSTS, COSTS]
         yield "vault, unguarded", run(vault, changes=[without]), [COSTS, COSTS]
     elif page == "paper":
-        charged = cr.read_study(HERE / "trust.toml", set=CHARGED)
-        yield "pursuit 5x5, calibrated", plan(charged.curriculum("mean, calibrated"), seeds), [PAYS]
+        charged = cr.read_study(HERE / "trust.toml", set=CHARGED).curriculum("mean, calibrated")
+        here = cr.compare(charged, seeds=range(FIRST, FIRST + seeds))
+        yield "pursuit 5x5, calibrated", here, [PAYS]
         yield "maze, tuned", run(HERE / "tuned.toml"), [COSTS, NOT_SHOWN, COSTS, COSTS]
 
 

@@ -50,9 +50,8 @@ CHARGED = ("tasks.chase.budget.max_steps=100_000", "tasks.chase.eval_freq=100_00
 """The changes where source steps are charged: 400,000, as many as the hunt's, do not pay."""
 FORECAST_SEEDS, LARGE_SEEDS = 2, 10  # seeds of the forecast, and the most of 7x7
 EXAMINED = 20_000  # steps after which the greedy choices in the maze are examined
-Arms = Mapping[str, LearningResult]
 Hunts = dict[tuple[int, str], LearningResult]
-"""Size and arm, "min" or "mean", also ", calibrated" or " x c" -> training."""
+"""Size and arm, "min", "mean" or "max", also ", calibrated" or " x c" -> training."""
 
 
 def hunts_of(studies: Studies) -> Hunts:
@@ -67,7 +66,6 @@ def hunts_of(studies: Studies) -> Hunts:
         (size, arm): results["hunt"]
         for size, study in played
         for arm, results in study.results.items()
-        if arm != "max"
     }
 
 
@@ -120,7 +118,6 @@ def trust(studies: Studies) -> FigureResult:
     study = studies.read("trust")
     predicted = forecast(study.curriculum("mean"), seeds=FORECAST_SEEDS, trial=False, **how)
     studies.say("pursuit 5x5, forecast")
-    begun = {arm: results["hunt"] for arm, results in studies.run("trust", "trust").results.items()}
     controls = compare(
         {"mean, calibrated": studies.read("trust", *CHARGED).curriculum("mean, calibrated")},
         controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
@@ -178,7 +175,7 @@ def trust(studies: Studies) -> FigureResult:
         figure=figure,
         tables={"trust": table},
         claims=[
-            *_forecast_claims(predicted, begun, hunts),
+            *_forecast_claims(predicted, hunts),
             *_calibration_claims(hunts),
             *_control_claims(controls),
             *_maze_claims(scratch, guarded, added, refused),
@@ -186,8 +183,7 @@ def trust(studies: Studies) -> FigureResult:
         settings={
             "pursuit": "both must catch; discount 0.95, truncated at 100 steps (7x7: 200)",
             "learner": "Q-learning, learning rate 0.1, epsilon 0.1; Q starts as phi",
-            "budget": "400,000 source and 400,000 target steps (7x7: 1,000,000; controls: 100,000 "
-            "source steps)",
+            "budget": "400,000 steps in each task (7x7: 1,000,000; controls: 100,000 in source)",
             "calibration": "a scale fitted to 200 greedy episodes of phi, counted as target steps",
             "maze": mazes.SETTINGS["maze"] + ", step reward -5; source: top-right 3x3",
         },
@@ -223,7 +219,7 @@ def _draw_controls(panel: Any, controls: Comparison) -> None:
     panel.set(xlabel="gain over the best opponent (mean return, strong)")
 
 
-def _draw_guard(panel: Any, guarded: Arms, threshold: float) -> None:
+def _draw_guard(panel: Any, guarded: Mapping[str, LearningResult], threshold: float) -> None:
     for name, colour in MAZES.items():
         result = guarded[name]
         keep = result.steps <= SHOWN
@@ -251,7 +247,7 @@ def _change(result: LearningResult) -> Interval:
     return paired_difference(parts[:, -1], parts[:, 0])
 
 
-def _forecast_claims(predicted: Forecast, begun: Arms, hunts: Hunts) -> Iterator[Claim]:
+def _forecast_claims(predicted: Forecast, hunts: Hunts) -> Iterator[Claim]:
     """Yield the claims about forecasts before training."""
     fitted = predicted["mean"].calibrations[0].potential
     safe, hint = certify(fitted.task, QInitialisation(fitted)), mazes.nearness()
@@ -269,7 +265,7 @@ def _forecast_claims(predicted: Forecast, begun: Arms, hunts: Hunts) -> Iterator
         },
     )
     rows = {name: predicted[name].mean("start") for name in predicted.ranking}
-    first = {name: mean_interval(begun[name].greedy_return[:, 0]) for name in AGGREGATES}
+    first = {name: mean_interval(hunts[5, name].greedy_return[:, 0]) for name in AGGREGATES}
     order = [float(interval.estimate) for interval in first.values()]
     seen = rows["minimum"] > rows["mean"] > rows["maximum"]
     yield Claim(
@@ -366,7 +362,7 @@ def _control_claims(controls: Comparison) -> Iterator[Claim]:
 
 def _maze_claims(
     scratch: mazes.Maze,
-    guarded: Arms,
+    guarded: Mapping[str, LearningResult],
     added_wrong: FloatArray,
     refused: Mapping[int, float],
 ) -> Iterator[Claim]:
