@@ -80,9 +80,7 @@ SETTINGS = {
         "control: Q of shared cells from -10", "published", ("unknown_value=-10", "opponents=[]")
     ),
     "as stated": Setting("as stated: both must catch, every state mapped", "hunt"),
-    "epsilon-greedy": Setting(
-        "5x5, as stated, epsilon-greedy: mean of the source's Q, scaled", "scales"
-    ),
+    "epsilon-greedy": Setting("5x5, as stated, epsilon-greedy: mean, scaled", "scales"),
     "epsilon-greedy, from -4": Setting(
         "the same, Q from phi - 4",
         "scales",
