@@ -365,10 +365,9 @@ class StudyConfig(RunTable):
 
     @property
     def played(self) -> tuple[Opponent, ...]:
-        """The opponents of its arms; none where arms are not compared with scratch."""
-        if not (self.scratch and self.compared):
-            return ()
-        return OPPONENTS if self.opponents is None else self.opponents
+        """The opponents of its arms; by default none where arms are not compared with scratch."""
+        unasked = OPPONENTS if self.compared else ()
+        return () if not self.scratch else unasked if self.opponents is None else self.opponents
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
         """Return the arms that learn the target from scratch, ``scratch`` first.
