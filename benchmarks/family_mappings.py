@@ -21,7 +21,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs import Pair, Split, pairs
-from benchmarks.pairs.playing import levels
+from benchmarks.pairs.pair import levels
 from benchmarks.unseen_pairs import unseen
 from curricle.errors import MappingError
 from curricle.statistics import mean_return

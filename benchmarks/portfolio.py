@@ -23,8 +23,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs import Pair, pairs
-from benchmarks.pairs.arms import default
-from benchmarks.pairs.pair import Family
+from benchmarks.pairs.pair import Family, default
 from benchmarks.pairs.worlds import by_place, task_of
 from curricle.learning import OptimisticQLearning
 from curricle.planning.target import Target

@@ -18,7 +18,7 @@ from numba import njit
 
 import curricle as cr
 from benchmarks.pairs import Pair
-from benchmarks.pairs.arms import default
+from benchmarks.pairs.pair import default
 from benchmarks.portfolio import chosen, level
 from curricle.learning import value_bounds
 from curricle.learning.portfolio import longest_turn

@@ -11,8 +11,9 @@ it one for four does harm (5 seeds never get there), and the dry lake, whose val
 ice and are halved, needs 35,000 instead of 47,000. In its 10,000 steps the dry lake is learnt in
 none of the 20 seeds, and the table says so.
 
-What the portfolio makes of the 4x4 lake is optimism, not knowledge: values above 0 make the learner
-explore, and `controls=["constant"]` finds that one value everywhere gains more than either mapping.
+None of them pays. Values above 0 make the learner explore, and that is most of what sources do
+here: one value everywhere, the mean of a mapping's, gains more than any mapping of the 4x4 lake,
+and the optimistic learner is there after 13,400 steps.
 
 python examples/frozen_lake.py
 """
@@ -57,19 +58,8 @@ def main(seeds=20, steps=200_000, source_steps=10_000):
     for name in ("one for four", "dry, halved"):
         arms[f"{name}, no portfolio"] = replace(arms[name], shaping=cr.QInitialisation())
     # Half the episodes reach the goal; at best, in 200 steps, 9 in 10 do.
-    found = cr.compare(arms, seeds=seeds, threshold=0.5)
     print("Greedy return is the share of episodes that reach the goal.")
-    print(found)
-
-    # An optimistic initial value costs nothing and makes a learner explore: another baseline.
-    evaluation = cr.GreedyEvaluation(discounted=False)
-    optimistic = cr.learn(
-        lake, OPTIMISTIC, found.total, seeds=seeds, evaluation=evaluation, stream="lake"
-    )
-    mean = cr.statistics.mean_interval(
-        cr.statistics.mean_return(cr.statistics.Curve.of(optimistic))
-    )
-    print(f"scratch from an initial value of 1, mean return: {mean}")
+    print(cr.compare(arms, seeds=seeds, threshold=0.5))
 
 
 if __name__ == "__main__":

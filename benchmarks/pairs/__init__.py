@@ -1,36 +1,32 @@
-"""Pairs of a source and a target, from harmless to helpful to harmful.
+"""Pairs of a source and a target, from harmless to helpful to harmful, and studies of them.
 
-Families are split into development and verification. The library's constants (thresholds, caps,
-shares) are fitted on the development families alone, and what the library says of itself is judged
-on the verification families. A family lies in one split as a whole.
+Families are split. The library's constants (thresholds, caps, shares) are fitted on the development
+families alone; what the library says of itself is judged on the verification families and on the
+fresh ones, which were written before they were played. A family lies in one split as a whole.
 
-    python -m benchmarks.pairs.run --split development --seeds 20 --out pairs.parquet
-    python -m benchmarks.pairs.tables pairs.parquet
+The TOML files here are studies of a target from all its sources, with nothing set but budgets:
+
+    curricle run benchmarks/pairs/river.toml
+    python -m benchmarks.pairs river-results          # the tables of docs/trust.md
 """
 
-from functools import cache
-
-from benchmarks.pairs.families import FAMILIES
+from benchmarks.pairs.families import DEVELOPMENT, FAMILIES, FRESH, VERIFICATION, pairs_of
 from benchmarks.pairs.pair import Pair, Split
 
 __all__ = ["Pair", "Split", "family_names", "pairs"]
-
-
-@cache
-def _family(name: str) -> tuple[Pair, ...]:
-    return tuple(FAMILIES[name]().pairs.values())
+SPLITS = {"development": DEVELOPMENT, "verification": VERIFICATION, "fresh": FRESH}
 
 
 def family_names() -> list[str]:
-    """Return the names of all families, development first."""
-    return list(FAMILIES)
+    """Return the names of the families that are not fresh, development first."""
+    return [*DEVELOPMENT, *VERIFICATION]
 
 
 def pairs(split: Split | None = None, family: str | None = None) -> list[Pair]:
-    """Return the pairs, of one split or one family if asked; the same objects at every call."""
+    """Return the pairs of a split or a family; by default all but the fresh ones."""
     if family is not None and family not in FAMILIES:
         raise ValueError(f"family must be one of {', '.join(FAMILIES)}: got {family!r}")
-    names = FAMILIES if family is None else [family]
-    return [
-        pair for name in names for pair in _family(name) if split is None or pair.split == split
-    ]
+    names = {**DEVELOPMENT, **VERIFICATION} if split is None else SPLITS[split]
+    if family is not None:
+        names = {family: FAMILIES[family]} if split is None or family in names else {}
+    return [pair for name in names for pair in pairs_of(name)]

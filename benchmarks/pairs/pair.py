@@ -1,12 +1,14 @@
 """A pair: a target, a source, and how the target reads the source's values."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, Literal
 
 import curricle as cr
+from curricle.planning.target import Target
 from curricle.transfer import StateActionMapping
 
-Split = Literal["development", "verification"]
+Split = Literal["development", "verification", "fresh"]
 SENSIBLE = ("near", "far")
 """Kinds whose source a person would call sensible."""
 CHECKPOINTS = 40
@@ -23,7 +25,7 @@ class Pair:
     name : str
         ``family/label``, the label within its family.
     family : str
-    split : {"development", "verification"}
+    split : {"development", "verification", "fresh"}
         Of the whole family.
     kind : str
         ``near`` and ``far`` are sensible. ``wrong goal``: the source's goal is not the target's.
@@ -70,6 +72,11 @@ class Pair:
         """Steps of the target and the source together, in whole checkpoints."""
         return -(-(self.target_budget + self.source_budget) // self.eval_freq) * self.eval_freq
 
+    @property
+    def label(self) -> str:
+        """The name within its family."""
+        return self.name.partition("/")[2]
+
     def transfers(self, **settings: Any) -> list[cr.Transfer]:
         """Return the transfers; `settings` are those of Transfer, such as ``calibrate``."""
         settings = {"scale": self.scale, **settings}
@@ -102,6 +109,20 @@ class Pair:
             self.transfers(calibrate=calibrate),
             **{**given, **settings},
         )
+
+
+def default(pair: Pair) -> cr.Curriculum:
+    """Return a curriculum with nothing set but the target's budget."""
+    return pair.curriculum(
+        shaping=None, budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
+    )
+
+
+@cache
+def levels(task: Any) -> tuple[float, float]:
+    """Return the random policy's return in a task and the optimum, as checkpoints measure it."""
+    target = Target.of(task, cr.GreedyEvaluation(method="exact"))
+    return float(target.random_return), float(target.optimum)
 
 
 class Family:

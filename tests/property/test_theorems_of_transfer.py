@@ -24,7 +24,7 @@ def test_a_source_that_teaches_nothing_never_pays(mdp, share, rate):
         shaping={"target": cr.QInitialisation()},
         eval_freq={"target": 10},
     )
-    contrast = cr.compare(plan, seeds=7, workers=1).contrasts["transfer"]
+    contrast = cr.compare(plan, seeds=7, opponents=(), workers=1).contrasts["transfer"]
     assert contrast.weak_gain.estimate == 0.0
     assert contrast.strong_gain.estimate <= 1e-6
     assert not contrast.verdict.startswith("pays")

@@ -37,6 +37,7 @@ LINES = """
 name = 'lines'
 seeds = 30
 eval_freq = 50
+opponents = []
 tasks.near = { type = 'maze', map = 'S.T', budget = { max_steps = 50 } }
 tasks.far = { type = 'maze', map = 'S..T', budget = 50 }
 transfers = [{ source = 'near', target = 'far', mapping = 'same_position' }]
@@ -108,19 +109,15 @@ def test_a_control_that_equals_the_curriculum_hides_among_weak_ones():
     assert np.mean(wrong) <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / STUDIES)
 
 
-@pytest.mark.parametrize("spread", [0.2, 1.0])
 @pytest.mark.parametrize(("controls", "seeds"), [(1, 10), (3, 20)])
-def test_knowledge_of_more_than_a_tenth_is_seldom_called_optimism(controls, seeds, spread):
-    """The true gain is 10, that over the strongest control 1.05: "optimism" is wrong."""
-    names = [f"control {n}" for n in range(controls)]
+def test_a_placebo_that_gains_as_much_is_seldom_said_to_gain_more(controls, seeds):
+    names = [f"placebo {n}" for n in range(controls)]
     wrong = []
     for drawn in studies(["arm", "scratch", *names], seeds, "normal"):
-        returns = {name: spread * values for name, values in drawn.items()}
-        returns["arm"] = returns["arm"] + 10
-        returns |= {name: returns[name] + 8.95 - n for n, name in enumerate(names)}
+        returns = {name: values + 10 * (name != "scratch") for name, values in drawn.items()}
         pays, over = (verdicts_of(returns, {"arm": those})["arm"] for those in (["scratch"], names))
-        wrong.append(Reason(pays, over).why in ("level", "mostly level"))
-    assert np.mean(wrong) <= ALLOWED
+        wrong.append(Reason(pays, over).why == "placebo")
+    assert np.mean(wrong) <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / STUDIES)
 
 
 @pytest.mark.parametrize("seeds", [10, 20])
@@ -131,7 +128,7 @@ def test_a_curriculum_that_knows_nothing_is_seldom_said_to_pay_by_what_it_knows(
     for returns in studies(["arm", "scratch", *names], seeds, "exponential"):
         returns = {name: values + 5 * (name != "scratch") for name, values in returns.items()}
         pays, over = (verdicts_of(returns, {"arm": those})["arm"] for those in (["scratch"], names))
-        wrong.append(Reason(pays, over).why in ("knowledge", "mostly level"))
+        wrong.append(Reason(pays, over).why == "knowledge")
     assert np.mean(wrong) <= 0.025 + 3 * np.sqrt(0.025 * 0.975 / STUDIES)
 
 

@@ -181,6 +181,8 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
     assert not (tmp_path / "out").exists()
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out", "--shard", "2/2")
     assert out.splitlines()[-1] == "8 units to do, 0 done, in out"
+    code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out", "--arm", "chain")
+    assert {line.partition(":")[0] for line in out.splitlines()[:-1]} == {"scratch", "chain"}
     StudyStore(copied).units()[0].path.unlink()
     before = contents(copied)
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", copied)

@@ -197,6 +197,16 @@ def test_what_is_set_is_read_as_toml_or_else_as_text(read):
     assert only(study).setting("aggregate", "hunt") is aggregation.total
 
 
+def test_arms_of_a_file_may_be_left_out(read, tmp_path):
+    whole = read(MAZE + "[arms]\nfast = { budget = 10 }\nslow = { budget = 20 }\n")
+    (file,) = tmp_path.glob("*.toml")
+    part = read_study(file, arms=["slow"])
+    assert list(part.arms) == ["slow"]
+    assert part.arms["slow"] == whole.arms["slow"]
+    with pytest.raises(cr.errors.ConfigError, match="arm 'slwo' is unknown, did you mean 'slow'"):
+        read_study(file, arms=["slow", "slwo"])
+
+
 # As plain data.
 
 

@@ -351,7 +351,7 @@ def test_check_prints_the_forecast_of_the_sources_as_they_will_be_trained(check,
     out, study = check(f"tasks.corner.budget.max_steps={budget}")
     plan = study.curriculum("transfer")
     for seeds in (3, [0, 1, 2]):
-        assert str(cr.forecast(plan, seeds=seeds)) in out
+        assert str(cr.forecast(plan, seeds=seeds, opponents=study.played)) in out
     assert f"from 3 seeds of corner ({budget:,} steps): optimum" in " ".join(out.split())
     begun = r"^training corner for 3 seeds, for the forecast: about \d+ s$"
     assert re.search(begun, out, re.MULTILINE)
@@ -377,7 +377,7 @@ def test_one_seed_where_three_would_be_slow(check, monkeypatch):
     monkeypatch.setattr("curricle.study.cost.pace", lambda _: pace / SLOWER / 2000)
     out, study = check()
     assert "\ntraining corner for 1 seed, for the forecast: about 1 s\n" in out
-    assert str(cr.forecast(study.curriculum("transfer"), seeds=1)) in out
+    assert str(cr.forecast(study, seeds=1)) in out
 
 
 def test_a_perfect_source_is_its_solution():

@@ -175,6 +175,12 @@ def test_a_study_can_leave_them_out(tmp_path, text):
     assert {*arms} <= {"scratch", "transfer"}
 
 
+def test_where_arms_are_not_compared_those_that_are_named_play(tmp_path):
+    text = ["compared=false", 'opponents=["constant"]']
+    arms = Arms.of(reader(tmp_path)(CORNER, set=[*SHORT, *text])).arms
+    assert {*arms} == {"scratch", "transfer", *OF_PHI}
+
+
 def test_keys_of_other_arms_do_not_depend_on_them(tmp_path):
     read = reader(tmp_path)
     without, unasked = (

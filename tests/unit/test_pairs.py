@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.pairs import family_names, pairs, predictions
-from benchmarks.pairs.families import DEVELOPMENT, VERIFICATION
+from benchmarks.pairs import family_names, pairs
+from benchmarks.pairs.families import DEVELOPMENT, FRESH, VERIFICATION
 from benchmarks.pairs.pair import SENSIBLE
 from curricle import StoppingRule
 from curricle.transfer import ENDED
@@ -23,7 +23,8 @@ NAMED = ("river-swim", "chain", "deep-sea", "taxi", "frozen-lake", "four-rooms")
 
 
 def test_families_are_disjoint_and_many():
-    assert not set(DEVELOPMENT) & set(VERIFICATION)
+    assert not set(DEVELOPMENT) & set(VERIFICATION) | set(FRESH) & {*DEVELOPMENT, *VERIFICATION}
+    assert {pair.family for pair in pairs("fresh")} == set(FRESH)
     assert min(len(DEVELOPMENT), len(VERIFICATION)) >= 6
     assert set(NAMED) <= set(VERIFICATION)
     assert len(pairs()) >= 120
@@ -93,32 +94,3 @@ def test_the_negated_potential_is_the_negation(family):
             np.testing.assert_array_equal(
                 one.potential(values)[mapped], -other.potential(values)[mapped]
             )
-
-
-# -- the bars of predictions ---------------------------------------------------------------------
-
-
-def test_ranks_are_compared_within_targets_only():
-    """Two targets whose returns differ by thousands: what counts is the order in each."""
-    target = np.array(["a"] * 3 + ["b"] * 3)
-    gain = np.array([1.0, 2.0, 3.0, 1001.0, 1002.0, 1003.0])
-    assert predictions.pooled_rank(gain, gain, target) == pytest.approx(1.0)
-    assert predictions.pooled_rank(-gain, gain, target) == pytest.approx(-1.0)
-    swapped = np.array([1.0, 2.0, 3.0, 3.0, 2.0, 1.0])
-    assert predictions.pooled_rank(swapped, gain, target) == pytest.approx(0.0)
-    unknown = np.array([1.0, np.nan, 3.0, 1.0, 2.0, 3.0])
-    assert 0.9 < predictions.pooled_rank(unknown, gain, target) <= 1.0
-
-
-def test_signs_are_counted_where_the_gain_differs_from_0():
-    gain, low, high = np.array([[2, 1, 3], [-2, -3, -1], [1, -1, 3], [2, 1, 3]], float).T
-    score = np.array([1.0, 1.0, -1.0, np.nan])  # right, wrong, does not count, not known
-    assert predictions.right_signs(score, gain, low, high) == (pytest.approx(1 / 3), 3)
-
-
-def test_the_first_choice_is_the_highest_score_or_scratch():
-    target = np.array(["a", "a", "b", "b", "c", "d"])
-    gain = np.array([4.0, 1.0, 4.0, 3.0, -1.0, -1.0])
-    score = np.array([2.0, 1.0, 1.0, 2.0, -1.0, 1.0])
-    assert predictions.regrets(score, gain, target).tolist() == [0.0, 0.25, 0.0, np.inf]
-    assert predictions.regrets(-abs(score), gain, target).tolist() == [1.0, 1.0, 0.0, 0.0]

@@ -1,125 +1,94 @@
-"""The runner of the benchmark of pairs: its rows, its parts, and the tables printed from them."""
+"""The studies of the benchmark of pairs, and the tables that are printed from their folders."""
+
+import json
+from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
-from benchmarks.pairs import run, tables
-from benchmarks.pairs.arms import RAW, curricula
-from benchmarks.pairs.playing import pair_named
-from benchmarks.pairs.results import Played, read, realised
-from curricle import compare
+from benchmarks.pairs import __main__ as tables, pairs
+from benchmarks.pairs.families import FRESH, VERIFICATION
+from curricle import compare, evaluate, read_study, run_study, solve
 
-CORNER, LOST = "mazes/2, treasure", "locks/the last two"
-COLUMNS = {
-    "pair", "family", "split", "kind", "sensible", "target", "arm", "seed", "gain", "weak_gain",
-    "mean_return", "weak_mean_return", "scratch_mean_return", "start_return", "final_return",
-    "weak_final_gain", "steps_to_threshold", "reached", "threshold", "random_return", "optimum",
-    "source_steps", "source_return", "source_optimum",
-    "source_random_return", "source_budget", "target_budget", "total", "source_share", "verdict",
-    "reason", "pair_seconds",
-}  # fmt: skip
+STUDIES = {file.stem: file for file in sorted(Path("benchmarks/pairs").glob("*.toml"))}
+FEW = ["seeds=8", "tasks.target.budget=1_200", "tasks.target.eval_freq=120"]
+ARMS = ["near: less demand", "negated: less demand", "far: half the price"]
 
 
 @pytest.fixture(scope="module")
-def played(tmp_path_factory):
-    out = tmp_path_factory.mktemp("pairs") / "two.parquet"
-    arms = f"{RAW},guarded,default"
-    run.main(["--pair", CORNER, "--pair", LOST, "--seeds", "2", "--arms", arms, "--workers", "1",
-              "--out", str(out)])  # fmt: skip
-    return out
+def folders(tmp_path_factory):
+    home = tmp_path_factory.mktemp("pairs")
+    for place, set in ("pairs", []), ("raw", ["shaping=QInitialisation", "controls=[]"]):
+        study = read_study(STUDIES["stock"], set=[*FEW, *set], arms=ARMS)
+        run_study(study, home / place / "stock")
+    return home
 
 
-def test_a_row_is_an_arm_of_a_pair_with_a_seed(played):
-    table = pq.read_table(played)
-    assert set(table.column_names) >= COLUMNS
-    rows = table.to_pylist()
-    keys = [(row["pair"], row["arm"], row["seed"]) for row in rows]
-    assert len(set(keys)) == len(keys)
-    assert {(pair, seed) for pair, _, seed in keys} == {
-        (p, k) for p in (CORNER, LOST) for k in (0, 1)
-    }
-    arms = {"scratch", RAW, f"{RAW}, negated", f"{RAW}, placebo", "guarded", "default"}
-    assert arms <= {arm for _, arm, _ in keys}
+def test_every_verification_and_fresh_pair_is_an_arm_of_a_study():
+    """But for those whose source learns too long, which a budget that is not stated never does."""
+    arms = set()
+    for file in STUDIES.values():
+        study = read_study(file)
+        for arm, plan in study.curricula.items():
+            (pair,) = (pair for pair in pairs_of(study.name) if described(pair) == arm)
+            assert plan.tasks["target"] is plan.transfers[0].mapping.target
+            assert [edge.scale for edge in plan.transfers] == [pair.scale] * len(pair.mappings)
+            for edge, mapping in zip(plan.transfers, pair.mappings, strict=True):
+                np.testing.assert_array_equal(edge.mapping.index, mapping.index)
+            assert plan.setting("budget", "target") == pair.target_budget
+            assert plan.setting("aggregate", "target") is pair.aggregate
+            arms.add((study.name, arm))
+    listed = [pair for split in ("verification", "fresh") for pair in pairs(split)]
+    kept = [pair for pair in listed if pair.kind != "too large"]
+    assert arms == {(f"{pair.family}, {pair.target_name}", described(pair)) for pair in kept}
+    assert len({pair.family for pair in kept}) == len(VERIFICATION) + len(FRESH)
 
 
-def test_the_gain_is_what_a_comparison_of_that_pair_alone_says(played):
-    (pair,) = (row for row in read([played]) if row.name == CORNER)
-    result = compare({RAW: curricula(pair_named(CORNER), [RAW])[RAW]}, seeds=2, opponents=())
-    gain = result[RAW].strong_gain(result.scratch)
-    np.testing.assert_array_equal(pair.arms[RAW]["gain"], gain)
-    np.testing.assert_array_equal(pair.gains(RAW), gain / pair.way)
-    assert pair.facts["source_budget"] == 1_500
-    assert set(pair.arms[RAW]["source_steps"]) == {1_500}
-    assert set(pair.arms["guarded"]["total"]) == set(pair.arms[RAW]["total"])
-    # Nothing set, the source ends when it has settled, or after a tenth of the target's steps.
-    (most,) = set(pair.arms["default"]["total"] - pair.facts["target_budget"])
-    assert most == pair.facts["target_budget"] // 10
-    assert (pair.arms["default"]["source_steps"] < most).all()
-    assert set(pair.arms["scratch"]["gain"]) == {0.0}
+def pairs_of(study):
+    family, _, target = study.partition(", ")
+    return [pair for pair in pairs(family=family) if pair.target_name == target]
 
 
-def test_a_run_goes_on_where_it_was_and_the_result_is_the_same(played):
-    first = pq.read_table(played)
-    parts = sorted(played.with_suffix(".parquet.parts").iterdir())
-    assert len(parts) == 2
-    kept = {part: part.stat().st_mtime_ns for part in parts}
-    parts[0].unlink()
-    arms = [RAW, "guarded", "default"]
-    chosen = [pair_named(CORNER), pair_named(LOST)]
-    run.run(chosen, arms, 2, played, 1)
-    again = sorted(played.with_suffix(".parquet.parts").iterdir())
-    assert again == parts
-    assert again[1].stat().st_mtime_ns == kept[parts[1]]
-    second = pq.read_table(played)
-    shares = [np.asarray(table["source_share"]) for table in (first, second)]
-    np.testing.assert_array_equal(*shares)  # NaN where there is no portfolio
-    apart = ["pair_seconds", "source_share"]
-    assert second.drop_columns(apart).equals(first.drop_columns(apart))
+def described(pair):
+    return f"{pair.kind}: {pair.label.removesuffix(f', {pair.kind}')}"
 
 
-def test_the_tables_print_every_bar(played, capsys):
-    tables.main([str(played)])
+def test_gains_are_those_of_a_comparison(folders):
+    played = tables.Played(str(folders / "pairs/stock"))
+    plan = read_study(STUDIES["stock"], set=FEW, arms=ARMS)
+    expected = compare({arm: plan.curricula[arm] for arm in ARMS}, seeds=8)
+    for arm in ARMS:
+        gains = expected[arm].strong_gain(expected.scratch) / played.way
+        np.testing.assert_allclose(played.gains(arm), gains, atol=1e-12)
+        assert played.gain(arm)[0] <= gains.mean() + 1e-12  # over the best opponent
+    task = plan.curricula[ARMS[0]].tasks["target"]
+    uniform = np.full((task.states.size, task.actions.size), 1 / task.actions.size)
+    way = solve(task).start_value - evaluate(task, uniform).start_value
+    assert played.way == pytest.approx(way, rel=0.05)  # which ends at the time limit
+
+
+def test_the_tables_say_what_pays_and_whether_the_forecasts_were_right(folders, tmp_path, capsys):
+    stored = str(folders / "pairs/stock")
+    played = tables.Played(stored)
+    foreseen = {played.name: {arm: (*played.gain(arm), False) for arm in ARMS}}
+    file = tmp_path / "forecasts.json"
+    file.write_text(json.dumps(foreseen))
+    tables.main(["gains", stored, "--beside", str(folders / "raw"), "--forecasts", str(file)])
     text = capsys.readouterr().out
-    assert text.count("MET: ") == 2 * 4
-    assert "1, treasure" not in text
-    assert realised([played])[LOST][0] > 0.5
+    assert "verification: 1 targets" in text
+    assert "rank correlation within targets: 1.00" in text
+    assert all(f"  {arm}" in text for arm in ARMS)
+    assert "2 sensible sources" in text
+    tables.main(["again", stored])
+    paying = [arm for arm in ARMS if played.pays(arm)]
+    assert capsys.readouterr().out.count("--arm") == len(paying)
 
 
-# -- tables, on pairs with known numbers -----------------------------------------------------------
-
-
-def known(name, **gains):
-    """Return a pair whose arms gain these shares of the way, scratch covering half of it."""
-    noise = np.array([-0.001, 0.0, 0.001])
-    facts = {
-        "family": "f", "split": "development", "kind": "near", "sensible": True, "target": "t",
-        "random_return": -10.0, "optimum": 10.0, "target_budget": 100, "source_return": 1.0,
-        "source_random_return": 0.0, "source_optimum": 2.0,
-    }  # fmt: skip
-    arms = {
-        arm: {
-            "gain": 20 * (gain + noise), "weak_gain": 20 * (gain + noise),
-            "weak_final_gain": 20 * (gain + noise), "mean_return": 20 * gain + 0 * noise,
-            "weak_mean_return": 20 * gain + 0 * noise,
-            "verdict": np.array(["pays"] * 3), "reason": np.array([""] * 3),
-        }
-        for arm, gain in {"scratch": 0.0, **gains}.items()
-    }  # fmt: skip
-    return Played(f"f/{name}", facts, arms)
-
-
-def bar_of(lines):
-    return next(line for line in lines if line.startswith(("MET", "NOT MET")))
-
-
-def test_the_guard_must_cap_harm_and_keep_gains():
-    good = known("good", raw=0.2, guarded=0.19)
-    capped = known("capped", raw=-0.4, guarded=-0.04)
-    assert bar_of(tables.portfolio([good, capped])).startswith("MET")
-    harmed = known("harmed", raw=-0.4, guarded=-0.06)
-    result = bar_of(tables.portfolio([good, harmed]))
-    assert result.startswith("NOT MET")
-    assert "in 1 of 2 pairs (shown in 1; raw in 1)" in result
-    lost = known("lost", raw=0.2, guarded=0.1)
-    assert "keeps 50%" in bar_of(tables.portfolio([lost]))
+def test_ranks_are_compared_within_targets_only():
+    """Two targets whose returns differ by thousands: what counts is the order in each."""
+    target = np.array(["a"] * 3 + ["b"] * 3)
+    gain = np.array([1.0, 2.0, 3.0, 1001.0, 1002.0, 1003.0])
+    assert tables.pooled_rank(gain, gain, target) == pytest.approx(1.0)
+    assert tables.pooled_rank(-gain, gain, target) == pytest.approx(-1.0)
+    swapped = np.array([1.0, 2.0, 3.0, 3.0, 2.0, 1.0])
+    assert tables.pooled_rank(swapped, gain, target) == pytest.approx(0.0)

@@ -27,14 +27,12 @@ from tests.comparisons import (  # noqa: F401
     corner,
     pursuit,
 )
+from tests.studies import CORNER
 
 LINE = cr.GridWorld("S..T", time_limit=30)
 
 
-@pytest.fixture
-def unopposed(monkeypatch):
-    """Trials against the target's own learner and no other."""
-    monkeypatch.setattr(trials, "OPPONENTS", ())
+ALONE = {"opponents": ()}  # against the target's own learner and no other
 
 
 def words_of(text):
@@ -55,19 +53,33 @@ def test_a_trial_is_the_comparison_with_its_tasks_renamed():
     assert (comparison.budget, comparison.window) == (renamed.budget, renamed.window)
 
 
-def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls, unopposed):  # noqa: F811
+def test_a_trial_is_against_the_learners_that_a_comparison_is_against(tmp_path):
+    """Of a curriculum as it is said, of a study as its file says."""
+    high, plan = {"high": cr.QLearning(initial_value=50.0)}, corner()
+    played = cr.forecast(plan, seeds=1, scratch=high, opponents=["optimistic"]).trial.comparison
+    assert played.scratches == ("scratch", "scratch, high", "scratch, OptimisticQLearning")
+    said = 'opponents = ["constant"]\nscratch_learners.high.initial_value = 50.0'
+    text = CORNER.replace("opponents = []", said)
+    (tmp_path / "study.toml").write_text(f"budget = 1_000\n{text}")
+    trial = cr.forecast(tmp_path / "study.toml", trial=True).trial.comparison
+    assert trial.scratches[:2] == ("scratch", "scratch, high")
+    assert all(name.startswith("mean, constant") for name in trial.scratches[2:])
+    assert len(trial.scratches) == 5
+
+
+def test_no_seed_of_a_trial_draws_what_a_seed_of_the_experiment_draws(calls):  # noqa: F811
     plan = corner()
-    cr.forecast(plan, seeds=3)
+    cr.forecast(plan, seeds=3, **ALONE)
     streams = [call["stream"] for call in calls]
     assert streams == ["corner", "maze/trial", "corner/trial", "maze/trial"]
     experiment = cr.compare(plan, seeds=20)["scratch"].training_return[:, 1:]
-    trial = cr.forecast(plan, seeds=3).trial.comparison["scratch"].training_return[:, 1:]
+    trial = cr.forecast(plan, seeds=3, **ALONE).trial.comparison["scratch"].training_return[:, 1:]
     alike = (experiment[:, None] == trial[None]).all(axis=2)
     assert not alike.any()
     assert (experiment[:, None] == experiment[None]).all(axis=2).sum() == 20  # each equals itself
 
 
-def test_each_candidate_pays_for_its_own_sources_only(unopposed):
+def test_each_candidate_pays_for_its_own_sources_only():
     tasks = {"left": MAZE, "right": MAZE, "far": MAZE, "first": MAZE}
     edges = [
         cr.Transfer(source, target, cr.transfer.identity(MAZE))
@@ -79,7 +91,7 @@ def test_each_candidate_pays_for_its_own_sources_only(unopposed):
         tasks, edges, budget=exact | {"far": 2000},
         eval_freq={"far": 100},
     )  # fmt: skip
-    comparison = cr.forecast(plan, seeds=1).trial.comparison
+    comparison = cr.forecast(plan, seeds=1, **ALONE).trial.comparison
     spent = {name: arm.curve.source_steps[0] for name, arm in comparison.arms.items()}
     assert spent == {
         "scratch": 0, "minimum": 700, "mean": 700, "maximum": 700, "total": 700,
@@ -128,8 +140,8 @@ def rooms():
     )
 
 
-def test_a_source_that_pays_is_said_to_pay_and_by_how_much(unopposed):
-    foreseen = cr.forecast(rooms(), seeds=2)
+def test_a_source_that_pays_is_said_to_pay_and_by_how_much():
+    foreseen = cr.forecast(rooms(), seeds=2, **ALONE)
     assert (foreseen.answer, foreseen.used.gain.low > 0) == ("likely pays", True)
     gain = foreseen.trial.comparison.contrasts["mean"].strong_gain
     assert foreseen.used.gain is gain
@@ -266,16 +278,17 @@ def test_the_used_candidate_alone_is_tried_where_all_would_take_long(monkeypatch
     assert seeds == int(1.5 * trials.FEWEST)
 
 
-def test_trials_share_what_is_learnt_without_sources(unopposed, calls):  # noqa: F811
+def test_trials_share_what_is_learnt_without_sources(calls):  # noqa: F811
     judged, arms = (
         JudgedPotentials(),
         [corner(target=300), corner(target=300, aggregate=cr.maximum)],
     )
-    first, second = (forecast(arm, seeds=1, judged=judged).trial.comparison for arm in arms)
+    how = {"seeds": 1, **ALONE}
+    first, second = (forecast(arm, judged=judged, **how).trial.comparison for arm in arms)
     streams = [call["stream"] for call in calls]
     assert [streams.count(name) for name in ("maze/trial", "corner/trial")] == [3, 1]
     assert_same(first.arms["scratch"], second.arms["scratch"])
-    assert_same(second.arms["maximum"], cr.forecast(arms[1], seeds=1).trial.comparison["maximum"])
+    assert_same(second.arms["maximum"], cr.forecast(arms[1], **how).trial.comparison["maximum"])
 
 
 def test_an_unasked_trial_that_fails_leaves_the_rest(monkeypatch):

@@ -1,7 +1,7 @@
 """Development: walks along a cliff and through wind, -1 a step."""
 
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_cell, cropped, grid, redrawn, reversed_actions
+from ..pair import Family
+from ..worlds import by_cell, cropped, grid, redrawn, reversed_actions
 
 CLIFF = [
     "............",

@@ -3,8 +3,9 @@
 import numpy as np
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_place
+
+from ..pair import Family
+from ..worlds import by_place
 
 N_STATES, N_ACTIONS, BRANCHES = 80, 4, 3
 

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import reversed_actions
+
+from ..pair import Family
+from ..worlds import reversed_actions
 
 
 def pursuit(size: int, predators: int, **rules: Any) -> cr.FiniteMDP:

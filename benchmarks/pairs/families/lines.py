@@ -3,8 +3,9 @@
 from typing import Any
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_place, reversed_actions, task_of
+
+from ..pair import Family
+from ..worlds import by_place, reversed_actions, task_of
 
 LEFT_RIGHT = cr.Component("move", 2, labels=("left", "right"))
 

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_place, task_of
+
+from ..pair import Family
+from ..worlds import by_place, task_of
 
 CODE = (2, 0, 3, 1, 1, 2, 0, 3)
 OTHER = (0, 1, 2, 3, 0, 1, 2, 1)

@@ -3,8 +3,9 @@
 import numpy as np
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_cell, redrawn, reversed_actions
+
+from ..pair import Family
+from ..worlds import by_cell, redrawn, reversed_actions
 
 SIZE = 9
 REWARDS = cr.Rewards(step=-1.0, treasure=200.0, fire=-30.0, near_fire=-10.0, pit=-100.0)

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_place, task_of
+
+from ..pair import Family
+from ..worlds import by_place, task_of
 
 FAST_COST = 4.0
 

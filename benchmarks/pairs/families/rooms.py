@@ -4,8 +4,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_cell, cropped, grid, redrawn, reversed_actions
+from ..pair import Family
+from ..worlds import by_cell, cropped, grid, redrawn, reversed_actions
 
 ROOMS = [
     ".....#.....",

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_place, task_of
+
+from ..pair import Family
+from ..worlds import by_place, task_of
 
 DEMAND = (0.15, 0.25, 0.25, 0.2, 0.15)
 SLACK = (0.45, 0.3, 0.15, 0.1, 0.0)

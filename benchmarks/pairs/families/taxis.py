@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 import curricle as cr
-from benchmarks.pairs.pair import Family
+
+from ..pair import Family
 
 PLACES = ((0, 0), (0, 4), (4, 0), (4, 3))
 RIDING, PICK_UP, DROP_OFF = 4, 4, 5

@@ -77,16 +77,22 @@ Seeds = Annotated[
 Changes = Annotated[
     list[str] | None, Option("--set", help="key=value over the file's, such as tasks.hunt.size=5.")
 ]
+OnlyArms = Annotated[
+    list[str] | None,
+    Option("--arm", help="Only this arm of the file; may be repeated."),
+]
 Explain = Annotated[bool, Option("--explain", help="Also explain the words.")]
 
 
-def _read(file: Path, seeds: str | None, changes: list[str] | None) -> "StudyConfig":
+def _read(
+    file: Path, seeds: str | None, changes: list[str] | None, arms: list[str] | None = None
+) -> "StudyConfig":
     """Return the study of a file, with the changes of the command line."""
     from curricle.study import read_study
 
     if seeds is not None:
         changes = [*(changes or []), f"seeds={seeds}" if seeds.isdecimal() else f'seeds="{seeds}"']
-    return read_study(file, set=changes or [])
+    return read_study(file, set=changes or [], arms=arms or [])
 
 
 def _announce_imports() -> None:
@@ -148,7 +154,11 @@ def new(
 
 @app.command()
 def check(
-    file: File, seeds: Seeds = None, changes: Changes = None, explain: Explain = False
+    file: File,
+    seeds: Seeds = None,
+    changes: Changes = None,
+    arms: OnlyArms = None,
+    explain: Explain = False,
 ) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training the target.
 
@@ -160,7 +170,7 @@ def check(
 
     _announce_imports()
     announce_compilation()
-    print_preview(_read(file, seeds, changes))
+    print_preview(_read(file, seeds, changes, arms))
     if explain:
         print_words()
 
@@ -204,6 +214,7 @@ def run(
     ] = None,
     seeds: Seeds = None,
     changes: Changes = None,
+    arms: OnlyArms = None,
     workers: Annotated[
         int | None, Option(min=1, help="Threads; all processors by default.")
     ] = None,
@@ -236,7 +247,7 @@ def run(
             f"--on and --processes exclude each other: got --on {on} and --processes"
         )
     _announce_imports()
-    study = _read(file, seeds, changes)
+    study = _read(file, seeds, changes, arms)
     i, slash, n = shard.partition("/")
     numbers = slash and i.isdecimal() and n.isdecimal()
     if not numbers or not 1 <= int(i) <= int(n):

@@ -15,7 +15,7 @@ from curricle.files import Place, place_at
 from curricle.planning.target import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms, units_of
-from curricle.study.config import StudyConfig
+from curricle.study.config import StudyConfig, rivals
 from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
 from curricle.study.running import Done, usable_units
 from curricle.study.store import StudyStore, holds_study
@@ -183,6 +183,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
         seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
         there = {source: known[key, seeds] for source, key in keys.items() if (key, seeds) in known}
         how: Any = {"seeds": seeds, "trained": there, "threshold": study.threshold}
+        how |= rivals(study)
         if not seeds:
             how = {"perfect": True}
             print_text(

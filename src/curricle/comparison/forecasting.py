@@ -16,6 +16,7 @@ import numpy as np
 from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.checks import instance, one_of
 from curricle.comparison.comparison import threshold_of_optimum
+from curricle.comparison.opponents import OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
     SEEDS,
@@ -557,6 +558,8 @@ def forecast(
     perfect: bool = False,
     episodes: int | None = None,
     trial: bool | Curriculum | None = None,
+    opponents: Sequence[Opponent] = OPPONENTS,
+    scratch: Learners = (),
     threshold: float | None = None,
     workers: int | None = None,
     progress: Progress = None,
@@ -590,8 +593,9 @@ def forecast(
         True for a trial of 20 seeds, False for none. By default there is a trial of 8 to 20 seeds
         if the tasks have models and it takes at most about 5 s on one processor. A curriculum is a
         smaller relative, whose verdict is taken for this curriculum.
-    threshold : float, optional
-        Return that counts as learnt in the trial, as in :func:`compare`.
+    opponents, scratch, threshold : optional
+        The learners without sources against which the trial asks whether the curriculum pays, and
+        the return that counts as learnt, as in :func:`compare`.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
@@ -660,6 +664,7 @@ def forecast(
             bars.tell(candidate.name)
         if tried:
             how: Any = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
+            how |= {"opponents": opponents, "scratch": scratch}
             if isinstance(trial, Curriculum):
                 how["relative"] = trial  # which has its own threshold
             elif threshold is None:

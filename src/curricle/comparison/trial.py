@@ -19,7 +19,7 @@ from curricle.comparison.comparison import (
     trained_arms,
 )
 from curricle.comparison.controls import entering
-from curricle.comparison.opponents import CONSTANTS, OPPONENTS
+from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import SETTINGS, Node
@@ -224,6 +224,8 @@ def run_trial(
     candidates: Sequence[Candidate],
     relative: Curriculum | None = None,
     *,
+    opponents: Sequence[Opponent] = OPPONENTS,
+    scratch: Learners = (),
     seeds: int = SEEDS,
     threshold: float | None = None,
     memory: Memory | None = None,
@@ -233,7 +235,8 @@ def run_trial(
     """Return a trial of candidates, or of a smaller relative in place of the only candidate."""
     memory = Memory() if memory is None else memory
     arms = {candidate.name: apart(relative or candidate.curriculum) for candidate in candidates}
-    plan, failed = comparison_plan(arms, memory, opponents=OPPONENTS), dict[str, Exception]()
+    plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
+    failed = dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
         # A calibration that is refused here will be refused in the experiment too, and said there.
         warnings.simplefilter("ignore", UserWarning)

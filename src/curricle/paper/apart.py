@@ -20,5 +20,4 @@ def _apart(hunt: Pursuit, chase: Pursuit, predator: str) -> StateActionMapping:
     where = hunt.states.decode()
     shared = (where["predator_1"] == where["predator_2"])[:, None]
     index = np.where(shared, UNMAPPED, project(hunt, chase, predator=predator).index)
-    # In the published runs an unmapped pair was a vote for 0, in every aggregate.
-    return StateActionMapping(hunt, chase, index, unmapped_value=0.0)
+    return StateActionMapping(hunt, chase, index)

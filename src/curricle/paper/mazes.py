@@ -421,6 +421,7 @@ def figure3(studies: Studies) -> FigureResult:
     )
     corners = {"seed": np.arange(seeds)[:, None], "row": rows, "column": columns, "max_q": best}
     inside = (path[:, 0] < 3) & (path[:, 1] > 6)
+    tuned = studies.run("tuned maze", "tuned").comparison
     visits = int(inside[0]) + int((inside[1:] & ~inside[:-1]).sum())
     return FigureResult(
         name="figure3",
@@ -442,6 +443,18 @@ def figure3(studies: Studies) -> FigureResult:
                 "exact; step reward -5",
                 verdict(visits >= 2),
                 {"times the path enters the corner": visits},
+            ),
+            Claim(
+                "f3.tuned",
+                "Open question: do sources pay where each arm, scratch too, has its best learning "
+                "rate and level of Q, of 40 that were tried? None is shown to",
+                f"step reward -5, {tuned.total:,} steps, source's counted; gain over best opponent",
+                answer(all(verdict.direction <= 0 for verdict in tuned.verdicts.values())),
+                {
+                    f"{n}, steps to threshold": mean_interval(tuned.times(n).steps)
+                    for n in tuned.arms
+                }
+                | {f"{n}, gain": contrast.strong_gain for n, contrast in tuned.contrasts.items()},
             ),
         ],
         settings=SETTINGS,

@@ -383,10 +383,9 @@ class StudyConfig(RunTable):
 
     @property
     def played(self) -> tuple[Opponent, ...]:
-        """The opponents of its arms; none where arms are not compared with scratch."""
-        if not (self.scratch and self.compared):
-            return ()
-        return OPPONENTS if self.opponents is None else self.opponents
+        """The opponents of its arms; by default none where arms are not compared with scratch."""
+        unasked = OPPONENTS if self.compared else ()
+        return () if not self.scratch else unasked if self.opponents is None else self.opponents
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
         """Return the arms that learn the target from scratch, ``scratch`` first.
@@ -582,7 +581,9 @@ class _Builder:
 # -- From a file to its configuration, or a sentence for every mistake in it -----------------------
 
 
-def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyConfig:
+def read_study(
+    path: str | PathLike[str], *, set: Sequence[str] = (), arms: Sequence[str] = ()
+) -> StudyConfig:
     r"""Return the study that a TOML file describes.
 
     Tasks and curricula are built when they are asked for.
@@ -592,6 +593,8 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
     path : path
     set : sequence of str
         Changes such as ``"tasks.chase.budget=1000"``: a dotted key and a value, TOML or else text.
+    arms : sequence of str
+        The only arms of the file to keep, without the others; by default all of them.
 
     Raises
     ------
@@ -627,6 +630,12 @@ def read_study(path: str | PathLike[str], *, set: Sequence[str] = ()) -> StudyCo
                 raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
         changed.append(place)
         study = merged(study, value)
+    known_arms = table(study.get("arms"))
+    for arm in arms:
+        if arm not in known_arms:
+            raise ConfigError(f"{file}: arm {arm!r} {unknown(arm, known_arms)}")
+    if arms:
+        study["arms"] = {arm: patch for arm, patch in known_arms.items() if arm in arms}
     return configured(study, file.parent, Positions(str(file), text, tuple(changed)))
 
 
@@ -784,11 +793,15 @@ def of_studies(
     return of_either
 
 
-def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
+def rivals(study: StudyConfig) -> dict[str, Any]:
+    """Return the learners without sources that play in a study, as compare and forecast take."""
     scratch = {name: built(table, study.folder) for name, table in study.scratch_learners.items()}
+    return {"scratch": scratch, "opponents": study.played}
+
+
+def _compared(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     settings = {"seeds": study.seeds, "threshold": study.threshold, "window": study.window}
-    beside = {"scratch": scratch, "controls": study.controls or (), "opponents": study.played}
-    return study.curricula, {**settings, **beside}
+    return study.curricula, {**settings, **rivals(study), "controls": study.controls or ()}
 
 
 def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
@@ -799,7 +812,7 @@ def _foreseen(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
             f"read_study(FILE) and ARM one of {listed(study.arms)}"
         )
     said = {"seeds": study.seeds[:FORECAST_SEEDS], "threshold": study.threshold}
-    return study.curriculum(arm), said
+    return study.curriculum(arm), {**said, **rivals(study)}
 
 
 compare = of_studies(compare_curricula, _compared)

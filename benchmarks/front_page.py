@@ -1,0 +1,120 @@
+"""Does a learner from scratch overturn a verdict of README, the tutorial or the paper's page?
+
+Plays every verdict that these pages print, and the paper's claims that rest on a baseline, with all
+opponents and seeds that are not the page's. Prints the page's word, if it has one, the word here,
+the gain in mean return, sources charged, and the best opponent. `!` marks words that differ.
+
+    python -m benchmarks.front_page [README tutorial paper claims] [--seeds 200]
+"""
+
+import argparse
+import os
+import sys
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import curricle as cr
+from curricle.paper.figure4 import figure4
+from curricle.paper.mazes import HERE, Studies, figure2, figure3
+from curricle.paper.trust_figure import CHARGED
+from curricle.progress import Bars
+from tests.walk import walk
+
+ROOT = Path(__file__).parents[1]
+FIRST = 1000  # the pages have seeds from 0, and tuning has them from 1,000,000
+PAYS, COSTS, NOT_SHOWN = "pays", "costs more than it brings", "no difference shown"
+CLAIMS = ("f2.faster", "f3.", "f4.published", "f4.stated", "f4.initial", "f4.scaling", "f4.why")
+
+
+def study(file, seeds, folder, changes=()):
+    """Return the comparison of a study's arms."""
+    read = cr.read_study(file, set=[*changes, f"seeds={FIRST}-{FIRST + seeds - 1}"])
+    place = Path(folder) / f"{len(os.listdir(folder))}-results"
+    return cr.run_study(read, place, progress=False).comparison
+
+
+def plan(names, transfers, seeds, **settings):
+    """Return the comparison of a curriculum."""
+    seeds = range(FIRST, FIRST + seeds)
+    return cr.compare(cr.Curriculum(names, transfers, **settings), seeds=seeds)
+
+
+def readme(seeds):
+    """Yield README's curricula that are no study files."""
+    make = partial(cr.from_gymnasium, "FrozenLake8x8-v1", discount=0.99)
+    wet, dry = make(), make(is_slippery=False)
+    edges = [cr.Transfer("dry", "lake", cr.project(wet, dry), scale=0.5)]
+    how = {"budget": {"lake": 200_000}, "learner": {"dry": cr.QLearning(initial_value=1.0)}}
+    yield "FrozenLake 8x8", plan({"dry": dry, "lake": wet}, edges, seeds, **how), [COSTS]
+    two, chase = (cr.Pursuit(size=4, predators=predators) for predators in (2, 1))
+    mappings = [cr.project(two, chase, predator=name) for name in two.predator_names]
+    edges = [cr.Transfer("chase", "hunt", mapping, scale=2) for mapping in mappings]
+    how = {"budget": {"chase": 50_000, "hunt": 100_000}, "aggregate": cr.minimum}
+    yield "hunt, scale 2", plan({"chase": chase, "hunt": two}, edges, seeds, **how), [""]
+
+
+def played(page, seeds, folder):
+    """Yield what is played of a page: title, comparison, and the page's word for each arm."""
+    run = partial(study, seeds=seeds, folder=folder)
+    if page == "README":
+        yield "hunt, tuned", run(ROOT / "examples/tune.toml"), [PAYS]
+        yield from readme(seeds)
+    elif page == "tutorial":
+        programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        (files := Path(folder) / "files").mkdir()
+        how = {"timed": False, "taken": lambda line: line.startswith("curricle new")}
+        walk(ROOT / "docs/tutorial.md", files, {**os.environ, "PATH": programs}, **how)
+        maze, vault, without = files / "maze.toml", files / "vault.toml", "shaping=QInitialisation"
+        shorter, longer = (f"tasks.corner.budget={{ max_steps = {n} }}" for n in (800, 10_000))
+        yield "maze, usual learner", run(maze, changes=["learner.type=QLearning"]), [COSTS]
+        yield "maze", run(maze, changes=[without, shorter]), [PAYS]
+        yield "maze, longer", run(maze, changes=[without, longer]), [COSTS]
+        yield "vault", run(vault), [COSTS, COSTS]
+        yield "vault, unguarded", run(vault, changes=[without]), [COSTS, COSTS]
+    elif page == "paper":
+        charged = cr.read_study(HERE / "trust.toml", set=CHARGED).curriculum("mean, calibrated")
+        yield "pursuit 5x5", cr.compare(charged, seeds=range(FIRST, FIRST + seeds)), [PAYS]
+        yield "maze, tuned", run(HERE / "tuned.toml"), [COSTS, NOT_SHOWN, COSTS, COSTS]
+
+
+class OtherSeeds(Studies):
+    """The paper's studies with the seeds of this script."""
+
+    def read(self, file, *changes):
+        """Return a study of the paper with its changes, and these seeds."""
+        return super().read(file, *changes, f"seeds={FIRST}-{FIRST + self.seeds - 1}")
+
+
+def claims(seeds, folder):
+    """Yield the paper's claims in which transfer and a baseline meet, with the verdict here."""
+    studies = OtherSeeds(Path(folder), seeds, None, Bars(), print)
+    for figure in (figure2, figure3, figure4):
+        yield from (claim for claim in figure(studies).claims if claim.id.startswith(CLAIMS))
+
+
+def main():
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
+    parser.add_argument("pages", nargs="*", default=["README", "tutorial", "paper", "claims"])
+    parser.add_argument("--seeds", type=int, default=200)
+    given = parser.parse_args()
+    for page in given.pages:
+        print(f"\n{page}, {given.seeds} seeds from {FIRST:,}", flush=True)
+        with TemporaryDirectory() as folder:
+            if page == "claims":
+                for claim in claims(given.seeds, folder):
+                    print(f"  {claim.verdict:16}{claim.id}", flush=True)
+                continue
+            for title, comparison, words in played(page, given.seeds, folder):
+                for (arm, contrast), word in zip(comparison.contrasts.items(), words, strict=True):
+                    mark, best = (
+                        " !"[word not in ("", contrast.verdict)],
+                        comparison.best_opponent(arm),
+                    )
+                    row = f"{mark} {title + ': ' + arm:44}{word:28}{contrast.verdict:28}"
+                    print(f"{row}{contrast.strong_gain!s:40}{best}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
