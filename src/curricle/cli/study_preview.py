@@ -80,10 +80,7 @@ def print_preview(study: StudyConfig) -> None:
             f"best of the trials every arm spends at most {counted(tried.total or 0, 'step')}"
         )
     if study.choose:
-        text = (
-            "before that, its arm is chosen by trials: the costs above are of the file's own arms"
-        )
-        print_text(text)
+        print_text("before that, its arm is chosen; the costs above are of the file's own arms")
     try:
         study.check_networks()
     except SettingError as error:

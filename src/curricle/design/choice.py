@@ -2,16 +2,15 @@
 
 Every candidate source is played at some source budgets and scales, all on a few seeds. The better
 half, without those that are shown to be worse than the leader, is played on more, until few are
-left. These finalists meet all opponents on seeds that none of them was chosen on, so that their
-verdicts are those of any comparison. The seeds are none that an experiment has unless it asks for
-them. Potentials of candidates enter by ``QInitialisation()``, without a portfolio, so that a trial
-shows what a source itself brings.
+left. These finalists meet all opponents on seeds that none of them was chosen on, and that no
+experiment has unless it asks for them. Potentials of candidates enter by ``QInitialisation()``,
+without a portfolio, so that a trial shows what a source itself brings.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, product
 from math import log
 from typing import Any, NamedTuple, cast
 
@@ -36,7 +35,7 @@ from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
 from curricle.design.candidates import KINDS, MAKERS, SourceCandidate, source_candidates
 from curricle.design.kinds import DesignTarget, Draft, design_target, family_members
-from curricle.display import block, table
+from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError, SettingError, TaskError, in_words
 from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import StoppingRule
@@ -89,12 +88,9 @@ class Option(NamedTuple):
 
 def options_of(candidates: Sequence[SourceCandidate], budget: int) -> Iterator[Option]:
     """Yield every candidate at each source budget and scale, for a target's budget in steps."""
-    for candidate in candidates:
-        for share in SHARES:
-            for scale in SCALES:
-                times = "" if scale == 1 else f", x {scale:g}"
-                name = f"{candidate.name}, {share:.0%}{times}"
-                yield Option(name, candidate, max(1, int(share * budget)), scale)
+    for candidate, share, scale in product(candidates, SHARES, SCALES):
+        name = f"{candidate.name}, {share:.0%}" + f", x {scale:g}" * (scale != 1)
+        yield Option(name, candidate, max(1, int(share * budget)), scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +125,7 @@ class Choice:
     remarks: tuple[str, ...] = ()
 
     __repr__ = brief_repr
+    _repr_html_ = printed
 
     @property
     def sentence(self) -> str:
@@ -147,20 +144,13 @@ class Choice:
 
     def text(self, width: int = UNBOUNDED) -> str:
         """Return the sentence and the table in lines of at most `width` characters."""
-        lines = [folded(self.sentence, width), *text_table(HEADS, self._cells, width, prose=True)]
-        return "\n".join([*lines, *(folded(remark, width) for remark in self.remarks)])
-
-    def _repr_html_(self) -> str:
-        return block(self.sentence, table(HEADS, self._cells, wide=HEADS[-1:]), *self.remarks)
-
-    @property
-    def _cells(self) -> list[tuple[str, ...]]:
-        rows = list[tuple[str, ...]]()
+        cells = list[tuple[str, ...]]()
         for row in self.rows[:SHOWN]:
             gain = Interval(row["gain"], row["gain_low"], row["gain_high"], 0.95, row["seeds"])
             numbers = f"{row['source_steps']:,.0f}", f"{row['seeds']}", f"{row['mean_return']:.4g}"
-            rows.append((row["name"], *numbers, short(gain), row["answer"]))
-        return rows
+            cells.append((row["name"], *numbers, short(gain), row["answer"]))
+        lines = [folded(self.sentence, width), *text_table(HEADS, cells, width, prose=True)]
+        return "\n".join([*lines, *(folded(remark, width) for remark in self.remarks)])
 
 
 # -- Halving ---------------------------------------------------------------------------------------
@@ -204,8 +194,7 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
             add_row(name, comparison[name], returns[name], gain, f"left out after round {n}")
         better = ranked[: max(FINALISTS, -(-len(ranked) // 2))]
         left = [x for x in better if _may_exceed(returns[x], returns[ranked[0]])]
-        hopeless = not any(_may_exceed(returns[x], rival) for x in left)
-        if hopeless or len(left) <= FINALISTS:
+        if len(left) <= FINALISTS or not any(_may_exceed(returns[x], rival) for x in left):
             break
     left = left[:FINALISTS]
     final = played(FINAL_SEEDS, "last round", constants=True)
@@ -271,10 +260,8 @@ def choose(
         A smaller relative in which to choose instead, with as many steps a state. The kind of
         source, the relation of its size to the target's, its steps a state and its scale are then
         carried over.
-    seed : int
-        Equal seeds give equal choices.
-    workers, progress : optional
-        As :func:`compare` takes them; a bar is of a round.
+    seed, workers, progress : optional
+        Equal seeds give equal choices; the others are as in :func:`compare`, with a bar a round.
     **settings
         The target's ``budget`` (100,000 steps), ``learner``, ``eval_freq``, ``evaluation`` and
         ``storage``; by default those of the first curriculum in `candidates`.
@@ -322,10 +309,8 @@ def choose(
     curriculum, remarks = curricula.get(choice.name), [*choice.remarks]
     if on is not None:
         curriculum = None
-        remarks.append(
-            f"played in a relative with {fewer:,} states instead of {states:,}, in {steps:,} steps "
-            f"instead of {budget:,}; assumes that what pays there pays in the target"
-        )
+        played = f"{fewer:,} states instead of {states:,}, {steps:,} steps instead of {budget:,}"
+        remarks += [f"played in a relative: {played}; assumes that what pays there pays here"]
         if choice.name in options:  # a curriculum of the user's is not carried over
             option, words = _carried_over(target, options[choice.name], on)
             curriculum = option and option.curriculum(TARGET, _task(target), settings)
@@ -390,8 +375,9 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
     def distance(draft: Draft) -> tuple[bool, float]:
         if draft.member is not None and like.member is not None:
             size = draft.member.task.states.size / _task(target).states.size
-            unlike = _changed(draft.member, target) != _changed(like.member, on)
-            return unlike, abs(log(size / share))
+            pairs = (draft.member.parameters, target), (like.member.parameters, on)
+            here, there = ({k for k in own if own[k] != of.parameters[k]} for own, of in pairs)
+            return here != there, abs(log(size / share))
         if like.share is None:
             return draft.words != like.words, 0.0
         return False, abs((like.share if draft.share is None else draft.share) - like.share)
@@ -409,8 +395,3 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
             words += f": {draft.name}, {task.states.size:,} states, {steps:,} steps"
             return option._replace(candidate=source, steps=steps), words
     return None, f"{words}; none can be made of the target itself: build it by hand"
-
-
-def _changed(member: FamilyMember, of: FamilyMember) -> set[str]:
-    """Return the parameters in which two members differ."""
-    return {name for name, value in member.parameters.items() if of.parameters[name] != value}

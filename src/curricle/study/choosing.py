@@ -1,17 +1,15 @@
 """Choosing the arm of a study: its trials as a study, the chosen study, and that as a file.
 
-A study with ``choose = true`` is played as :func:`curricle.choose` plays its target, with units
-that are stored: the trials are a study in a folder of their own, whose rounds have fewer arms and
-further seeds. It goes on, fails and is stale as any study.
+The trials of a study with ``choose = true`` are those of :func:`curricle.choose`, as a study in a
+folder of its own: its rounds have fewer arms and further seeds.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from curricle.comparison.opponents import OPPONENTS
 from curricle.design.candidates import source_candidates
 from curricle.design.choice import MOST, Choice, choose as choose_curriculum, options_of
-from curricle.errors import SettingError
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies
 from curricle.study_file.file import Positions, parsed, toml_text
 from curricle.study_file.vary import target_alone
@@ -26,13 +24,10 @@ def trial_study(study: StudyConfig) -> StudyConfig:
     first = next(iter(arms))
     curriculum, alone = study.curricula[first], target_alone(arms[first])
     target, (*_, data) = curriculum.target, alone["tasks"].values()
-    budget = curriculum.setting("budget", target)
-    if not isinstance(budget, int):
-        raise SettingError(f"an arm is chosen at a budget in steps: {target!r} has {budget}")
     found = source_candidates(study.address(first, target), most=MOST)
     trials = {name: arm for name, arm in arms.items() if arm["transfers"]}
     shared: dict[str, Any] = {key: data[key] for key in OF_BOTH if key in data}
-    for option in options_of(found.candidates, budget):
+    for option in options_of(found.candidates, curriculum.node(target).most_steps):
         name = option.candidate.name
         source = {"type": "candidate", "of": target, "kind": option.candidate.kind, **shared}
         source |= {"candidate": name, "budget": {"max_steps": option.steps}}
@@ -72,5 +67,4 @@ def _choosable(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
     return first.tasks[first.target], {"candidates": curricula, "kinds": ()}
 
 
-_of_task: Any = choose_curriculum  # its first parameter may be passed by name, too
-choose: Callable[..., Choice] = of_studies(_of_task, _choosable)
+choose: Callable[..., Choice] = of_studies(cast(Any, choose_curriculum), _choosable)

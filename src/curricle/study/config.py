@@ -36,7 +36,7 @@ from curricle.comparison.opponents import (
 )
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.node import DEFAULT_STEPS
-from curricle.design.candidates import SourceCandidate, candidate_named
+from curricle.design.candidates import candidate_named
 from curricle.design.choice import FIRST_SEED
 from curricle.display import block, table as html_table
 from curricle.errors import ConfigError, CurricleError, SettingError
@@ -84,7 +84,6 @@ from curricle.study_file.vary import (
     wrong_sweep,
     wrong_tuning,
 )
-from curricle.tasks.family import FamilyMember
 from curricle.text import counted, shortened
 from curricle.transfer.by_components import member_mappings
 
@@ -412,8 +411,8 @@ class StudyConfig(RunTable):
 
     def address(self, arm: str, name: str) -> Any:
         """Return a task of an arm: its address in a family if it has one, with the same start."""
-        builder = _Builder(arm, self.arms[arm], self, Problems(self._positions))
-        return builder.address(name, self.curriculum(arm).tasks[name])
+        self.curriculum(arm)  # makes its tasks
+        return _Builder(arm, self.arms[arm], self, Problems(self._positions)).address(name)
 
     def check_networks(self) -> None:
         """Check the learners that are networks with Stable-Baselines3.
@@ -507,7 +506,7 @@ class _Builder:
         if key not in self.made:
             to, of = self._member(edge.target), self._member(edge.source)
             if edge.mapping == "candidate":
-                mappings = self._candidate(edge.source, tasks).mappings
+                mappings = of.mappings
             elif edge.mapping == "family" and to is not None and of is not None:
                 with users_code(f"the mapping of {to.family.name}"):
                     mappings = member_mappings(to, of, target, source, edge.unmapped_value)
@@ -525,32 +524,26 @@ class _Builder:
             if of is None or of in tasks:
                 with self._refused("tasks", name):
                     if key not in self.made:
-                        whole = self._member(name) if of is None else tasks[of]
-                        if task.type == "candidate":
-                            whole = self._candidate(name, tasks)
+                        whole = tasks[of] if of and task.type == "crop" else self._member(name)
                         self.made[key] = started(task.build(self.folder, whole), task.start_states)
                     tasks[name] = self.made[key]
         return tasks
 
-    def _member(self, name: str) -> FamilyMember | None:
-        """Return the address of a task in its family, shared by all arms; None if it has none."""
+    def _member(self, name: str) -> Any:
+        """Return the member of a family or the candidate that a task is, if any; arms share it."""
         task, key = self.arm.tasks[name], f"member {self._key(name)}"
         if isinstance(task, FamilyTask) and key not in self.made:
             self.made[key] = task.member(self.folder)
+        if task.type == "candidate" and key not in self.made:
+            of = self.address(task.of)
+            self.made[key] = candidate_named(of, task.kind, task.candidate)
         return self.made.get(key)
 
-    def _candidate(self, name: str, tasks: Mapping[str, Any]) -> SourceCandidate:
-        """Return the candidate that a task of the study is, shared by all arms."""
-        task, key = self.arm.tasks[name], f"candidate {self._key(name)}"
-        if key not in self.made:
-            of = self.address(task.of, tasks[task.of])
-            self.made[key] = candidate_named(of, task.kind, task.candidate)
-        return self.made[key]  # type: ignore[no-any-return]
-
-    def address(self, name: str, task: Any) -> Any:
-        """Return the address of a task in its family, if it has one and the same start."""
-        member = self._member(name)
-        return task if member is None or self.arm.tasks[name].start_states else member
+    def address(self, name: str) -> Any:
+        """Return a task that is made: its address in a family if it has one, with its start."""
+        task = self.arm.tasks[name]
+        by_family = isinstance(task, FamilyTask) and not task.start_states
+        return self._member(name) if by_family else self.made[self._key(name)]
 
     def _key(self, name: str) -> str:
         """Return the data on which a task depends: its keys, and the mazes it is a part of."""

@@ -75,9 +75,7 @@ def tuning_words(store: StudyStore) -> str:
     if not isinstance(configuration, dict) or not {"tune", "choose"} & configuration.keys():
         return ""
     if "choose" in configuration:
-        folder = store.path / CHOICE
-        files = len(StudyStore(folder).units()) if holds_study(folder) else 0
-        return f"its arm is chosen first: {counted(files, 'file')} of trials stored"
+        return f"its arm is chosen first: its trials are in {store.path / CHOICE}"
     if not holds_study(store.path / TRIALS):
         return "it is tuned first: no trial has begun"
     trials = StudyResults(store.path / TRIALS)

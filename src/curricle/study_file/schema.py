@@ -615,9 +615,8 @@ class _TransferTable(ObjectTable):
     project: dict[str, str] | None = None
     """f by name: source component = target component where the names differ; may be empty."""
     mapping: NamedMapping | None = None
-    """f, one of Curricle's other mappings; 'family' is what the family of both tasks says, and
-    'candidate' what a candidate is listed with, one transfer for each mapping; 'auto' is the best
-    that is found between the tasks."""
+    """f, one of Curricle's other mappings; 'family' and 'candidate' are what the family of both
+    tasks or the candidate has, a transfer for each; 'auto' is the best that is found."""
     function: Reference | None = None
     """f as a function from the target's decoded states and actions to the source's,
     module:function."""
