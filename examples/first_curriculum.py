@@ -8,7 +8,7 @@ potential, at the return of scratch, and the learner that has it is ahead by the
 These are ends: in mean return over all steps the optimistic learner is 3.3 ahead of the doubled values, as
 the source takes a third of the steps. Tuned, it takes fewer, and the curriculum pays (tune.toml).
 
-python examples/first_curriculum.py docs/first_curriculum.png
+python examples/first_curriculum.py first_curriculum.png
 """
 
 import sys
