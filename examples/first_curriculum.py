@@ -1,14 +1,14 @@
-"""From one predator to two: the README's curriculum, drawn against two learners from scratch.
+"""From one predator to two: a curriculum drawn against two learners from scratch.
 
 Measured over 30 seeds after at most 150,000 steps, the source's included: -4.3 with the source's
-values doubled, -12.3 with the values as they are, -62.8 from scratch with Q started at 0; the
+values doubled, -12.9 with the values as they are, -62.8 from scratch with Q started at 0; the
 optimum is -3.5. Rewards are negative, so 0 is optimistic. Q started at -10 reaches -6.8 from
-scratch, with no source. The default shaping has a portfolio, so the hunt begins without the potential,
-at the return of scratch, and the learner that has it is ahead by the first checkpoint. These are
-ends: in mean return over all steps the optimistic learner is 3.3 ahead of the doubled values, as
-the source takes a third of the steps. Tuned, it takes fewer, and the curriculum pays (tune.toml).
+scratch, with no source. The default shaping has a portfolio, so the hunt begins without the
+potential, at the return of scratch, and the learner that has it is ahead by the first checkpoint.
+These are ends: in mean return over all steps the optimistic learner is 3.3 ahead of the doubled
+values, as the source takes a third of the steps. Tuned, the curriculum pays (tune.toml).
 
-python examples/first_curriculum.py docs/first_curriculum.png
+python examples/first_curriculum.py first_curriculum.png
 """
 
 import sys
