@@ -184,7 +184,6 @@ def choose(
     ] = None,
     seed: Annotated[int, Option(min=0, help="Equal seeds give equal choices.")] = 0,
     changes: Changes = None,
-    workers: Annotated[int | None, Option(min=1, help="Threads over seeds.")] = None,
 ) -> None:
     """Choose which curriculum to learn a study's target with, if any, by trials in its model.
 
@@ -199,7 +198,7 @@ def choose(
     if out is not None and out.exists():
         raise StoreError(f"a new study needs a new file: {out} is there already")
     study = _read(file, None, changes)
-    choice = chosen_of(study, seed=seed, workers=workers, progress=True)
+    choice = chosen_of(study, seed=seed, progress=True)
     print(choice.text(table_width()))
     if out is not None:
         out.write_text(chosen_file(study, choice, out.parent), encoding="utf-8")

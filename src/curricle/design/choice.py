@@ -298,8 +298,7 @@ def choose(
     level, window = threshold_before(whole, None), min(WINDOW, checkpoints(whole))
 
     def play(plan: Plan, seeds: tuple[int, ...], title: str) -> Comparison:
-        tell: Any = bars.tell
-        grow: Any = bars.bar(title, len(plan.arms))
+        grow, tell = cast(Any, (bars.bar(title, len(plan.arms)), bars.tell))
         told = Bars(call=lambda name: (grow(), tell(name)))
         arms = trained_arms(plan, seeds, failed, memory, workers, told)
         return comparison_of(plan, arms, level, window, failed)
@@ -376,7 +375,9 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
         if draft.member is not None and like.member is not None:
             size = draft.member.task.states.size / _task(target).states.size
             pairs = (draft.member.parameters, target), (like.member.parameters, on)
-            here, there = ({k for k in own if own[k] != of.parameters[k]} for own, of in pairs)
+            here, there = (
+                {k for k in values if values[k] != of.parameters[k]} for values, of in pairs
+            )
             return here != there, abs(log(size / share))
         if like.share is None:
             return draft.words != like.words, 0.0

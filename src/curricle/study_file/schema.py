@@ -599,11 +599,6 @@ ACTIONS = (
 )
 
 
-NamedMapping = Literal[
-    "identity", "same_position", "relative_objects", "family", "candidate", "auto"
-]
-
-
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
         source: str  # derived, as are target, scale, shift and calibrate
@@ -614,7 +609,10 @@ class _TransferTable(ObjectTable):
     # The keys that say f are by hand: they are arguments of five functions that make a mapping.
     project: dict[str, str] | None = None
     """f by name: source component = target component where the names differ; may be empty."""
-    mapping: NamedMapping | None = None
+    mapping: (
+        Literal["identity", "same_position", "relative_objects", "family", "candidate", "auto"]
+        | None
+    ) = None
     """f, one of Curricle's other mappings; 'family' and 'candidate' are what the family of both
     tasks or the candidate has, a transfer for each; 'auto' is the best that is found."""
     function: Reference | None = None
