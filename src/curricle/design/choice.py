@@ -110,9 +110,8 @@ class Choice:
     comparison : Comparison
         The finalists against all opponents, on seeds that no finalist was chosen on.
     rows : tuple of dict
-        One for each curriculum that was played, finalists first: name, source_steps, seeds,
-        mean_return, gain, gain_low, gain_high (over the best opponent, in mean return, sources
-        charged), and answer: the verdict of a finalist, or when it was left out.
+        One for each curriculum, finalists first: name, source_steps, seeds, mean_return, gain,
+        gain_low, gain_high (over the best opponent), answer: a verdict, or when it was left out.
     remarks : tuple of str
         Sentences below the table: on curricula that failed, and on where they were played.
     """
@@ -375,9 +374,7 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
         if draft.member is not None and like.member is not None:
             size = draft.member.task.states.size / _task(target).states.size
             pairs = (draft.member.parameters, target), (like.member.parameters, on)
-            here, there = (
-                {k for k in values if values[k] != of.parameters[k]} for values, of in pairs
-            )
+            here, there = ({k for k in x if x[k] != of.parameters[k]} for x, of in pairs)
             return here != there, abs(log(size / share))
         if like.share is None:
             return draft.words != like.words, 0.0
