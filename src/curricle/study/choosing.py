@@ -41,12 +41,11 @@ def trial_study(study: StudyConfig) -> StudyConfig:
 
 def chosen_study(study: StudyConfig, trials: StudyConfig, choice: Choice) -> StudyConfig:
     """Return a study with the chosen curriculum as its only arm; without sources if none pays."""
-    text = str(choice)
     if choice.name:
         arms = {choice.name: trials.to_data()["arms"][choice.name]}
-        return study.varied(arms=arms, choose=None, chosen=text)
+        return study.varied(arms=arms, choose=None, chosen=str(choice))
     alone = target_alone(next(iter(study.to_data()["arms"].values())))
-    return study.varied(arms={NO_CURRICULUM: alone}, choose=None, controls=None, chosen=text)
+    return study.varied(arms={NO_CURRICULUM: alone}, choose=None, controls=None, chosen=str(choice))
 
 
 def chosen_file(study: StudyConfig, choice: Choice, folder: Any) -> str:
