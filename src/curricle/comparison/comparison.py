@@ -760,9 +760,9 @@ def compare(
     ...     tasks={"corner": corner, "maze": maze},
     ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))],
     ...     budget={"corner": 500, "maze": 5000})
-    >>> comparison = compare(plan, seeds=5, controls=["placebo"])
+    >>> comparison = compare(plan, seeds=5, opponents=["optimistic"])
     >>> list(comparison.arms), comparison.total
-    (['scratch', 'transfer', 'transfer, placebo'], 5500)
+    (['scratch', 'scratch, OptimisticQLearning', 'transfer'], 5500)
     """
     check_progress(progress)
     memory = Memory()
