@@ -124,7 +124,7 @@ MUTATIONS = [
         "curriculum.replace(target, shaping=QInitialisation())", "curriculum",
         ("tests/unit/test_opponents.py",)),
     Mutation("constants of one curriculum are opponents of another", "comparison/comparison.py",
-        "own = self.arms[name].curriculum or name", 'own = next(iter(self.controls))',
+        "curriculum = self.arms[name].curriculum or name", "curriculum = next(iter(self.controls))",
         ("tests/unit/test_opponents.py::test_arms_with_one_potential_share_their_constants",)),
     Mutation("finalists of a choice are judged on seeds that they were chosen on",
         "design/choice.py",

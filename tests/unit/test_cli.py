@@ -17,6 +17,7 @@ from curricle.cli import progress_bars
 from curricle.cli.app import app
 from curricle.show.report import page_of
 from curricle.study import StudyResults
+from tests.studies import CORNER
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
@@ -116,32 +117,14 @@ def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
     assert contents(copied) == before
 
 
-LINE = """
-name = "line"
-seeds = 2
-[tasks.line]
-type = "maze"
-map = "S..T"
-budget = 400
-[tasks.near]
-type = "crop"
-of = "line"
-rows = [0, 1]
-columns = [1, 4]
-budget = 100
-[[transfers]]
-source = "near"
-target = "line"
-mapping = "same_position"
-"""
+SHORT = "budget=400"
 
 
 def test_the_page_of_a_run_is_watched_while_it_runs(tmp_path, monkeypatch):
     """In another process, which ends as the run does."""
     monkeypatch.chdir(tmp_path)
-    Path("line.toml").write_text(LINE, "utf-8")
-    command = [sys.executable, "-m", "curricle", "run", "line.toml", "--open"]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    Path("line.toml").write_text(CORNER, "utf-8")
+    run = python("-m", "curricle", "run", "line.toml", "--open", "--seeds", "2", "--set", SHORT)
     assert run.returncode == 0, run.stderr
     page = Path("line-results/report.html")
     assert f"The run is over: {page}" in run.stdout

@@ -297,8 +297,9 @@ class Comparison:
 
     def opponents(self, name: str) -> tuple[str, ...]:
         """Return the opponents of an arm: all but the constants of other curricula."""
-        own = self.arms[name].curriculum or name
-        return tuple(arm for arm in self.scratches if self.arms[arm].curriculum in {"", own})
+        curriculum = self.arms[name].curriculum or name
+        kept = {"", curriculum}
+        return tuple(arm for arm in self.scratches if self.arms[arm].curriculum in kept)
 
     def best_opponent(self, name: str) -> str:
         """Return the opponent of an arm with the highest mean return."""

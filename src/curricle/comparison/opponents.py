@@ -97,10 +97,10 @@ def unasked_learners(
     opponents: Collection[Opponent], scratches: Mapping[str, Curriculum]
 ) -> Iterator[tuple[str, Curriculum]]:
     """Yield the learners of ``bounds`` and ``optimistic`` that no arm from scratch is yet."""
-    own = scratches[SCRATCH]
-    task, learner = own.tasks[own.target], own.setting("learner", own.target)
+    usual = scratches[SCRATCH]
+    task, learner = usual.tasks[usual.target], usual.setting("learner", usual.target)
     known = [arm.setting("learner", arm.target) for arm in scratches.values()]
-    if not starts_anywhere(learner) or not has_tables(task) or is_large(own):
+    if not starts_anywhere(learner) or not has_tables(task) or is_large(usual):
         return
     learners = list[Learner]()
     if "bounds" in opponents:
@@ -115,7 +115,7 @@ def unasked_learners(
             known.append(opponent)
             bound = not opponent.asks_task
             name = f"initial_value={opponent.initial_value:.4g}" if bound else _name(opponent)
-            yield name, from_scratch(own, opponent)
+            yield name, from_scratch(usual, opponent)
 
 
 def starts_anywhere(learner: Any) -> bool:

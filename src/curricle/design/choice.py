@@ -298,8 +298,8 @@ def choose(
 
     def play(plan: Plan, seeds: tuple[int, ...], title: str) -> Comparison:
         grow, tell = cast(Any, (bars.bar(title, len(plan.arms)), bars.tell))
-        told = Bars(call=lambda name: (grow(), tell(name)))
-        arms = trained_arms(plan, seeds, failed, memory, workers, told)
+        one_bar = Bars(call=lambda name: (grow(), tell(name)))
+        arms = trained_arms(plan, seeds, failed, memory, workers, one_bar)
         return comparison_of(plan, arms, level, window, failed)
 
     with shown(progress) as bars:
@@ -310,9 +310,9 @@ def choose(
         played = f"{fewer:,} states instead of {states:,}, {steps:,} steps instead of {budget:,}"
         remarks += [f"played in a relative: {played}; assumes that what pays there pays here"]
         if choice.name in options:  # a curriculum of the user's is not carried over
-            option, words = _carried_over(target, options[choice.name], on)
+            option, sentence = _carried_over(target, options[choice.name], on)
             curriculum = option and option.curriculum(TARGET, _task(target), settings)
-            remarks.append(words)
+            remarks.append(sentence)
     return replace(choice, curriculum=curriculum, remarks=tuple(remarks))
 
 
@@ -327,14 +327,14 @@ def trial_curricula(
     stated = [*candidates.values()] if isinstance(candidates, Mapping) else [*candidates]
     if not all(isinstance(candidate, Curriculum | SourceCandidate) for candidate in stated):
         raise CurriculumError(f"candidates must be curricula or SourceCandidates: got {stated!r}")
-    own = [candidate for candidate in stated if isinstance(candidate, Curriculum)]
+    plans = [candidate for candidate in stated if isinstance(candidate, Curriculum)]
     sources = [candidate for candidate in stated if isinstance(candidate, SourceCandidate)]
-    names = numbered([", ".join(plan.ancestors(plan.target)) for plan in own])
+    names = numbered([", ".join(plan.ancestors(plan.target)) for plan in plans])
     labels = candidates if isinstance(candidates, Mapping) and not sources else names
-    curricula = dict(zip(labels, own, strict=True))
-    name, options = own[0].target if own else TARGET, dict[str, Option]()
-    for key in OF_TARGET if own else ():
-        settings = {key: own[0].setting(key, name), **settings}
+    curricula = dict(zip(labels, plans, strict=True))
+    name, options = plans[0].target if plans else TARGET, dict[str, Option]()
+    for key in OF_TARGET if plans else ():
+        settings = {key: plans[0].setting(key, name), **settings}
     if kinds or sources:
         if not has_tables(_task(target)):
             raise TaskError(
@@ -342,10 +342,10 @@ def trial_curricula(
             )
         budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
         propose = (lambda _: sources) if sources else None
-        found = source_candidates(target, kinds=kinds, most=most, propose=propose)
-        options = {option.name: option for option in options_of(found.candidates, budget)}
+        proposals = source_candidates(target, kinds=kinds, most=most, propose=propose)
+        options = {option.name: option for option in options_of(proposals.candidates, budget)}
         for label, option in options.items():
-            curricula[label] = option.curriculum(name, found.target, settings)
+            curricula[label] = option.curriculum(name, proposals.target, settings)
     if not curricula:
         raise CurriculumError("there must be candidates to choose from: give kinds or candidates")
     return curricula, options
@@ -365,7 +365,7 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
     """Return the target's option that is as an option is to a smaller relative, and its words."""
     like, states = option.candidate, option.candidate.task.states.size
     share, a_state = states / _task(on).states.size, option.steps / states
-    words = (
+    sentence = (
         f"carried over: a source of kind {like.kind!r}, with {share:.3g} of the target's states, "
         f"{a_state:.3g} steps a state of its own, scale {option.scale:g}"
     )
@@ -390,6 +390,6 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
             task, mappings = draft.build()
             source = SourceCandidate(draft.name, task, mappings, draft.kind, draft.words)
             steps = max(1, round(a_state * task.states.size))
-            words += f": {draft.name}, {task.states.size:,} states, {steps:,} steps"
-            return option._replace(candidate=source, steps=steps), words
-    return None, f"{words}; none can be made of the target itself: build it by hand"
+            sentence += f": {draft.name}, {task.states.size:,} states, {steps:,} steps"
+            return option._replace(candidate=source, steps=steps), sentence
+    return None, f"{sentence}; none can be made of the target itself: build it by hand"
