@@ -239,8 +239,8 @@ SAID = [
     ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
     (
         "tasks.hunt.budget",
-        "{ max_steps = 5000, min_steps = 10, threshold = -3.5, when = 'all' }",
-        cr.StoppingRule(5000, min_steps=10, threshold=-3.5, when="all"),
+        "{ max_steps = 5000, min_steps = 10, threshold = -3.5 }",
+        cr.StoppingRule(5000, min_steps=10, threshold=-3.5),
     ),
     ("tasks.hunt.eval_freq", "50", 50),
 ]

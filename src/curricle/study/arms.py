@@ -178,7 +178,7 @@ def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[Dec
         place = unit.task, unit.seeds[k]
         for decision in decisions:
             ends, kernel = decision.spent or decision.ends, decision.kernel
-            numbers = decision.lowest, kernel.level, decision.rise, kernel.plateau
+            numbers = decision.lowest, kernel.level, decision.share, kernel.settled
             why = decision.criterion
             rows.append(DecisionRow(*place, decision.step, ends, why, *numbers, str(decision)))
         if not decisions:

@@ -176,7 +176,7 @@ class DecisionRow(NamedTuple):
     lowest: float
     level: float
     rise: float
-    plateau: float
+    settled: float
     reason: str
 
 
