@@ -9,7 +9,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import ConfigError
-from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
+from curricle.interop import MiniGridFullView, MiniGridView
 from curricle.study import StudyConfig
 from curricle.study_file.own_code import load
 from tests.studies import MAZE, only, reader
@@ -397,11 +397,6 @@ def only_task(study):
         ("'MiniGridView'", MiniGridView()),
         ("{ type = 'MiniGridView', picture = true }", MiniGridView(picture=True)),
         ("{ type = 'MiniGridFullView', width = 9, height = 7 }", MiniGridFullView(9, 7)),
-        ("{ type = 'FlatDict', leave_out = ['mission'] }", FlatDict(["mission"])),
-        (
-            "{ type = 'StackedFrames', n = 2, of = 'MiniGridView' }",
-            StackedFrames(2, MiniGridView()),
-        ),
     ],
 )
 def test_an_encoder_has_its_name_and_settings(read_level, tmp_path, encode, made):
@@ -413,8 +408,6 @@ def test_an_encoder_has_its_name_and_settings(read_level, tmp_path, encode, made
 
 
 def test_a_function_of_environments_is_one(read_level):
-    task = only_task(read_level("{ type = 'StackedFrames', n = 2, of = 'MiniGridView' }"))
-    assert task != only_task(read_level("'MiniGridView'"))
     text = ENCODED.replace('type = "deep"', 'type = "deep", policy = "MultiInputPolicy"')
     with pytest.raises(ConfigError, match="reads pictures by NatureCNN"):
         _ = read_level("'own:image'", text).curricula

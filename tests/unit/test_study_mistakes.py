@@ -137,8 +137,7 @@ VIEW | 'MiniGridVew' | line 7: tasks.level.encode must be one of MiniGridView
 VIEW | 'MiniGridFullView' | must be a table, as MiniGridFullView needs width and height
 VIEW | { type = VIEW, pictur = 1 } | encode.pictur is unknown, did you mean
 VIEW | { type = 'MiniGridFullView', width = 4, height = 9 } | must fit into its encoder's 4 x
-VIEW | { type = 'FlatDict', leave_out = ['words'] } | must name keys of the Dict
-VIEW | { type = 'StackedFrames', of = VIEW } | encode.n is missing
+VIEW | { type = 'MiniGridFullView', width = 9 } | encode.height is missing
 VIEW | 'own:half' | own:half failed with TypeError
 [network]
 DEEP |  | line 4: learner must be { type = "deep", ... } for hunt, which is seen

@@ -1,10 +1,7 @@
 from .encoders import (
     Bins as Bins,
-    FlatDict as FlatDict,
-    FunctionEncoder as FunctionEncoder,
     MiniGridFullView as MiniGridFullView,
     MiniGridView as MiniGridView,
-    StackedFrames as StackedFrames,
 )
 from .exploration import Progress as Progress
 from .gymnasium import (
@@ -14,10 +11,7 @@ from .gymnasium import (
     to_gymnasium as to_gymnasium,
 )
 from .minigrid import MiniGridState as MiniGridState
-from .potential_shaping import (
-    PotentialShaping as PotentialShaping,
-    VectorPotentialShaping as VectorPotentialShaping,
-)
+from .potential_shaping import PotentialShaping as PotentialShaping
 from .states import DeepCopy as DeepCopy
 from .tabulated_task import (
     ObservationTable as ObservationTable,

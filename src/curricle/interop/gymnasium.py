@@ -308,8 +308,8 @@ def observation_task(
     time_limit : int, optional
         Steps after which episodes are truncated; the environment's own by default.
     encode : callable, optional
-        Returns an environment with other observations: an encoder such as :class:`MiniGridView` or
-        :class:`FlatDict`, a wrapper's class or a function.
+        Returns an environment with other observations: an encoder such as :class:`MiniGridView`, a
+        wrapper's class such as ``gymnasium.wrappers.FlattenObservation``, or a function.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
