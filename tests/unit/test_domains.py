@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import ConfigError, TaskError
-from curricle.show.grids import draw_potential
+from curricle.show.plots import draw_potential
 from curricle.show.replay import grid_drawing
 from curricle.show.views import GridView
 from curricle.study.record import ViewRecord

@@ -108,7 +108,7 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
             check_unshaped(info)
         truncated = np.array([info.get("TimeLimit.truncated", False) for info in infos]) & dones
         begun = unstack(self._stacked_space, observations)
-        rows = begun.copy()
+        rows = begun.copy() if truncated.any() else begun
         for i in np.flatnonzero(truncated).tolist():
             if (final := infos[i].get("terminal_observation")) is None:
                 raise SettingError(

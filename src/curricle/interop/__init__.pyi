@@ -3,7 +3,6 @@ from .encoders import (
     MiniGridFullView as MiniGridFullView,
     MiniGridView as MiniGridView,
 )
-from .exploration import Progress as Progress
 from .gymnasium import (
     TaskEnvironment as TaskEnvironment,
     from_gymnasium as from_gymnasium,
@@ -12,7 +11,7 @@ from .gymnasium import (
 )
 from .minigrid import MiniGridState as MiniGridState
 from .potential_shaping import PotentialShaping as PotentialShaping
-from .states import DeepCopy as DeepCopy
+from .states import DeepCopy as DeepCopy, Progress as Progress
 from .tabulated_task import (
     ObservationTable as ObservationTable,
     TabulatedTask as TabulatedTask,

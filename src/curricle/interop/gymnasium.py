@@ -23,7 +23,6 @@ from curricle.arrays import IntArray, frozen
 from curricle.checks import one_of, text, whole_number
 from curricle.errors import CurricleError, SettingError, TaskError
 from curricle.interop.encoders import Bins
-from curricle.interop.exploration import time_limit_of
 from curricle.interop.states import (
     HARMLESS,
     TOY_CONSTANTS,
@@ -31,6 +30,7 @@ from curricle.interop.states import (
     acts_as,
     fingerprint,
     layers_of,
+    time_limit_of,
 )
 from curricle.tasks.domain import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards

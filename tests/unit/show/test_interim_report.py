@@ -209,7 +209,7 @@ def test_watching_ends_where_no_page_can_be_made(live, monkeypatch, whole):
                 sleep(0.01)
             if whole:
                 live.store_all()
-        with pytest.raises(StoreError, match="not up to date. ValueError: no page"):
+        with pytest.raises(StoreError, match=r"not up to date\. ValueError: no page"):
             watching.result(60)
     assert len(live.said) == 1
 
