@@ -18,15 +18,11 @@ from tests.worlds_to_tabulate import Corridor
 # Functions of the user's own.
 
 OWN = """
-import numpy as np
 import curricle as cr
 from .rules import LONG
 
 def line(length=LONG, treasure=200.0):
     return cr.GridWorld("S" + "." * (length - 2) + "T", rewards=cr.Rewards(treasure=treasure))
-
-def flee(state):
-    return np.tile([1.0, 0, 0, 0, 0], (len(state["prey"]), 1))
 
 def second(potentials):
     return potentials[-1]
@@ -94,13 +90,6 @@ def test_a_module_beside_the_file_comes_first(tmp_path):
     (tmp_path / "json.py").write_text("def dumps(): return 'mine'")
     assert load("json:dumps", tmp_path)() == "mine"
     assert json.dumps([]) == "[]"
-
-
-def test_a_prey_may_be_a_function(read, own):
-    own(".", 8)
-    study = read("name='x'\ntasks.hunt={type='pursuit', size=2, prey='own:flee'}")
-    probability = only(study).tasks["hunt"].mdp.probability
-    assert (probability == [1, 0, 0, 0, 0]).all()
 
 
 def test_other_mappings(read):

@@ -88,7 +88,6 @@ LEARNER | seeds_per_unit = 0 | line 4: seeds_per_unit must be at least 1: got 0
 epsilon = 0.1 | epsilon = nan | line 5: learner.epsilon must be finite: got nan
 LEARNER | [storage]\nqqq = 1 | line 5: storage.qqq is unknown: known are … save_values
 SIZE | capture = 'al'\npred | line 9: tasks.chase.capture must be … mean 'all'?
-SIZE | prey = 'uni'\npred | line 9: tasks.chase.prey must be … mean 'uniform'?
 KIND | pred | line 7: tasks.chase.type is missing … observation_task, distilled
 LEARNER | aggregate = 'minmum' | line 4: aggregate must be one of … mean 'minimum'?
 source = "chase" | source = "chse" | line 18: transfers[0].source must … 'chase'?

@@ -378,7 +378,8 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     spare = max(0.5, (7 - len(styles)) / 2)
     axes.set_ylim(len(styles) - 1 + spare, -spare)
     best = " or ".join(comparison.best_opponents)
-    axes.set(title="gain over the best opponent", xlabel=f"mean return, minus that of {best}")
+    axes.set_title("gain over the best opponent", loc="right")  # columns of text begin there
+    axes.set_xlabel(f"mean return, minus that of {best}")
 
 
 def _caption_of(comparison: Comparison) -> str:
