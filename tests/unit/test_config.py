@@ -164,7 +164,6 @@ step_reward = -2
 capture_reward = 5
 discount = 1
 """
-ROWS = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
 
 
 @pytest.mark.parametrize(
@@ -177,10 +176,6 @@ ROWS = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
         (
             "type = 'pursuit'\ncapture = 2\ntime_limit = 'none'",
             cr.Pursuit(capture=2, time_limit=None),
-        ),
-        (
-            f"type = 'pursuit'\nsize = 2\nmoves = 4\nprey = {ROWS}",
-            cr.Pursuit(2, moves=4, prey=ROWS),
         ),
         (
             "type = 'maze'\nmap = \"S.F\\n.PT\"\nrewards = { step = -5, pit = -100.0 }\n"

@@ -109,17 +109,13 @@ def test_hazards_are_removed_together_and_one_by_one():
         only("removed", GridWorld(["S.P", "..T"], rewards=rewards))
 
 
-def test_predators_are_removed_unless_the_prey_looks_at_them():
+def test_predators_are_removed():
     target = Pursuit(size=3, predators=2)
     candidates = only("removed", target)
     assert names(candidates) == ["1 predator"]
     assert candidates["1 predator"].task == Pursuit(size=3, predators=1)
     read = [dict(candidate.renaming)["predator"] for candidate in candidates["1 predator"].mappings]
     assert read == ["predator_1", "predator_2"]
-    looks = np.full((4**3, 5), 0.2)
-    for prey in (looks, lambda states: looks):
-        with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
-            only("removed", Pursuit(size=2, predators=2, prey=prey))
 
 
 def test_penalties_are_rewards_below_those_of_most_steps():

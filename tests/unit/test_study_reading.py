@@ -8,7 +8,7 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from curricle.cli.tables import print_results
+from curricle.cli.output import print_results
 from curricle.comparison.comparison import Arm
 from curricle.errors import CurriculumError
 from curricle.show.report import _only, write_report

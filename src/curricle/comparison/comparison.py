@@ -46,7 +46,7 @@ from curricle.errors import CurriculumError, SettingError, in_words
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import (
     ROUNDING,

@@ -37,8 +37,12 @@ from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.greedy import Values, VisitedValues
-from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
+from curricle.planning.policy_evaluation import (
+    NOT_LEARNT,
+    STANDARD_ERRORS,
+    GreedyEvaluation,
+    Target,
+)
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.live import is_live

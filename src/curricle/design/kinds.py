@@ -376,10 +376,8 @@ def _ending_in(target: DesignTarget, state: int, way: int) -> Made:
 def removals(target: DesignTarget) -> Iterator[Draft]:
     """Yield the target without a predator, all hazards, some of them, or penalties."""
     task, mdp = target.task, target.mdp
-    # A prey that looks at the predators has no policy without one of them.
-    if isinstance(task, Pursuit) and not callable(task.prey):
-        alone = task.prey == "uniform" or len(task.prey) == task.cells
-        for n in range(1, task.predators if alone else 1):
+    if isinstance(task, Pursuit):
+        for n in range(1, task.predators):
             about = f"the same grid with {n} of {task.predators} predators"
             fewer = partial(_with_predators, task, n)
             yield Draft("removed", counted(n, "predator"), about, fewer)

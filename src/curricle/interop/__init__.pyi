@@ -1,12 +1,8 @@
 from .encoders import (
     Bins as Bins,
-    FlatDict as FlatDict,
-    FunctionEncoder as FunctionEncoder,
     MiniGridFullView as MiniGridFullView,
     MiniGridView as MiniGridView,
-    StackedFrames as StackedFrames,
 )
-from .exploration import Progress as Progress
 from .gymnasium import (
     TaskEnvironment as TaskEnvironment,
     from_gymnasium as from_gymnasium,
@@ -14,11 +10,8 @@ from .gymnasium import (
     to_gymnasium as to_gymnasium,
 )
 from .minigrid import MiniGridState as MiniGridState
-from .potential_shaping import (
-    PotentialShaping as PotentialShaping,
-    VectorPotentialShaping as VectorPotentialShaping,
-)
-from .states import DeepCopy as DeepCopy
+from .potential_shaping import PotentialShaping as PotentialShaping
+from .states import DeepCopy as DeepCopy, Progress as Progress
 from .tabulated_task import (
     ObservationTable as ObservationTable,
     TabulatedTask as TabulatedTask,

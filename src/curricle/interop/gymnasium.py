@@ -23,7 +23,6 @@ from curricle.arrays import IntArray, frozen
 from curricle.checks import one_of, text, whole_number
 from curricle.errors import CurricleError, SettingError, TaskError
 from curricle.interop.encoders import Bins
-from curricle.interop.exploration import time_limit_of
 from curricle.interop.states import (
     HARMLESS,
     TOY_CONSTANTS,
@@ -31,6 +30,7 @@ from curricle.interop.states import (
     acts_as,
     fingerprint,
     layers_of,
+    time_limit_of,
 )
 from curricle.tasks.domain import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
@@ -308,8 +308,8 @@ def observation_task(
     time_limit : int, optional
         Steps after which episodes are truncated; the environment's own by default.
     encode : callable, optional
-        Returns an environment with other observations: an encoder such as :class:`MiniGridView` or
-        :class:`FlatDict`, a wrapper's class or a function.
+        Returns an environment with other observations: an encoder such as :class:`MiniGridView`, a
+        wrapper's class such as ``gymnasium.wrappers.FlattenObservation``, or a function.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 

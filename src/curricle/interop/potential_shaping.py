@@ -1,4 +1,4 @@
-"""Potential-based shaping of any Gymnasium environment, one or many, for any algorithm.
+"""Potential-based shaping of any Gymnasium environment, for any algorithm.
 
 Ng, Harada and Russell 1999 (paper E2): F = gamma Phi(s') - Phi(s), added to the reward, changes no
 optimal policy, if the potential of a terminal state is 0 (Grzes 2017); an episode that is cut off
@@ -13,16 +13,15 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, SupportsFloat
+from typing import Any, NamedTuple, SupportsFloat
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import iterate
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
@@ -34,12 +33,6 @@ from curricle.transfer import aggregate as aggregation
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.mapping import ValueSource
 from curricle.transfer.potential import ObservationPotential
-
-if TYPE_CHECKING:
-    AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
-else:  # it takes types only in newer versions of Gymnasium
-    AnyVectorWrapper = VectorWrapper
-
 
 Steps = int | list[int]  # t of all observations, or of each
 TaskPotential = StatePotential | PairPotential
@@ -349,7 +342,6 @@ class Episode:
 class ShapedStep(NamedTuple):
     """A step of n environments with shaped rewards."""
 
-    stepped: list[bool]  # which made a step of an episode; the others only reset
     shaping: list[list[float]]  # (n, 1 + N): F and after it each source's F_i; 0 of a reset
     there: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
     ended: dict[int, dict[str, float]]  # what :meth:`Episode.end` returns, where episodes ended
@@ -358,23 +350,16 @@ class ShapedStep(NamedTuple):
 class Episodes:
     """The episodes of n environments that step together; n = 1 for a single environment."""
 
-    # `finals_in` says, for messages, where the observations are at which episodes were cut off; it
-    # is None unless a step that ends an episode returns the observation that begins the next.
-    def __init__(self, potential: ShapingPotential, n: int, finals_in: str | None = None):
-        self._potential, self._finals_in = potential, finals_in
+    def __init__(self, potential: ShapingPotential, n: int):
+        self._potential = potential
         self._steps = 0  # of all environments together
         self._running: list[Episode | None] = [None] * n
-        self._all = [True] * n
 
-    def begin(
-        self, rows: list[Any], stacked: Any = None, mask: Sequence[bool] | BoolArray | None = None
-    ) -> None:
-        """Begin episodes at the n observations, everywhere or where `mask` is true."""
-        begun = [i for i in range(len(rows)) if mask is None or mask[i]]
-        stacked = stacked if mask is None else None
-        here = self._potential.read([rows[i] for i in begun], self._steps, stacked)
-        for i, phi in zip(begun, here, strict=True):
-            self._running[i] = Episode(rows[i], self._steps, phi)
+    def begin(self, rows: list[Any], stacked: Any = None) -> None:
+        """Begin episodes at the n observations."""
+        here = self._potential.read(rows, self._steps, stacked)
+        starts = zip(rows, here, strict=True)
+        self._running = [Episode(row, self._steps, phi) for row, phi in starts]
 
     def step(
         self,
@@ -382,10 +367,10 @@ class Episodes:
         rewards: Sequence[float],
         terminated: Sequence[bool],
         truncated: Sequence[bool],
-        final: Callable[[int], Any] | None = None,  # where episode i was cut off; None if unknown
-        stacked: Any = None,
+        begun: Sequence[Any] | None = None,  # n observations: where episodes begin after an end
+        stacked: Any = None,  # `rows`, where no episode ends
     ) -> ShapedStep:
-        """Return the shaped step, from the results of the environments' step."""
+        """Return the shaped step to the observations `rows`, each s' of its environment's step."""
         running, potential = self._running, self._potential
         shaping = list[list[float]]()
         steps: Any
@@ -396,48 +381,39 @@ class Episodes:
             steps = zip(running, there, rewards)  # noqa: B905 - all are n
             for episode, phi, reward in steps:
                 shaping.append(episode.step(phi, reward, potential.discount))
-            return ShapedStep(self._all, shaping, there, {})
-        running, same_step = running.copy(), self._finals_in is not None
+            return ShapedStep(shaping, there, {})
+        running = running.copy()
         self._steps += sum(episode is not None for episode in running)
         over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
         ended = {i: episode for i in over if (episode := running[i]) is not None}
-        cut_off = [i for i in over if same_step and not terminated[i]]
-        finals = {} if final is None else {i: final(i) for i in cut_off}
-        for i, observation in finals.items():
-            if observation is None:
-                raise SettingError(
-                    "a vector environment that resets in the same step must return the "
-                    f"observation at which it cut an episode off, in {self._finals_in}: "
-                    f"sub-environment {i} did not"
-                )
-        # Phi of what was returned, of s', and of where the ended episodes began: in one batch, as a
+        starts = {} if begun is None else {i: begun[i] for i in over}
+        # Phi of s', of the starts, and of where the ended episodes began: in one batch, as a
         # network costs as much for one observation as for many.
-        read = [i for i in range(len(rows)) if same_step or not terminated[i]]
-        asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
-        at = [self._steps] * (len(read) + len(finals)) + [e.begun for e in ended.values()]
+        read = [i for i in range(len(rows)) if not terminated[i]]
+        asked = [rows[i] for i in read] + [*starts.values()] + [e.first for e in ended.values()]
+        at = [self._steps] * (len(read) + len(starts)) + [e.begun for e in ended.values()]
         values = iter(potential.read(asked, at))
         of_end = [0.0] * (1 + len(potential.sources))
-        here = [of_end] * len(rows)
+        there = [of_end] * len(rows)
         for i in read:
-            here[i] = next(values)
-        there = [of_end if end else phi for end, phi in zip(terminated, here, strict=True)]
-        for i in finals:
             there[i] = next(values)
         steps = enumerate(zip(running, there, rewards, strict=True))
         for i, (episode, phi, reward) in steps:
-            paid = of_end if episode is None else episode.step(phi, reward, potential.discount)
-            shaping.append(paid)
-            if episode is None or (i in ended and same_step):
-                self._running[i] = Episode(rows[i], self._steps, here[i])
-            elif i in ended:
-                self._running[i] = None
+            if episode is None:  # this step only reset the environment
+                shaping.append(of_end)
+                self._running[i] = Episode(rows[i], self._steps, phi)
+            else:
+                shaping.append(episode.step(phi, reward, potential.discount))
+        self._running = [None if i in ended else e for i, e in enumerate(self._running)]
+        for i, observation in starts.items():
+            self._running[i] = Episode(observation, self._steps, next(values))
         reported = {}
         for i, episode in ended.items():
             place = f"at the end of an episode of sub-environment {i}"
             if len(running) == 1:
                 place = f"after {self._steps - episode.begun} steps"
             reported[i] = episode.end(potential, next(values)[0], place)
-        return ShapedStep([e is not None for e in running], shaping, there, reported)
+        return ShapedStep(shaping, there, reported)
 
 
 class Shaped:
@@ -468,7 +444,8 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
       computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
 
     A step after an episode's end counts as the reset of `gymnasium.wrappers.Autoreset`: its reward
-    stays as it is. Put wrappers that record returns inside.
+    stays as it is. Put wrappers that record returns inside. ``gymnasium.make_vec(wrappers=[...])``
+    shapes every sub-environment of a vector environment.
 
     Parameters
     ----------
@@ -551,118 +528,3 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
             **done.ended.get(0, {}),
         }
         return observation, reward + shaping, terminated, truncated, {**info, **shown}
-
-
-class VectorPotentialShaping(Shaped, AnyVectorWrapper, RecordConstructorArgs):
-    """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
-
-    It is :class:`PotentialShaping` for vector environments. Where ``metadata["autoreset_mode"]`` is
-
-    - NEXT_STEP, the step that only resets a sub-environment has F = 0 and keeps its reward;
-    - SAME_STEP, s' of a step that cuts an episode off is ``infos["final_obs"]``, and the
-      observation returned is where the next episode begins;
-    - DISABLED, an episode begins where ``reset(options={"reset_mask": ...})`` says so.
-
-    ``infos`` holds the entries of `PotentialShaping` as (n,) float64 arrays, each with its mask
-    under its name after an underscore, ``shaping_terms`` as a dict of such arrays. Masks leave out
-    sub-environments that only reset, or where no episode ended.
-
-    Parameters
-    ----------
-    env : gymnasium.vector.VectorEnv
-    potential, discount, weight, aggregate, encode, tolerance
-        As in :class:`PotentialShaping`; t counts the steps of all sub-environments together.
-    batched : bool
-        Whether potential functions return an (m,) array for m stacked observations, and `encode`
-        an (m,) array of integers; m is n, or more where episodes end. Otherwise they are called
-        with one observation after another. Sources of values always read stacked observations.
-
-    Raises
-    ------
-    PotentialError, SettingError
-        As in :class:`PotentialShaping`, and when the vector environment does not say how it resets.
-
-    Examples
-    --------
-    >>> import gymnasium
-    >>> lakes = gymnasium.make_vec("FrozenLake-v1", num_envs=2, is_slippery=False)
-    >>> envs = VectorPotentialShaping(lakes, lambda s: s / 15, discount=0.9, batched=True)
-    >>> envs.reset(seed=0)[0], envs.step(np.array([1, 2]))[1]  # to the squares 4 and 1
-    (array([0, 0]), array([0.24, 0.06]))
-    """
-
-    def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        potential: Potential | Mapping[str, Potential],
-        *,
-        discount: float | None = None,
-        weight: float | Schedule = 1.0,
-        aggregate: Aggregate | None = None,
-        encode: Callable[[Any], Any] | None = None,
-        tolerance: float | None = 1e-6,
-        batched: bool = False,
-    ):
-        settings: dict[str, Any] = {
-            "potential": potential, "discount": discount, "weight": weight, "aggregate": aggregate,
-            "encode": encode, "tolerance": tolerance, "batched": batched,
-        }  # fmt: skip
-        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)
-        VectorWrapper.__init__(self, env)
-        mode = env.metadata.get("autoreset_mode")
-        if not isinstance(mode, AutoresetMode):
-            raise SettingError(
-                "a vector environment must say how it resets, in metadata['autoreset_mode']: got "
-                f"{mode!r}"
-            )
-        finals_in = "infos['final_obs']" if mode is AutoresetMode.SAME_STEP else None
-        self._potential = ShapingPotential(space=env.single_observation_space, **settings)
-        self._episodes = Episodes(self._potential, env.num_envs, finals_in)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Reset the sub-environments, or those of ``options["reset_mask"]``."""
-        options = None if options is None else dict(options)  # environments take the mask out of it
-        mask = (options or {}).get("reset_mask")
-        observations, infos = self.env.reset(seed=seed, options=options)
-        rows = unstack(self.env.observation_space, observations)
-        self._episodes.begin(rows, observations, mask)
-        return observations, infos
-
-    def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Return what the environments return, with shaped rewards and their parts in the infos."""
-        observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        check_unshaped(infos)
-        done = self._episodes.step(
-            unstack(self.env.observation_space, observations),
-            rewards.tolist(),
-            terminated.tolist(),
-            truncated.tolist(),
-            infos.get("final_obs", [None] * self.num_envs).__getitem__,
-            observations,
-        )
-        shaping, stepped = np.array(done.shaping).T, np.array(done.stepped)
-        potential = np.array([phi[0] for phi in done.there])
-        terms = dict(zip(self._potential.sources, shaping[1:], strict=True))
-        infos = {
-            **infos,
-            **_shown(stepped, original_reward=rewards, shaping=shaping[0], potential=potential),
-            "shaping_terms": _shown(stepped, **terms),
-            "_shaping_terms": stepped,
-        }
-        if done.ended:
-            ended = np.zeros(self.num_envs, np.bool_)
-            ended[list(done.ended)] = True
-            for name in ("telescoping_residual", "original_return"):
-                infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), ended
-                infos[name][ended] = [reported[name] for _, reported in sorted(done.ended.items())]
-        return observations, rewards + shaping[0], terminated, truncated, infos
-
-
-def _shown(mask: BoolArray, /, **arrays: FloatArray) -> dict[str, Any]:
-    """Return arrays as Gymnasium's infos hold them: with their mask, and 0 where it is False."""
-    shown: dict[str, Any] = {}
-    for name, values in arrays.items():
-        shown[name], shown[f"_{name}"] = np.where(mask, values, 0.0), mask
-    return shown

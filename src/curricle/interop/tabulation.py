@@ -23,15 +23,6 @@ from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, StoreError, TaskError
 from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
-from curricle.interop.exploration import (
-    Listed,
-    ListedOutcomes,
-    Progress,
-    Search,
-    World,
-    core_and_views,
-    time_limit_of,
-)
 from curricle.interop.gymnasium import (
     Environment,
     TimeLimit,
@@ -53,12 +44,19 @@ from curricle.interop.minigrid import (
 from curricle.interop.states import (
     SHARED,
     DeepCopy,
+    Listed,
+    ListedOutcomes,
+    Progress,
     SaveAndRestore,
+    Search,
     Words,
+    World,
     copied,
+    core_and_views,
     fingerprint,
     layers_of,
     shared_draws,
+    time_limit_of,
 )
 from curricle.interop.tabulated_task import (
     ObservationTable,

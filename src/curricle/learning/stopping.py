@@ -13,8 +13,7 @@ from numba.extending import register_jitable
 from curricle.checks import number, whole_number
 from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import BATCHES, Target
+from curricle.planning.policy_evaluation import BATCHES, GreedyEvaluation, Target
 from curricle.tasks.kernel import INLINED
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.text import counted

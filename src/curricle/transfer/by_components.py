@@ -16,7 +16,7 @@ from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model, tables
-from curricle.tasks.observation_task import ObservationTask, space_text
+from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.text import brief_repr
 from curricle.transfer.mapping import (
@@ -299,8 +299,8 @@ def check_same_observations(target: ObservationTask, source: Any) -> None:
     target_space, source_space = target.observations, source.observations
     if _form(target_space) != _form(source_space):
         raise MappingError(
-            f"{IDENTITY}: the target's observations are {space_text(target_space)}, the source's "
-            f"{space_text(source_space)}; a function of observations maps others"
+            f"{IDENTITY}: the target's observations are {stable_text(target_space)}, the source's "
+            f"{stable_text(source_space)}; a function of observations maps others"
         )
 
 

@@ -26,10 +26,15 @@ from curricle.planning.greedy import (
     greedy_actions,
     highest,
 )
-from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
+from curricle.planning.policy_evaluation import (
+    ROLLOUTS,
+    STANDARD_ERRORS,
+    GreedyEvaluation,
+    Target,
+    greedy_policy_return,
+)
 from curricle.planning.rollouts import EpisodeEnds, GreedyPolicy, StepRecord, simulate
 from curricle.planning.solution import right_choices
-from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import generative_model, reachable_states, tables

@@ -10,8 +10,16 @@ from matplotlib.figure import Figure
 import curricle as cr
 from curricle.comparison.comparison import Arm, Comparison
 from curricle.errors import CurriculumError, SettingError
-from curricle.show.grids import draw_potential, draw_sources, shared_limits
-from curricle.show.plots import draw_comparison, draw_forecast, draw_learning_curves, plot, save
+from curricle.show.plots import (
+    draw_comparison,
+    draw_forecast,
+    draw_learning_curves,
+    draw_potential,
+    draw_sources,
+    plot,
+    save,
+    shared_limits,
+)
 from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
 from curricle.study.results import StudyResults
