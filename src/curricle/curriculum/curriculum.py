@@ -43,7 +43,6 @@ from curricle.text import brief_value, counted, shortened
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.mapping import TableValues, ValueSource
-from curricle.transfer.pair import search_steps
 from curricle.transfer.potential import ObservationPotential, combined_potential
 from curricle.transfer.search import with_mapping
 from curricle.transfer.transfer import Calibrate, Transfer
@@ -439,12 +438,9 @@ class Curriculum:
         return CurriculumResult(self, results, potentials, calibrations, known)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
-        """Return the steps of each seed in all tasks before `name` and in mapping searches."""
-        ancestors = self.ancestors(name)
-        spent = [sources[source].steps_used for source in ancestors]
-        edges = (edge for edge in self.transfers if edge.target in (name, *ancestors))
-        searched = np.full(len(spent[0]) if spent else 0, search_steps(edges))
-        return np.sum([*spent, searched], axis=0, dtype=np.int64) if spent else None
+        """Return the steps of each seed in all tasks before `name`; None if there are none."""
+        spent = [sources[source].steps_used for source in self.ancestors(name)]
+        return np.sum(spent, axis=0, dtype=np.int64) if spent else None
 
     def potentials(
         self,

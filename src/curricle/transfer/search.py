@@ -10,7 +10,7 @@ import numpy as np
 from curricle.arrays import FloatArray
 from curricle.checks import brief, whole_number
 from curricle.display import block, printed, table
-from curricle.errors import CurriculumError, MappingError, SettingError, TaskError
+from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.mdp import Task, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
@@ -57,7 +57,7 @@ class FoundMapping:
     scores: MappingScores
     # Proven: the Q* of no mapped pair, reachable or not, is further than this from the Q* of the
     # source pair that it reads, or from 0 at the source's end, in return units, each task with its
-    # own discount. NaN where nothing is mapped, a task was sampled, or has no finite Q*.
+    # own discount. NaN where nothing is mapped, or a task has no finite Q*.
     bound: float = NOT_PROVEN
     # The value that fits unmapped pairs; the mapping has it if a curriculum finds the mapping.
     unmapped_value: float | None = None
@@ -77,7 +77,6 @@ class FoundMappings:
 
     candidates: tuple[FoundMapping, ...]
     refused: dict[str, str]  # each search that found nothing -> why
-    steps: int = 0  # in tasks without tables; a curriculum charges them to the mapping's user
 
     def __getitem__(self, place: Any) -> Any:
         return self.candidates[place]
@@ -116,7 +115,6 @@ def find_mappings(
     keep: int = 8,
     seed: int = 0,
     unmapped_value: float | None = None,
-    samples: int | None = None,
     progress: Progress = None,
 ) -> FoundMappings:
     """Return mappings between two tasks, best first.
@@ -136,12 +134,9 @@ def find_mappings(
     keep : int
         Candidates to return, at most.
     seed : int
-        Seed of the samples of pairs.
+        Seed of samples of pairs, and of searches that draw.
     unmapped_value : float, optional
         phi of unmapped pairs, in all mappings.
-    samples : int, optional
-        Steps of the random policy in each task that has no tables, to estimate them, over the
-        states in which every action was tried; nothing is proven. A curriculum charges them.
     progress : bool or callable, optional
         True shows a bar of the searches, a function is called with the name of each that has ended.
 
@@ -150,7 +145,7 @@ def find_mappings(
     SettingError
         When a number is out of range, or a search yields no :class:`Proposal` for these tasks.
     TaskError
-        When a task has no tables and `samples` is not given.
+        When a task has no tables.
 
     Examples
     --------
@@ -166,9 +161,7 @@ def find_mappings(
     if not searches:
         raise SettingError("find_mappings needs at least one search: got none")
     check_progress(progress)
-    tasks = TaskPair(target, source, samples, seed)
-    if not tasks.judged.any():
-        raise TaskError(f"no state was met in which every action was tried, in {tasks.steps} steps")
+    tasks = TaskPair(target, source, seed)
     q, refused = tasks.source_solution.action_values, dict[str, str]()
     slack = SAME * max(1.0, float(abs(q).max()))
     read, candidates = list[FloatArray](), list[FoundMapping]()
@@ -181,7 +174,7 @@ def find_mappings(
             scores = score_mapping(mapping, seed=seed, tasks=tasks)
             fits = fitted_unmapped_value(mapping, tasks=tasks)
             candidates.append(FoundMapping(mapping, how, scores, tasks.bound(mapping.index), fits))
-    return FoundMappings(tuple(sorted(candidates, key=rank)[:keep]), refused, tasks.steps)
+    return FoundMappings(tuple(sorted(candidates, key=rank)[:keep]), refused)
 
 
 def proposed(
@@ -211,11 +204,8 @@ def proposed(
                         )
                 if unmapped_value is not None:
                     mapping = mapping.with_unmapped_value(unmapped_value)
-                if tasks.steps:  # the mapping is charged with what its search took
-                    made_of = tasks.target, tasks.source, mapping.index, mapping.unmapped_value
-                    mapping = StateActionMapping(*made_of, proposal.how, tasks.steps)
                 # Whichever search made it, the target's values decide which mapping is first.
-                yield mapping.knowing_target() if tasks.knows_target else mapping, proposal.how
+                yield mapping.knowing_target(), proposal.how
         except MappingError as error:
             refused[name] = str(error)
         grow()
@@ -361,8 +351,8 @@ def announced(
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
             raise MappingError(
-                f"a mapping is found between tasks with tables: the {role} has none, "
-                "find_mappings(..., samples=20_000) estimates them from steps"
+                f"a mapping is found between tasks with tables: the {role} has none; find it "
+                "between smaller members of their family and carry it over by name"
             )
     best = auto_mapping(target, source, unmapped_value=unmapped_value, **settings)
     candidates = _remembered(target, source, unmapped_value)
