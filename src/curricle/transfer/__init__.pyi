@@ -2,7 +2,6 @@ from .aggregate import maximum as maximum, mean as mean, minimum as minimum, tot
 from .bisimulation import (
     by_homomorphism as by_homomorphism,
     by_lax_bisimulation as by_lax_bisimulation,
-    lax_bisimulation as lax_bisimulation,
 )
 from .by_components import (
     ComponentMapping as ComponentMapping,
