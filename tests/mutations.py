@@ -311,7 +311,7 @@ MUTATIONS = [
     Mutation("a tie that is not proven is called safe", "certificate/certification.py",
         "and not tied_exactly(self.met, self.unshaped, self.task.optimal):", "and False:",
         ("tests/property/test_certificate_enumeration.py::test_no_reward_is_safe_that_changes_what_is_optimal",)),
-    Mutation("ways into a state that nearly agree are called safe", "certificate/diagnosis.py",
+    Mutation("ways into a state that nearly agree are called safe", "certificate/shaped_task.py",
         "if apart == 0:", "if apart <= 1e-12 * abs(phi).max():",
         ("tests/unit/test_certificate.py::test_look_back_advice_is_not_safe_where_ways_into_a_state_nearly_agree",)),
     Mutation("rewards below the normal numbers have no error", "planning/solution.py",

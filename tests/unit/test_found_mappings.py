@@ -23,7 +23,7 @@ from curricle.transfer import (
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
 from curricle.transfer.mapping import ObservationCoverage
-from curricle.transfer.scores import EXPECTILE, fitted_constant
+from curricle.transfer.search import EXPECTILE, fitted_constant
 from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
 from tests.refusals import check_refusal
 from tests.studies import CORNER

@@ -15,7 +15,7 @@ from curricle.cli.progress_bars import Lines
 from curricle.comparison.plan import Unit
 from curricle.errors import SettingError
 from curricle.progress import Bars, Screen, shown
-from curricle.study.progress import Pace, Progress
+from curricle.study.running import Pace, Progress
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))

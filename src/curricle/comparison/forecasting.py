@@ -27,8 +27,7 @@ from curricle.comparison.trial import (
     hindrance,
     run_trial,
 )
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import Node
+from curricle.curriculum.curriculum import Curriculum, Node
 from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.learning import policy_return
 from curricle.deep.miniature import Miniatures

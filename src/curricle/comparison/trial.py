@@ -21,8 +21,7 @@ from curricle.comparison.comparison import (
 from curricle.comparison.controls import entering
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import SETTINGS, Node
+from curricle.curriculum.curriculum import SETTINGS, Curriculum, Node
 from curricle.curriculum.result import Learnt
 from curricle.display import block
 from curricle.errors import in_words
