@@ -185,8 +185,6 @@ MUTATIONS = [
     Mutation("candidates that are one task count as two", "design/candidates.py",
         "partitions = refined(", "return False\n    partitions = refined(",
         ("tests/unit/test_source_candidates.py",)),
-    Mutation("shortest paths that are not counted", "design/kinds.py",
-        "(1 + delta) / safe", "1 + delta", ("tests/property/test_source_candidates.py",)),
     Mutation("of ties always the first", "planning/greedy.py",
         "left = integers(bits * MULTIPLIER, ties)", "left = np.uint64(0)",
         ("tests/oracle/test_greedy_actions.py::test_every_tie_is_drawn_equally_often",)),
