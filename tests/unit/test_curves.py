@@ -158,27 +158,8 @@ def times(*steps):
     return Times(np.abs(steps), np.array(steps) >= 0)
 
 
-def random_times(seed, seeds=12):
-    """Times with ties among arrivals and censored seeds, some of them early."""
-    rng = np.random.default_rng(seed)
-    return Times(rng.integers(1, 9, seeds).astype(float), rng.random(seeds) < 0.6)
-
-
 def numbers(interval):
     return (interval.estimate, interval.low, interval.high)
-
-
-def test_curve_by_hand():
-    # 4 of 5 remain after 10; the seed censored at 20 was followed until then; 2 of 3 remain after
-    # 20; the last arrives at 40 when it alone is followed.
-    curve = times(10.0, 20.0, -20.0, -30.0, 40.0).survival()
-    assert curve.quantiles.tolist() == [10.0, 20.0, 30.0, 40.0]
-    assert curve.probabilities == pytest.approx([4 / 5, 3 / 5, 3 / 5, 0.0])
-    curve = times(3.0, 1.0, 3.0, 0.0).survival()
-    assert curve.quantiles.tolist() == [0.0, 1.0, 3.0]
-    assert curve.probabilities == pytest.approx([0.75, 0.5, 0.0])
-    curve = times(-5.0, -5.0).survival()
-    assert (curve.quantiles.tolist(), curve.probabilities.tolist()) == ([5.0], [1.0])
 
 
 @pytest.mark.parametrize(
@@ -225,17 +206,6 @@ def test_restricted_mean_by_hand():
     assert numbers(mean) == (500.0, max(plain.low, 0.0), INF)
     assert np.isnan(numbers(times(-900.0, -900.0).restricted_mean())[1:]).all()
     assert numbers(times(10.0, 900.0).restricted_mean(1000.0)) == (455.0, 0.0, 1000.0)
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_restricted_mean_is_the_area_under_the_curve(seed):
-    sample = random_times(seed)
-    left = sample.steps[~sample.reached]
-    horizon = float(left.min()) if left.size else 7.0
-    curve = sample.survival()
-    edges = np.clip(np.concatenate([[0.0], curve.quantiles, [np.inf]]), 0.0, horizon)
-    area = np.sum(np.diff(edges) * np.append(1.0, curve.probabilities))
-    assert sample.restricted_mean(horizon).estimate == pytest.approx(area)
 
 
 def test_wrong_values_are_named():

@@ -271,30 +271,13 @@ class Times(Frozen):
         for name, array in (("steps", steps), ("reached", reached)):
             object.__setattr__(self, name, frozen(array))
 
-    def survival(self) -> Any:
-        """Return the share of seeds not yet at the threshold, by ``scipy.stats.ecdf``.
-
-        share(t) = prod_{t_i <= t} (1 - d_i / n_i), where d_i seeds reach the threshold at t_i and
-        n_i are observed until then and have not reached it before (Kaplan and Meier 1958). The end
-        of observation must not depend on returns. From step ``quantiles`` (L,) on the share is
-        ``probabilities`` (L,).
-
-        Examples
-        --------
-        >>> reached = np.array([True, False, True, True])
-        >>> curve = Times(np.array([100.0, 200.0, 300.0, 300.0]), reached).survival()
-        >>> curve.quantiles, curve.probabilities
-        (array([100., 200., 300.]), array([0.75, 0.75, 0.  ]))
-        """
-        from scipy.stats import CensoredData, ecdf  # half a second that few need
-
-        return ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
-
     def median(self, *, confidence: float = CONFIDENCE) -> Interval:
         """Return the median time with the interval of the sign test, in steps.
 
-        min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays above. The bounds
-        are order statistics between which the median of any distribution lies with at least the
+        min {t : share(t) <= 1/2}, where share(t) = prod_{t_i <= t} (1 - d_i / n_i) is that of seeds
+        not yet at the threshold: d_i reach it at t_i, and n_i are observed until then and have not
+        reached it before (Kaplan and Meier 1958). Infinite if the share stays above. The bounds are
+        order statistics between which the median of any distribution lies with at least the
         stated probability (Thompson 1936); a censored time is infinite for the upper bound. Five
         seeds or fewer bound no median at 95 %: from 0 to infinity.
 
@@ -304,11 +287,11 @@ class Times(Frozen):
         >>> print(Times(np.arange(1.0, 9.0) * 100, reached).median())
         400 [100, inf], 8 seeds
         """
-        from scipy.stats import quantile_test  # half a second that few need
+        from scipy.stats import CensoredData, ecdf, quantile_test  # half a second that few need
 
         check_confidence(confidence)
-        k, curve = self.steps.size, self.survival()
-        half = curve.probabilities <= 0.5 + SHARE_ROUNDING
+        curve = ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
+        half, k = curve.probabilities <= 0.5 + SHARE_ROUNDING, self.steps.size
         median = float(curve.quantiles[half.argmax()]) if half.any() else np.inf
         if k == 1:
             return Interval(median, np.nan, np.nan, confidence, 1)
@@ -324,10 +307,10 @@ class Times(Frozen):
     ) -> Interval:
         """Return the mean time within a horizon with Student's interval, in steps.
 
-        mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon
-        (Royston and Parmar 2013), with bounds clipped to 0 and the horizon. Arms are comparable
-        only at the same horizon. Without a horizon a seed counts with its observed steps: a lower
-        bound, with infinity as the upper bound, unless all seeds reached the threshold.
+        mean_k min(time_k, horizon) (Royston and Parmar 2013), with bounds clipped to 0 and the
+        horizon. Arms are comparable only at the same horizon. Without a horizon a seed counts with
+        its observed steps: a lower bound, with infinity as the upper bound, unless all seeds
+        reached the threshold.
         SettingError unless a horizon is above 0 and at most the steps of any censored seed.
 
         Examples
