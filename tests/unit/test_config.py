@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 import curricle as cr
 from curricle.checks import number
-from curricle.curriculum.node import SETTINGS
+from curricle.curriculum.curriculum import SETTINGS
 from curricle.errors import SettingError
 from curricle.learning import (
     Learner,

@@ -16,7 +16,6 @@ from curricle.design.kinds import (
     DesignTarget,
     Draft,
     aims,
-    bottlenecks,
     coarser_tables,
     crops,
     design_target,
@@ -55,7 +54,6 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "removed": removals,
     "deterministic": likeliest_outcomes,
     "starts": start_rings,
-    "bottleneck": bottlenecks,
     "coarser": coarser_tables,
 }
 KINDS = tuple(MAKERS)  # in the order of their turns
@@ -314,7 +312,6 @@ def source_candidates(
         - ``"removed"``: without hazards, a predator, or penalties;
         - ``"deterministic"``: without chance;
         - ``"starts"``: starts near the goal;
-        - ``"bottleneck"``: a doorway as the goal;
         - ``"coarser"``: neighbouring values of ordered components merged.
     most : int
         Most candidates to return.

@@ -34,8 +34,7 @@ from curricle.comparison.opponents import (
     from_scratch,
     scratch_curricula,
 )
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import DEFAULT_STEPS
+from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
 from curricle.design.candidates import candidate_named
 from curricle.design.choice import FIRST_SEED
 from curricle.display import block, table as html_table

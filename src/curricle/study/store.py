@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 from pydantic import TypeAdapter, ValidationError
 
 from curricle.comparison.plan import Unit, seed_ranges
-from curricle.curriculum.node import Node
+from curricle.curriculum.curriculum import Node
 from curricle.curriculum.result import StoredValues
 from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import (
@@ -41,7 +41,6 @@ from curricle.files import (
 )
 from curricle.learning.result import LearningResult, arrays_of, joined_results
 from curricle.learning.tabular_policy import Arrays, values_of
-from curricle.study.dependencies import differences, shown
 from curricle.study.record import (
     CurriculaRecord,
     Plain,
@@ -53,6 +52,32 @@ from curricle.study.record import (
 from curricle.study_file.schema import seeds_in_ranges
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
+
+# -- In what two descriptions of results differ, so that their results may too ---------------------
+
+MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")  # no result depends on it
+
+
+def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
+    """Yield the keys, with both values, by which two descriptions and so results may differ."""
+    if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        first, second = dict(enumerate(first)), dict(enumerate(second))
+    if not (isinstance(first, dict) and isinstance(second, dict)):
+        if first != second:
+            yield name, (first, second)
+        return
+    for key in sorted({*first, *second}):
+        place = f"{name}.{key}" if name and name != "configuration" else key
+        # The record follows from the configuration and the study's own functions.
+        if not (name == "configuration" and key in MAY_CHANGE) and place != "record":
+            yield from differences(first.get(key), second.get(key), place)
+
+
+def shown(value: Any) -> str:
+    """Return a value as text for a sentence, shortened if it is long."""
+    text = json.dumps(value)
+    return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
+
 
 # -- Folders of results: what they are called, which ones may be written to, and errors of writing
 

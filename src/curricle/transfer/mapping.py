@@ -160,7 +160,6 @@ class TaskMapping(ABC):
     target: Any
     source: Any
     unmapped_value: float | None
-    steps: int = 0  # of the search for it in tasks without tables, charged as those of sources are
     knows_target: bool = False  # whether a search read the target's model for it, without a charge
 
     @abstractmethod
@@ -202,8 +201,6 @@ class StateActionMapping(Frozen, TaskMapping):
         optimistic where rewards are negative.
     how : str
         How a search found the mapping.
-    steps : int
-        Steps that the search took in tasks without tables.
     knows_target : bool
         Whether a search read the dynamics or the values of the target's model for it. No step is
         charged for that, so that what the mapping gains is not the source's alone.
@@ -226,7 +223,6 @@ class StateActionMapping(Frozen, TaskMapping):
     index: IntArray
     unmapped_value: float | None = None
     how: str = ""
-    steps: int = 0
     knows_target: bool = False
 
     def __post_init__(self) -> None:
@@ -431,8 +427,8 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
     The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
-    unmapped, with the value of `first`. It took the steps of both, and knows the target if either
-    mapping knows its own. MappingError if the tasks do not fit.
+    unmapped, with the value of `first`. It knows the target if either mapping knows its own.
+    MappingError if the tasks do not fit.
 
     Examples
     --------
@@ -454,8 +450,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     # A task between may be a copy of the target, so that the second mapping's knowledge counts too.
     knows_target = first.knows_target or second.knows_target
     ends, unmapped_value = (first.target, second.source), first.unmapped_value
-    steps = first.steps + second.steps
-    return StateActionMapping(*ends, index, unmapped_value, steps=steps, knows_target=knows_target)
+    return StateActionMapping(*ends, index, unmapped_value, knows_target=knows_target)
 
 
 def terminal_states(task: Task) -> BoolArray:
