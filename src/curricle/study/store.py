@@ -316,8 +316,8 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 ROW_BYTES = 600  # of a decision in memory, about
 MOST_KEPT = 2**28
-"""Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
-finished study reads each once."""
+"""Bytes of curves and decisions that are kept in memory: so a run, a table and a report read each
+file once for them."""
 SCHEMA_VERSION = 4  # of the folder's layout; a folder of another version is refused
 LARGEST_JSON = 2**24
 """Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
@@ -441,7 +441,8 @@ class StudyStore:
 
     def __init__(self, path: str | Place, description: dict[str, Any] | None = None):
         self.path = place_at(path)
-        self._kept, self._room = dict[Place, tuple[NamedArrays, list[DecisionRow]]](), MOST_KEPT
+        self._curves, self._decisions = dict[Place, NamedArrays](), dict[Place, list[DecisionRow]]()
+        self._room = MOST_KEPT
         if description is not None:  # it has just been written
             self.description = description
             return
@@ -614,11 +615,8 @@ class StudyStore:
         try:
             with stored.opened(whole=True) as archive, suppress(ValueError):
                 # Whoever needs what is wrong there says so.
-                run, rows = groups_in(archive, (RUN,)), decisions_in(archive)
-                size = sum(array.nbytes for array in run.values()) + ROW_BYTES * len(rows)
-                if size <= self._room:
-                    self._room -= size
-                    self._kept[stored.path] = run, rows
+                self._keep_curves(stored, groups_in(archive, (RUN,)))
+                self._keep_decisions(stored, decisions_in(archive))
         except StoreError as error:
             if error.__cause__ is None:
                 return False
@@ -628,7 +626,8 @@ class StudyStore:
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return the stored unit."""
         stored = written_unit(self.path, unit, result)
-        self._kept.pop(stored.path, None)
+        self._curves.pop(stored.path, None)
+        self._decisions.pop(stored.path, None)
         remove_folder(self.checkpoints(unit))
         return stored
 
@@ -644,16 +643,33 @@ class StudyStore:
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
-        if groups == (RUN,) and stored.path in self._kept:
-            return self._kept[stored.path][0]
-        return stored.arrays(*groups, most=most)
+        if groups != (RUN,):
+            return stored.arrays(*groups, most=most)
+        if stored.path not in self._curves:
+            return self._keep_curves(stored, stored.arrays(RUN, most=most))
+        return self._curves[stored.path]
 
     def decisions(self, stored: StoredUnit) -> Sequence[DecisionRow]:
         """Return a unit's decisions."""
-        if stored.path in self._kept:
-            return self._kept[stored.path][1]
-        with stored.opened() as archive:
-            return decisions_in(archive)
+        if stored.path not in self._decisions:
+            with stored.opened() as archive:
+                return self._keep_decisions(stored, decisions_in(archive))
+        return self._decisions[stored.path]
+
+    def _keep_curves(self, stored: StoredUnit, curves: NamedArrays) -> NamedArrays:
+        """Keep a unit's curves where there is room for them; return them."""
+        size = sum(array.nbytes for array in curves.values())
+        if size <= self._room:
+            self._room -= size
+            self._curves[stored.path] = curves
+        return curves
+
+    def _keep_decisions(self, stored: StoredUnit, rows: list[DecisionRow]) -> list[DecisionRow]:
+        """Keep a unit's decisions where there is room for them; return them."""
+        if (size := ROW_BYTES * len(rows)) <= self._room:
+            self._room -= size
+            self._decisions[stored.path] = rows
+        return rows
 
 
 # -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------
