@@ -11,7 +11,7 @@ from .gymnasium import (
 )
 from .minigrid import MiniGridState as MiniGridState
 from .potential_shaping import PotentialShaping as PotentialShaping
-from .states import DeepCopy as DeepCopy, Progress as Progress
+from .states import DeepCopy as DeepCopy
 from .tabulated_task import (
     ObservationTable as ObservationTable,
     TabulatedTask as TabulatedTask,
