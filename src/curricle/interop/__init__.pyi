@@ -4,7 +4,6 @@ from .encoders import (
     MiniGridView as MiniGridView,
 )
 from .gymnasium import (
-    TaskEnvironment as TaskEnvironment,
     from_gymnasium as from_gymnasium,
     observation_task as observation_task,
     to_gymnasium as to_gymnasium,
