@@ -94,6 +94,7 @@ NAMED = (
 )
 """Results that show the user's names."""
 SHOWN_ALONE = {"snapshots", "source", "potential", "reason", "store", "policy"}
+SHOWN_ALONE |= {"solution", "values", "episode"}
 """Results that have no display: they are read through others."""
 
 

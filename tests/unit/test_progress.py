@@ -111,9 +111,8 @@ def test_bars_grow_on_a_terminal():
     assert row.startswith("transfer: [bold]maze")
     assert " 2/4 " in row
     assert other.startswith("transfer: certifying")
-    assert "/" not in other
-    assert " 1,200 " in sweeps
-    assert "/" not in sweeps
+    assert " 0/?" in other
+    assert "1200/?" in sweeps
 
 
 class Place:

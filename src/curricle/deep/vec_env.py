@@ -43,10 +43,6 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
     potential, discount, weight, aggregate, encode, tolerance
         As in :class:`PotentialShaping`; the discount must be the algorithm's ``gamma``, t counts
         the steps of all sub-environments together.
-    batched : bool
-        Whether potential functions return an (m,) array for m stacked observations, and `encode`
-        an (m,) array of integers; m is n, or more where episodes end. Otherwise they are called
-        with one observation after another. Sources of values always read stacked observations.
 
     Raises
     ------
@@ -76,7 +72,6 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         aggregate: Aggregate | None = None,
         encode: Callable[[Any], Any] | None = None,
         tolerance: float | None = 1e-6,
-        batched: bool = False,
     ):
         if VecEnv is object:
             raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
@@ -88,7 +83,7 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
             )
         settings: dict[str, Any] = {
             "discount": discount, "weight": weight, "aggregate": aggregate, "encode": encode,
-            "tolerance": tolerance, "batched": batched,
+            "tolerance": tolerance,
         }  # fmt: skip
         space = venv.observation_space
         self._potential = ShapingPotential(potential, space, **settings)

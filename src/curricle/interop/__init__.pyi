@@ -4,14 +4,13 @@ from .encoders import (
     MiniGridView as MiniGridView,
 )
 from .gymnasium import (
-    TaskEnvironment as TaskEnvironment,
     from_gymnasium as from_gymnasium,
     observation_task as observation_task,
     to_gymnasium as to_gymnasium,
 )
 from .minigrid import MiniGridState as MiniGridState
 from .potential_shaping import PotentialShaping as PotentialShaping
-from .states import DeepCopy as DeepCopy, Progress as Progress
+from .states import DeepCopy as DeepCopy
 from .tabulated_task import (
     ObservationTable as ObservationTable,
     TabulatedTask as TabulatedTask,

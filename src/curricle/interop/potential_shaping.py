@@ -9,7 +9,6 @@ weight and one discount.
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
@@ -28,7 +27,7 @@ from curricle.learning.potential import PairPotential, StateActionPotential, Sta
 from curricle.learning.schedules import CONSTANT, Schedule, schedule
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import stack
-from curricle.tasks.spaces import Space, whole
+from curricle.tasks.spaces import Space
 from curricle.transfer import aggregate as aggregation
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.mapping import ValueSource
@@ -48,10 +47,9 @@ class Source:
     """A potential that is read from n observations, or from the states that they show."""
 
     name: str
-    read_from: Callable[[Any], Any]  # of an observation, or of stacked ones if `batched`
-    batched: bool
+    read_from: Callable[[Any], Any]  # of an observation, or of stacked ones if `of_values`
     discount: float | None = None  # of the task of the potential, if it has one
-    rounding: float = 0.0  # relative difference allowed between two readings
+    of_values: bool = False  # whether it is a source of values, which reads stacked observations
     # The potential over a task, if it is one: then `read_from` returns states.
     potential: TaskPotential | None = None
     n_states: int = 0
@@ -64,7 +62,6 @@ class Source:
         potential: Potential,
         space: gymnasium.Space[Any],
         encode: Callable[[Any], Any] | None,
-        batched: bool,
     ) -> "Source":
         """Return the source that reads a potential from observations of a space."""
         if isinstance(potential, TaskPotential):
@@ -74,8 +71,7 @@ class Source:
             if isinstance(potential, StatePotential) and len(potential.values) == 1:
                 fixed = potential.at(0) if potential.weight.shape == CONSTANT else None
             state_of = _numbering(space, task.states) if encode is None else encode
-            of_task = potential, task.states.size, fixed
-            return cls(name, state_of, batched, task.discount, 0.0, *of_task)
+            return cls(name, state_of, task.discount, False, potential, task.states.size, fixed)
         discount = None
         if isinstance(potential, ObservationPotential):
             discount = potential.task.discount
@@ -85,9 +81,9 @@ class Source:
                     f"{name!r} is made for {potential.task.observations} and gets {space}"
                 )
         if isinstance(potential, ValueSource):
-            return cls(name, potential.v, True, discount, NETWORK_ROUNDING)
+            return cls(name, potential.v, discount, of_values=True)
         if callable(potential):
-            return cls(name, potential, batched)
+            return cls(name, potential)
         raise PotentialError(
             "a potential must be a function of an observation, a potential over a task or over "
             f"observations, or a source of values: {name!r} is {potential!r}"
@@ -96,9 +92,19 @@ class Source:
     def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
         potential = self.potential
+        if self.of_values:
+            values = numbers(
+                f"the values of {self.name!r}", self.read_from(stacked), PotentialError
+            )
+            if values.shape != (len(rows),):
+                raise PotentialError(
+                    f"the values of {self.name!r} must have shape {(len(rows),)}: got "
+                    f"{values.shape}"
+                )
+            return values.tolist()  # type: ignore[no-any-return]
         if potential is None:
-            return self._values(rows, stacked)
-        states = self._states(rows, stacked)
+            return [self._value(observation) for observation in rows]
+        states = [self._state(observation) for observation in rows]
         if self.fixed is not None:
             return [*map(self.fixed.item, states)]
         if isinstance(potential, PairPotential):
@@ -108,59 +114,33 @@ class Source:
         phi = weights * potential.values[frame, states]
         return phi.tolist()  # type: ignore[no-any-return]
 
-    def _values(self, rows: Sequence[Any], stacked: Any) -> list[float]:
-        """Return the values of n observations, (n,); PotentialError unless they are n numbers."""
-        if self.batched:
-            who = f"a batched potential, {self.name!r},"
-            if self.rounding > 0:
-                who = f"the values of {self.name!r}"
-            values = numbers(f"what {who} returns", self.read_from(stacked), PotentialError)
-            if values.shape != (len(rows),):
-                raise PotentialError(
-                    f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
-                )
-            return values.tolist()  # type: ignore[no-any-return]
-        singles: list[float] = []
-        for observation in rows:
-            value = self.read_from(observation)
-            try:
-                singles.append(float(value))
-            except (TypeError, ValueError):
-                raise PotentialError(
-                    f"a potential must return one number: {self.name!r} returned {value!r} at "
-                    f"observation {observation!r}"
-                ) from None
-        return singles
+    def _value(self, observation: Any) -> float:
+        """Return the function's value; PotentialError unless it is a number."""
+        value = self.read_from(observation)
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise PotentialError(
+                f"a potential must return one number: {self.name!r} returned {value!r} at "
+                f"observation {observation!r}"
+            ) from None
 
-    def _states(self, rows: Sequence[Any], stacked: Any) -> list[int]:
-        """Return the numbers of the states that observations show, (n,)."""
-        if self.batched:
-            array = whole(self.read_from(stacked), "the states of observations")
-            if array.shape != (len(rows),):
-                raise SettingError(
-                    f"encode must return states of shape {(len(rows),)} for a batch of "
-                    f"observations: {self.name!r} got {array.shape}"
-                )
-            states: list[int] = array.tolist()
-        else:
-            states = []
-            for observation in rows:
-                state = self.read_from(observation)
-                try:
-                    states.append(operator.index(state))
-                except TypeError:
-                    raise SettingError(
-                        f"an observation's state must be a whole number: {self.name!r} got "
-                        f"{state!r} for observation {observation!r}"
-                    ) from None
-        if min(states) < 0 or max(states) >= self.n_states:
-            place, state = next((k, s) for k, s in enumerate(states) if not 0 <= s < self.n_states)
-            where = f"{place} of {len(rows)} stacked" if self.batched else repr(rows[place])
+    def _state(self, observation: Any) -> int:
+        """Return the number of the state that an observation shows; SettingError if it is none."""
+        returned = self.read_from(observation)
+        try:
+            state = operator.index(returned)
+        except TypeError:
+            raise SettingError(
+                f"an observation's state must be a whole number: {self.name!r} got {returned!r} "
+                f"for observation {observation!r}"
+            ) from None
+        if not 0 <= state < self.n_states:
             raise SettingError(
                 f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} got "
-                f"{state} for observation {where}"
+                f"{state} for observation {observation!r}"
             )
-        return states
+        return state
 
 
 def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
@@ -176,7 +156,7 @@ def each_step(steps: Steps, n: int) -> list[int]:
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
-    """Return the function from an observation, or stacked observations, to states' numbers."""
+    """Return the function from an observation to the number of its state."""
     if isinstance(space, Discrete) and space.n == states.size:
         return partial(operator.add, -int(space.start))
     sizes: tuple[int, ...] = ()
@@ -188,22 +168,12 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
         sizes = tuple(int(part.n) for part in parts)
         starts = [int(part.start) for part in parts]
     if sizes == states.shape:
-        return partial(_components, states, starts)
+        lows = [part.low - start for part, start in zip(states.components, starts, strict=True)]
+        return lambda observation: states.encode_one(tuple(map(operator.add, observation, lows)))
     raise SettingError(
         f"observations must number the task's {states.size} states, as a whole or component by "
         f"component, or encode= must number them: got {space}"
     )
-
-
-def _components(states: Space, starts: list[int], observation: Any) -> Any:
-    """Return the states whose components an observation lists, counted from its starts."""
-    parts = observation if isinstance(observation, tuple) else np.asarray(observation).T
-    offsets = [np.asarray(part) - start for part, start in zip(parts, starts, strict=True)]
-    if states.is_box:
-        with suppress(ValueError):  # outside the box: encode says so
-            return np.ravel_multi_index(tuple(offsets), states.shape)
-    components = zip(states.components, offsets, strict=True)
-    return states.encode(**{part.name: offset + part.low for part, offset in components})
 
 
 class ShapingPotential:
@@ -219,7 +189,6 @@ class ShapingPotential:
         aggregate: Aggregate | None,
         encode: Callable[[Any], Any] | None,
         tolerance: float | None,
-        batched: bool = False,
     ):
         named = potential if isinstance(potential, Mapping) else {"potential": potential}
         if not named:
@@ -232,8 +201,7 @@ class ShapingPotential:
             aggregate = aggregation.mean
         self.space = space
         self.sources = {
-            name: Source.of(name, potential, space, encode, batched)
-            for name, potential in named.items()
+            name: Source.of(name, potential, space, encode) for name, potential in named.items()
         }
         if encode is not None and all(s.potential is None for s in self.sources.values()):
             raise SettingError("encode must be left out where no potential is over a task's states")
@@ -257,15 +225,15 @@ class ShapingPotential:
         self.aggregate = aggregate  # g, called with n observations as S and A = 1
         # The largest telescoping residual allowed, as a share of the largest |Phi|.
         self.allowed = math.inf
+        self._stacks = any(source.of_values for source in self.sources.values())
         if tolerance is not None:
-            self.allowed = max(tolerance, *(source.rounding for source in self.sources.values()))
-        self._batched = any(source.batched for source in self.sources.values())
+            self.allowed = max(tolerance, NETWORK_ROUNDING if self._stacks else 0.0)
 
     def read(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
         """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations."""
         if not rows:
             return []
-        if self._batched and stacked is None:
+        if self._stacks and stacked is None:
             stacked = stack(self.space, rows)
         columns = []
         for name, source in self.sources.items():
@@ -280,7 +248,7 @@ class ShapingPotential:
         if self.aggregate is None and self._constant == 1.0:  # the quickest, for one environment
             return [[phi, phi] for phi in columns[0]]
         g, together = self.aggregate, columns[0]
-        if g is not None and self._batched:
+        if g is not None and self._stacks:
             together = aggregation.aggregate(g, np.array(columns)[:, :, None])[:, 0].tolist()
         elif g is not None:
             together = [aggregation.aggregate_numbers(g, values) for values in zip(*columns)]  # noqa: B905 - all are n

@@ -418,24 +418,6 @@ MORE_RESETS = 8  # with other seeds, to see whether the states that they lead to
 INTERVAL = 0.5  # seconds between two reports of progress
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How far a tabulation is: states found, states with all actions tried, outcomes, seconds."""
-
-    states: int
-    expanded: int
-    transitions: int
-    seconds: float
-
-    def in_words(self, name: str) -> str:
-        """Return the progress of the tabulation of `name`, as a line of text."""
-        speed = self.transitions / max(self.seconds, 1e-9)
-        return (
-            f"tabulating {name}: {self.states:,} states, {self.expanded:,} done, {speed:,.0f} "
-            "transitions a second"
-        )
-
-
 class Reached(NamedTuple):
     """An outcome of an action: the next state, its probability and its reward."""
 
@@ -459,7 +441,7 @@ class Search:
         world: "World | ListedOutcomes",
         max_states: int,
         max_seconds: float,
-        show: Callable[[Progress], Any],
+        show: Callable[[str, int, int], Any],  # a sentence; states done and found
     ):
         self.world, self.show = world, show
         self.max_states, self.max_seconds = max_states, max_seconds
@@ -498,7 +480,12 @@ class Search:
                     )
                 if now - shown > INTERVAL:
                     shown = now
-                    self.show(Progress(n_states, expanded, len(self.pair), now - began))
+                    speed = len(self.pair) / (now - began)
+                    sentence = (
+                        f"tabulating {self.world.name}: {n_states:,} states, {expanded:,} done, "
+                        f"{speed:,.0f} transitions a second"
+                    )
+                    self.show(sentence, expanded, n_states)
             expanded += 1
         staying = [s for s, queued in enumerate(self._queued) if not (queued or self.terminal[s])]
         for state in staying:

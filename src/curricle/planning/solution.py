@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import number, numbers
-from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.models import (
     CONVERGED,
@@ -74,11 +73,6 @@ class PolicyValues(Frozen):
     _model: PlanningModel = field(repr=False)
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        row = (self.start_value, len(self.values), f"{self.error_bound:.1g}")
-        head = ["value of the start", "states", "proven within"]
-        return block(type(self).__name__, table(head, [row]))
 
     @cached_property
     def action_values(self) -> FloatArray:

@@ -3,7 +3,6 @@ from .plots import (
     draw_curve as draw_curve,
     draw_maze as draw_maze,
     draw_potential as draw_potential,
-    draw_sources as draw_sources,
     frame_cells as frame_cells,
     plot as plot,
     save as save,

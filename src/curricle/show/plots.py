@@ -16,15 +16,14 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
-from curricle.checks import brief, numbers, one_of
+from curricle.checks import brief, numbers
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.forecasting import Forecast
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES, CurriculumResult
-from curricle.errors import CurriculumError, SettingError
+from curricle.errors import SettingError
 from curricle.files import write_whole
 from curricle.learning.result import LearningResult, shown_returns
-from curricle.planning.policy_evaluation import Target
 from curricle.show.style import (
     COLOURS,
     MOST_NUMBERS,
@@ -51,7 +50,6 @@ from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
 from curricle.tasks.domain import LETTERS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
-from curricle.transfer.transfer import transfer_names
 
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {},
@@ -457,9 +455,7 @@ def draw_forecast(forecast: Forecast) -> Figure:
 # -- grids: mazes, values and potentials as heat maps ----------------------------------------------
 
 DARK = 0.45  # brightness of a colour below which the text on it is white
-PANEL = 2.6  # width of a panel in inches
 MIDDLE: Any = {"ha": "center", "va": "center"}
-SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def draw_maze(
@@ -601,13 +597,15 @@ def draw_potential(
     ('V* (return)', 'column\ncells: where predator_1 is; P: prey, 2: predator_2', 'cividis')
     """
     view = GridView.of(task, at)
-    low, high = limits or shared_limits(task, values, at=at)
-    low, high, palette = value_scale(low, high, difference=difference)
+    shown = _best(task, values)[view.states]
+    drawn = shown[~view.ended]
+    low, high = limits or ((drawn.min(), drawn.max()) if drawn.size else (0.0, 0.0))
+    low, high, palette = value_scale(float(low), float(high), difference=difference)
     if low == high:
         low, high = low - 1, high + 1
     (top, left), (height, width) = view.origin, view.shape
-    grid, shown = np.full((height, width), np.nan), _best(task, values)[view.states]
-    grid[tuple((view.cells - view.origin)[~view.ended].T)] = shown[~view.ended]
+    grid = np.full((height, width), np.nan)
+    grid[tuple((view.cells - view.origin)[~view.ended].T)] = drawn
     extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
     image = axes.imshow(grid, extent=extent, cmap=palette, vmin=low, vmax=high)
     digits = digits_of(low, high)
@@ -626,14 +624,6 @@ def draw_potential(
     return image
 
 
-def shared_limits(task: Task, *several: npt.ArrayLike, at: At | None = None) -> tuple[float, float]:
-    """Return the least and largest value that :func:`draw_potential` draws of `several` tables."""
-    view = GridView.of(task, at)
-    alive = view.states[~view.ended]
-    drawn = np.concatenate([_best(task, values)[alive] for values in several])
-    return (float(drawn.min()), float(drawn.max())) if drawn.size else (0.0, 0.0)
-
-
 def _best(task: Task, values: npt.ArrayLike) -> FloatArray:
     """Return the values of states, (S,), or raise SettingError."""
     generative, table = generative_model(task), numbers("values", values, SettingError)
@@ -646,103 +636,3 @@ def _best(task: Task, values: npt.ArrayLike) -> FloatArray:
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(table))[0])
         raise SettingError(f"values must be finite: entry {place} is {table[place]}")
     return table if table.ndim == 1 else table.max(axis=1)
-
-
-@matplotlib.rc_context(STYLE)
-def draw_sources(
-    result: CurriculumResult,
-    target: str | None = None,
-    *,
-    seed: int = 0,
-    at: At | None = None,
-) -> Figure:
-    """Return the figure of a target's potentials: of each transfer, aggregated, and V*.
-
-    Panels in the same colours show phi_i(s) = max_a phi_i(s, a) of each transfer, the aggregate
-    (unless it equals the only source), and V*(s) = max_a Q*(s, a). A last panel shows the error of
-    the aggregate, phi(s, a*) - V*(s), where a* is the action that phi prefers. If the target cannot
-    be solved, the last two are left out.
-
-    Parameters
-    ----------
-    result : CurriculumResult
-        A result in which the target's sources were trained.
-    target : str, optional
-        By default the task that all others lead to.
-    seed : int
-        A seed of the sources.
-    at : dict of str to int, str or (int, int), optional
-        As in :func:`draw_potential`.
-
-    Raises
-    ------
-    CurriculumError, SettingError
-        When the target is unknown, not unique or has no transfer into it; when the seed was not
-        trained, or the states make no grid.
-
-    Examples
-    --------
-    >>> from curricle import Curriculum, GridWorld, Transfer, same_position
-    >>> maze = GridWorld(["....T", ".PPP.", "S...."])
-    >>> corner = maze.crop(rows=(0, 2), columns=(2, 5))
-    >>> plan = Curriculum(
-    ...     tasks={"corner": corner, "maze": maze},
-    ...     transfers=[Transfer("corner", "maze", same_position(maze, corner))], budget=1000)
-    >>> figure = draw_sources(plan.train())
-    >>> [axes.get_title() for axes in figure.axes[:3]]
-    ['φ: corner -> maze', 'V* = max Q*', 'φ(s, a*) − V*(s)']
-    """
-    curriculum = result.curriculum
-    name = curriculum.target if target is None else target
-    edges = curriculum.in_edges(name)
-    if not edges:
-        raise CurriculumError(f"sources to draw need transfers into the task: {name!r} has none")
-    seeds, task = result[edges[0].source].seeds, curriculum.tasks[name]
-    one_of("seed", seed, seeds, SettingError)
-    k, numbered = seeds.index(seed), len(edges) > 1
-    panels = dict[str, npt.ArrayLike]()
-    for i, (edge, title) in enumerate(zip(edges, transfer_names(edges), strict=True), start=1):
-        phi = curriculum.potentials(name, result.sources, transfers=[edge])[k].values
-        panels[f"φ{f'{i}'.translate(SUBSCRIPTS) * numbered}: {title}"] = phi
-    potentials = result.potentials.get(name) or curriculum.potentials(name, result.sources)
-    aggregate = potentials[k].values
-    if numbered or not np.array_equal(aggregate, phi):
-        title = f"φ: {getattr(curriculum.setting('aggregate', name), '__name__', 'aggregate')}"
-        if name in result.calibrations:
-            title += f", calibrated × {result.calibrations[name][k].scale:.2g}"
-        panels[title] = aggregate
-    solution, error = Target.of(task).solution, None
-    sentences = f"Seed {seed}. Values of the best action, all in one scale of return"
-    if solution is None:
-        sentences += "; the target cannot be solved, so V* is not drawn."
-    else:
-        panels["V* = max Q*"] = solution.values
-        error = aggregate.max(axis=1) - solution.values
-        sentences += (
-            ". Last panel, in a scale of its own: φ of the action a* that φ prefers, minus V*; "
-            "above 0 it is an overestimate."
-        )
-    # A panel for each in the same colours, and for the error in its own.
-    limits, view = shared_limits(task, *panels.values(), at=at), GridView.of(task, at)
-    n = len(panels) + (error is not None)
-    columns = min(n, 3 if n <= 6 else 4)
-    rows = -(-n // columns)
-    high = (PANEL - 0.6) * min(1.5, view.shape[0] / view.shape[1]) + 0.55
-    figure, grid = new_figure(rows, columns, width=1 + PANEL * columns, height=0.8 + high * rows)
-    for axes in grid.flat[n:]:
-        axes.remove()
-    shared = list(grid.flat[: len(panels)])
-    for axes, (title, values) in zip(shared, panels.items(), strict=True):
-        image = draw_potential(axes, task, values, label=title, at=at, limits=limits, bar=False)
-    if error is not None:
-        axes = grid.flat[n - 1]
-        draw_potential(axes, task, error, label="φ(s, a*) − V*(s)", at=at, difference=True)
-    for axes in grid.flat[:n]:
-        axes.set_xlabel("column")
-    figure.colorbar(image, ax=shared, label="return", shrink=0.8)
-    figure.suptitle(f"{name}: potentials from its sources")
-    sentences += " Hatched: the episode is over." * bool(view.ended.any())
-    if view.words:
-        sentences += f" {view.words[0].upper()}{view.words[1:]}."
-    caption(figure, sentences)
-    return figure

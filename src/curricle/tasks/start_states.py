@@ -15,7 +15,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states, tables
+from curricle.tasks.mdp import FiniteMDP, reachable_states, steps_to, tables
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.text import counted
 
@@ -198,18 +198,9 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     >>> goal_distance(GridWorld(["S.PT", ".#.."]))  # a wall between south-west and south-east
     array([-1, -1, -1,  0, -1,  2,  1])
     """
-    # Imported here: every task imports this module's neighbours, and SciPy's import takes time.
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
-
     mdp = tables(task)
     wanted = goal_states(mdp, goal)
-    nodes = len(mdp.terminal) + len(mdp.probability)
-    source, target = edges_of(mdp)
-    backwards = np.ones(len(source), np.bool_), (target, source)
-    graph = csr_array(backwards, shape=(nodes, nodes))
-    edges = dijkstra(graph, indices=np.flatnonzero(wanted), unweighted=True, min_only=True)
-    far = edges[: len(mdp.terminal)] / 2  # a step is an edge to a row and one from it
+    far = steps_to(mdp, wanted, wanted | ~mdp.terminal)
     return np.where(np.isfinite(far), far, -1).astype(np.int64)
 
 

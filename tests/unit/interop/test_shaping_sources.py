@@ -14,7 +14,7 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
 from curricle.interop.gymnasium import observation_task
-from curricle.interop.potential_shaping import PotentialShaping, ShapingPotential
+from curricle.interop.potential_shaping import PotentialShaping
 from curricle.learning.value_lookup import no_sources
 from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregate import aggregate, aggregate_numbers
@@ -74,7 +74,6 @@ def mapped_potential():
     return potential
 
 
-WHOLE = gym.spaces.Discrete(N_STATES)
 MULTI = gym.spaces.MultiDiscrete([4, 4, 4])
 SHIFTED = gym.spaces.MultiDiscrete([4, 4, 4], start=[2, 0, -1])
 TUPLE = gym.spaces.Tuple([gym.spaces.Discrete(4, start=start) for start in (0, 1, 0)])
@@ -201,18 +200,10 @@ def test_values_that_cannot_be_used_are_named_with_their_observation(potential, 
         env.reset(seed=0)
 
 
-@pytest.mark.parametrize(
-    ("potential", "settings", "said"),
-    [
-        (always(0.0), {}, "must have shape (2,): got ()"),
-        (cr.StatePotential(task(), PHI), {"encode": always([0, 9])}, "9 for observation 1 of 2"),
-    ],
-)
-def test_batches_that_cannot_be_used_are_named(potential, settings, said):
-    many = {"weight": 1.0, "aggregate": None, "encode": None, "tolerance": None, **settings}
-    phi = ShapingPotential(potential, WHOLE, discount=DISCOUNT, batched=True, **many)
-    with pytest.raises(cr.CurricleError, match=re.escape(said)):
-        phi.read([1, 2], 0)
+def test_values_of_another_shape_are_refused():
+    phi = FunctionValues(state_values=always(np.zeros(3)))
+    with pytest.raises(cr.CurricleError, match=re.escape("(1,)")):
+        PotentialShaping(world(), phi, discount=DISCOUNT).reset(seed=0)
 
 
 def test_an_environment_is_shaped_once():
