@@ -271,10 +271,6 @@ class ForecastRow:
 
     __repr__ = brief_repr
 
-    def _repr_html_(self) -> str:
-        gain = None if self.gain is None else f"gain in the trial: {self.gain}"
-        return block(self.name, self.verdict, self.anti_knowledge, gain)
-
     def mean(self, measure: str) -> float:
         """Return the mean over seeds of a field of ``PotentialQuality``."""
         return float(np.mean([getattr(quality, measure) for quality in self.seeds]))

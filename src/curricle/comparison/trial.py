@@ -23,7 +23,6 @@ from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Oppone
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import SETTINGS, Curriculum, Node
 from curricle.curriculum.result import Learnt
-from curricle.display import block
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
@@ -145,9 +144,6 @@ class Trial:
     assumes: str
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        return block("Trial", self.assumes) + self.comparison._repr_html_()
 
     def gain(self, name: str) -> Interval | None:
         """Return the strong gain of a candidate in mean return; None if it could not be trained."""

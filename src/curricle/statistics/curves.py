@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import number
-from curricle.display import block, curves, printed
+from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (
     CONFIDENCE,
@@ -21,9 +21,8 @@ from curricle.statistics.intervals import (
     check_confidence,
     check_each,
     mean_interval,
-    seed_line,
 )
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr
 
 SCRATCH = "scratch"  # the arm that learns the target alone, with which others are compared
 ROUNDING = 1e-7  # relative difference that rounding causes between two exact mean returns
@@ -55,11 +54,6 @@ class Curve(Frozen):
     source_steps: IntArray = field(default_factory=lambda: np.zeros((), dtype=np.int64))
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        line = seed_line("", self.steps, self.filled())
-        title = f"Curve of {counted(len(self.values), 'seed')}"
-        return block(title, curves([line], "target steps", "return"))
 
     def __post_init__(self) -> None:
         steps, source = (_whole(name, getattr(self, name)) for name in ("steps", "source_steps"))

@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import brief, instance, number, numbers
-from curricle.display import block, table
+from curricle.display import block, printed, table
 from curricle.errors import MappingError, PotentialError
 from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
@@ -732,6 +732,8 @@ class Coverage:
     most_readers: int  # target pairs that read one source pair
     mean_readers: float  # over the source pairs that are read
 
+    _repr_html_ = printed
+
     def __str__(self) -> str:
         return (
             f"{self.mapped:.1%} of {counted(self.target_pairs, 'target pair')} mapped, "
@@ -740,11 +742,6 @@ class Coverage:
             f"each of the others by {self.mean_readers:.1f} target pairs on average, by "
             f"{self.most_readers:,} at most"
         )
-
-    def _repr_html_(self) -> str:
-        head = ["source pairs", "never used", "read on average by", "at most by"]
-        readers = (self.source_pairs, self.never_used, self.mean_readers, self.most_readers)
-        return block("Coverage", coverage_table({"": self}), table(head, [readers]))
 
 
 @dataclass(frozen=True)
@@ -759,6 +756,8 @@ class ObservationCoverage:
     # values are extrapolated; NaN where nothing is mapped, or the source has numbered states.
     outside: float
 
+    _repr_html_ = printed
+
     def __str__(self) -> str:
         text = (
             f"{self.mapped:.1%} of the pairs of "
@@ -768,9 +767,6 @@ class ObservationCoverage:
         if math.isnan(self.outside):
             return text
         return f"{text}; {self.outside:.1%} of the counterparts outside the source's space"
-
-    def _repr_html_(self) -> str:
-        return block("Coverage", coverage_table({"": self}))
 
 
 def coverage_table(covers: Mapping[str, Any]) -> Markup:

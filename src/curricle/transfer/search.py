@@ -16,7 +16,7 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
-from curricle.display import block, printed, table
+from curricle.display import printed
 from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
@@ -326,6 +326,8 @@ class FoundMappings:
     candidates: tuple[FoundMapping, ...]
     refused: dict[str, str]  # each search that found nothing -> why
 
+    _repr_html_ = printed
+
     def __getitem__(self, place: Any) -> Any:
         return self.candidates[place]
 
@@ -342,17 +344,6 @@ class FoundMappings:
     def __repr__(self) -> str:
         best = self.candidates[0].how if self.candidates else "none"
         return shortened(f"FoundMappings({counted(len(self), 'mapping')}, the best: {best})")
-
-    def _repr_html_(self) -> str:
-        head = ["mapping", "coverage", "regained", "dynamics error", "Bellman inconsistency"]
-        rows = []
-        for candidate in self.candidates:
-            scores = candidate.scores
-            shares = f"{scores.coverage:.0%}", f"{scores.regained:.0%}"
-            errors = scores.dynamics_error, scores.bellman_inconsistency
-            rows.append((candidate.how, *shares, *errors))
-        refused = [f"{name}: {why}" for name, why in self.refused.items()]
-        return block("Mappings found, best first", table(head, rows, wide=head[:1]), *refused)
 
 
 def find_mappings(
