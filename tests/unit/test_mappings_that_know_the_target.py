@@ -32,7 +32,7 @@ from curricle.transfer import (
 from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.search import MOST_APART, SEARCHES
 from curricle.transfer.transfer import FOUND, transfer_words
-from tests.comparisons import copied, corner, pursuit
+from tests.comparisons import copied, corner
 from tests.unit.test_found_mapping_studies import STUDY
 from tests.unit.test_found_mappings import CROP, MAZE, MIRRORED
 from tests.unit.test_resuming import again
@@ -216,9 +216,9 @@ def test_an_unrelated_source_never_pays_by_what_it_knows():
 
 
 def test_the_unrelated_source_has_the_size_and_the_prizes_of_the_source_and_no_more():
-    plan = pursuit()
+    plan = corner()
     seeds = list(range(DRAWS))
-    mdp = tables(plan.tasks[plan.in_edges(plan.target)[0].source])
+    mdp = tables(plan.tasks["corner"])
     seen = []
     for draw in seeds:
         sources, edges = unrelated_transfers(plan, seeds, draw)
