@@ -708,7 +708,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
             raise SettingError(f"options may hold only 'state', to start in: got {options!r}")
         start, space = options["state"], self._rules.states
         if isinstance(start, Mapping):
-            values = {name: _value(space.component(name), start[name]) for name in start}
+            values = {name: space.component(name).value(start[name]) for name in start}
             state = int(space.encode(**values))
         else:
             state = whole_number("the state to start in", start, 0, SettingError)
@@ -719,13 +719,6 @@ class TaskEnvironment(gym.Env[Any, Any]):
                 f"an episode must start in a state that is not terminal: got {start!r}"
             )
         return state
-
-
-def _value(component: Component, value: Any) -> int:
-    """Return a component's value from a number or a label."""
-    if isinstance(value, str) and component.labels and value in component.labels:
-        return component.low + component.labels.index(value)
-    return whole_number(f"the value of {component.name}", value, component.low, SettingError)
 
 
 def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:

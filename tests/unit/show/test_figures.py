@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.comparison.comparison import Arm, Comparison
-from curricle.errors import SettingError
+from curricle.errors import SettingError, TaskError
 from curricle.show.plots import (
     draw_comparison,
     draw_forecast,
@@ -180,9 +180,11 @@ def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
 
 def test_what_makes_no_grid_is_refused(hunt):
     all_fixed = {"prey": 0, "predator_1": 0, "predator_2": 0}
-    for at in (None, {"wolf": 0}, {"prey": (1, 3), "predator_1": 0}, [("prey", 0)], all_fixed):
-        with pytest.raises(SettingError, match=r"leaves|got 'wolf'|got \(1, 3\)|be a Mapping"):
+    for at in (None, {"wolf": 0}, [("prey", 0)], all_fixed):
+        with pytest.raises(SettingError, match=r"leaves|got 'wolf'|be a Mapping"):
             GridView.of(hunt, at)
+    with pytest.raises(TaskError, match=r"prey runs from \(0,0\) to \(2,2\): got '\(1,3\)'"):
+        GridView.of(hunt, {"prey": (1, 3), "predator_1": 0})
 
 
 def test_a_maze_s_values_lie_in_their_cells():
