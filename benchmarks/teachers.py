@@ -25,7 +25,6 @@ from curricle.tasks import DeepSea, FourRooms, GoalDistance, KeyLockPit, goal_di
 
 TEACHERS = [
     cr.teaching.Uniform(),
-    cr.teaching.TSCL(),
     cr.teaching.Learnability(),
     cr.teaching.PrioritizedLevelReplay(),
     cr.teaching.ReverseCurriculum(),

@@ -1,6 +1,11 @@
-"""A reduced run of the paper against golden claims, and the folder that it writes."""
+"""A reduced run of the paper against golden claims, and the folder that it writes.
+
+The fast tests make three of six figures. PAPER names the folder of `make paper ARGS="--seeds 3"`,
+if there is one, for the tests of all (`-m slow`).
+"""
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +23,20 @@ SEEDS = 3
 LOOSE = {"4": 0.25}
 
 
+FAST = ["1", "2", "hacking"]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("paper") / "results"
+    reproduce(path, figures=FAST, seeds=SEEDS, progress=False)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    if made := os.environ.get("PAPER"):
+        return Path(made)
     path = tmp_path_factory.mktemp("paper") / "results"
     outcome = CliRunner().invoke(app, ["paper", "--seeds", str(SEEDS), "--out", str(path)])
     assert outcome.exit_code == 0, outcome.output
@@ -39,10 +56,13 @@ def numbers(evidence):
     return numbers_of
 
 
-def test_claims_are_the_golden_ones(folder):
-    claims = json.loads((folder / "claims.json").read_text("utf-8"))
-    assert [(c["id"], c["verdict"]) for c in claims] == [(c["id"], c["verdict"]) for c in GOLDEN]
-    for claim, golden in zip(claims, GOLDEN, strict=True):
+def claims_of(folder):
+    return json.loads((folder / "claims.json").read_text("utf-8"))
+
+
+def assert_golden(claims, expected):
+    assert [(c["id"], c["verdict"]) for c in claims] == [(c["id"], c["verdict"]) for c in expected]
+    for claim, golden in zip(claims, expected, strict=True):
         here, there = numbers(claim["evidence"]), numbers(golden["evidence"])
         assert here.keys() == there.keys()
         tolerance = LOOSE.get(claim["figure"], 1e-9)
@@ -53,8 +73,22 @@ def test_claims_are_the_golden_ones(folder):
             )
 
 
+def test_claims_are_the_golden_ones(folder):
+    assert_golden(claims_of(folder), [claim for claim in GOLDEN if claim["figure"] in FAST])
+
+
+@pytest.mark.slow
+def test_all_claims_are_the_golden_ones(whole):
+    assert_golden(claims_of(whole), GOLDEN)
+    assert_whole(whole, FIGURES)
+
+
 def test_every_file_of_every_figure_is_there_and_whole(folder):
-    for name in FIGURES:
+    assert_whole(folder, FAST)
+
+
+def assert_whole(folder, figures):
+    for name in figures:
         figure = f"figure{name}" if name.isdigit() else name
         assert (folder / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
         assert (folder / f"{figure}.svg").read_text("utf-8").rstrip().endswith("</svg>")
@@ -68,8 +102,9 @@ def test_every_file_of_every_figure_is_there_and_whole(folder):
     assert not list(folder.rglob("*.part"))
 
 
-def test_tables_are_tidy_one_row_a_seed_and_checkpoint(folder):
-    table = pq.read_table(folder / "data" / "figure4.parquet").to_pydict()
+@pytest.mark.slow
+def test_tables_are_tidy_one_row_a_seed_and_checkpoint(whole):
+    table = pq.read_table(whole / "data" / "figure4.parquet").to_pydict()
     rows = set(zip(table["setting"], table["arm"], table["seed"], table["steps"], strict=True))
     assert len(rows) == len(table["seed"])
     assert set(table["seed"]) == set(range(SEEDS))
@@ -92,8 +127,7 @@ def test_a_stopped_run_goes_on_where_it_was_and_an_earlier_one_is_replaced(tmp_p
     assert stored
     reproduce(out, figures=["1"], seeds=2)
     claims = reproduce(out, figures=["2", "1"], seeds=SEEDS, workers=1, progress=False)
-    whole = json.loads((folder / "claims.json").read_text("utf-8"))
-    assert claims == [claim for claim in whole if claim["figure"] in "12"]
+    assert claims == [claim for claim in claims_of(folder) if claim["figure"] in "12"]
     assert {path: path.stat().st_mtime_ns for path in out.rglob("units/*")} == stored
     for name in ("figure1.svg", "figure2.svg", "data/figure2.parquet", "data/figure2.json"):
         assert (out / name).read_bytes() == (folder / name).read_bytes()
@@ -117,8 +151,9 @@ def test_page_and_command_say_how_many_seeds_the_verdicts_rest_on(tmp_path):
     assert "Every learner is trained with 30 seeds.</p>" in page
 
 
-def test_no_caption_says_that_the_paper_had_fewer_seeds_than_it_had(folder):
-    caption = json.loads((folder / "data" / "figure4.json").read_text("utf-8"))["caption"]
+@pytest.mark.slow
+def test_no_caption_says_that_the_paper_had_fewer_seeds_than_it_had(whole):
+    caption = json.loads((whole / "data" / "figure4.json").read_text("utf-8"))["caption"]
     assert caption.startswith("Left and right: 3 seeds, where the paper has 5. Means over seeds")
 
 

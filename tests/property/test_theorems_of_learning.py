@@ -60,27 +60,33 @@ def test_state_shaping_learns_exactly_what_initialisation_does(kind, mdp, data):
     np.testing.assert_array_equal(shaped.training_return, warm.training_return)
 
 
-STORED = [cr.Storage(), cr.Storage(dtype="float32"), cr.Storage(kind="sparse")]
+# Few of all combinations, as Numba compiles a loop for each.
+ONCE = {"learning_rate": 0.5, "epsilon": 0.3}
+LEARNT = [
+    *((cr.Storage(), ONCE | {"learning_rate": rate}) for rate in (0.3, 0.5, 1.0)),
+    (cr.Storage(), ONCE | {"learning_rate": cr.learning.harmonic(half=3)}),
+    (cr.Storage(), {"learning_rate": 0.3, "inverse_temperature": 0.5}),
+    (cr.Storage(dtype="float32"), ONCE),
+    (cr.Storage(kind="sparse"), ONCE),
+]
 ADDED = [cr.QInitialisation, cr.StateShaping, cr.RewardBonus, cr.DecayingAdvice]
 
 
 @given(
     mdps((0.0, 0.9, 0.75), max_actions=5),
     st.sampled_from([None, *ADDED]),
-    st.sampled_from(STORED),
-    st.sampled_from([{"epsilon": 0.3}, {"inverse_temperature": 0.5}]),
-    st.sampled_from([0.3, 0.5, 1.0, cr.learning.harmonic(half=3)]),
+    st.sampled_from(LEARNT),
     st.sampled_from([-1.0, 0.0, 2.0]),
     st.booleans(),
 )
-def test_nothing_added_changes_nothing(mdp, added, storage, exploration, rate, start, zeros):
+def test_nothing_added_changes_nothing(mdp, added, learnt, start, zeros):
     """A shaping without a potential, or with one of zeros, serves the same setting as none.
 
     Whole rewards and equal first values keep rows full of ties; the fast and the general loop and
     all kinds of tables must draw the same among them.
     """
-    task = mdp.task(time_limit=7)
-    learner = cr.QLearning(learning_rate=rate, initial_value=start, **exploration)
+    task, (storage, settings) = mdp.task(time_limit=7), learnt
+    learner = cr.QLearning(initial_value=start, **settings)
     nothing = None if added is None else added()
     if added is not None and zeros and storage.kind != "sparse":
         nothing = added(np.zeros(mdp.shape[:2]))

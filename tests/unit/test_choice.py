@@ -10,8 +10,7 @@ from curricle.design import choice as module
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
 from curricle.statistics.curves import Curve
 from curricle.study import StudyStore, merge, run_study
-from curricle.study.choosing import NO_CURRICULUM, chosen_file
-from curricle.study.tuning import CHOICE
+from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file
 from curricle.tasks import pursuit_family
 from curricle.transfer import StateActionMapping
 from tests.unit.test_study_runner import Inline
@@ -34,6 +33,16 @@ tasks.maze = { type = "maze", map = "S..T" }
 """
 SETTINGS = {"budget": 20_000, "learner": cr.QLearning(learning_rate=0.2)}
 MAZE = cr.GridWorld(["S....", ".....", "....T"], rewards=cr.Rewards(step=-1, treasure=20))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_options():
+    """Play each candidate at one source budget and scale, and finalists on half of the seeds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "SHARES", (0.05,))
+        patch.setattr(module, "SCALES", (2.0,))
+        patch.setattr(module, "FINAL_SEEDS", 10)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +134,7 @@ def test_a_source_that_pays_is_chosen(hunt, choice):
     # It pays on the seeds of an experiment too, against all opponents.
     fresh = cr.compare({"chosen": choice.curriculum}, seeds=10)
     assert fresh.verdicts["chosen"].direction == 1
-    assert len(choice.rows) == 36
+    assert len(choice.rows) == 4
     assert {len(row) for row in choice.rows} == {8}
 
 
@@ -134,12 +143,11 @@ def test_constants_of_finalists_are_opponents(choice):
 
 
 def test_it_prints_a_sentence_and_a_table(choice):
-    first, heads, best, *_, last = str(choice).splitlines()
+    first, heads, best, *_ = str(choice).splitlines()
     assert first.startswith(f"{choice.name}: gains ")
     assert choice.alone in first
     assert heads.split()[:2] == ["source", "steps"]
     assert best.startswith(choice.name)
-    assert last == "and 28 more"
     assert "<pre>" in choice._repr_html_()
     assert repr(choice).startswith("Choice(")
 
@@ -171,11 +179,11 @@ def test_a_constant_is_named_where_it_does_as_well(monkeypatch):
     assert choice.sentence.startswith(f"no curriculum: {choice.alone} alone does ")
 
 
-def test_equal_seeds_give_equal_choices_whatever_the_workers(hunt):
-    how = {"kinds": ["removed"], **SETTINGS}
-    one, two = cr.choose(hunt, workers=1, **how), cr.choose(hunt, workers=2, **how)
-    assert one.rows == two.rows
-    assert cr.choose(hunt, seed=1, **how).rows != one.rows
+def test_equal_seeds_give_equal_choices_whatever_the_workers():
+    how = {"kinds": ["crop"], "budget": 500}
+    alone, together = (cr.choose(MAZE, workers=workers, **how) for workers in (1, 2))
+    assert alone.rows == together.rows
+    assert cr.choose(MAZE, seed=1, **how).rows != alone.rows
 
 
 def test_curricula_of_the_user_are_candidates(hunt, choice):
@@ -184,7 +192,7 @@ def test_curricula_of_the_user_are_candidates(hunt, choice):
     assert alone.curriculum is choice.curriculum
     both = cr.choose(hunt, [choice.curriculum], kinds=["removed"])
     assert both.name == "pursuit(size=2, predators=1)"
-    assert len(both.rows) == 7
+    assert len(both.rows) == 2
 
 
 def test_progress_is_told_and_a_failure_is_reported(hunt, choice):

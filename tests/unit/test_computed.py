@@ -72,17 +72,12 @@ def test_compiled_functions_and_plain_ones_are_the_same():
 def test_a_computed_task_hands_on_what_it_learnt():
     small, large = ring(5), ring(9)
     edge = cr.Transfer("small", "large", cr.project(large, small, unmapped_value=-3.0))
-    curriculum = cr.Curriculum({"small": small, "large": large}, [edge], budget=2000)
+    plan, shaping = {"small": small, "large": large}, cr.QInitialisation()
+    curriculum = cr.Curriculum(plan, [edge], budget=2000, shaping=shaping)
     result = curriculum.train(2)
     phi = result.potentials["large"][0].values
     np.testing.assert_array_equal(phi[1:5], result["small"].values[0][1:])
     assert (phi[5:] == -3.0).all()
-
-
-def test_step_limits_cut_episodes_of_computed_tasks():
-    stay = lambda data, state, action, bits: (state, 0.0, False)  # noqa: E731
-    never = ComputedMDP(PLACES, MOVES, lambda data, bits: 0, stay, time_limit=7)
-    assert cr.learn(never, budget=70).episodes_used[0] == 10
 
 
 @pytest.mark.parametrize(
@@ -195,6 +190,10 @@ def test_whole_numbers_that_are_no_state_are_refused(state):
     """Compared without sign: a negative number is a large one."""
     with pytest.raises(TaskError, match="a state must be a whole number"):
         cr.planning.rollout(task((type(state)(3), state, 0.0)), np.zeros(9, int))
+
+
+def test_step_limits_cut_episodes_of_computed_tasks():
+    assert cr.learn(task((3.0, 3.0, 0.0)), budget=500, evaluation=OFF).episodes_used[0] == 10
 
 
 def test_the_mistake_of_one_task_does_not_outlive_its_run():

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 import curricle as cr
 from curricle.checks import number
-from curricle.curriculum.node import SETTINGS
+from curricle.curriculum.curriculum import SETTINGS
 from curricle.errors import SettingError
 from curricle.learning import (
     Learner,
@@ -234,8 +234,8 @@ SAID = [
     ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
     (
         "tasks.hunt.budget",
-        "{ max_steps = 5000, min_steps = 10, threshold = -3.5, when = 'all' }",
-        cr.StoppingRule(5000, min_steps=10, threshold=-3.5, when="all"),
+        "{ max_steps = 5000, min_steps = 10, threshold = -3.5 }",
+        cr.StoppingRule(5000, min_steps=10, threshold=-3.5),
     ),
     ("tasks.hunt.eval_freq", "50", 50),
 ]

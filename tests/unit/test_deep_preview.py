@@ -131,36 +131,23 @@ def test_checking_needs_no_torch_and_says_what_does(tmp_path):
                     raise ModuleNotFoundError(name)
         sys.meta_path.insert(0, Missing())
         from curricle.cli.app import main
-        sys.argv = ["curricle", *sys.argv[1:]]
-        main()
+        for command in "check", "run":
+            sys.argv = ["curricle", command, "study.toml"]
+            try:
+                main()
+            except SystemExit as ended:
+                print(ended.code)
     """
 
     path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
-
-    def curricle(*arguments):
-        command = [sys.executable, "-c", textwrap.dedent(code), *arguments]
-        return subprocess.run(
-            command,
-            cwd=tmp_path,
-            check=False,
-            capture_output=True,
-            text=True,
-            env=os.environ | {"PYTHONPATH": path},
-        )
-
-    checked = curricle("check", "study.toml")
-    assert checked.returncode == 0, checked.stderr
-    assert 'Stable-Baselines3 is not installed: pip install "curricle[deep]"' in " ".join(
-        checked.stdout.split()
-    )
-    assert "hunt: MultiDiscrete([9 9 9]) -> Discrete(25); DQN; 5,000 steps" in checked.stdout
-    assert (
-        "Forecast for 'hunt': whether it pays is open\nno trial: 'hunt' is seen through"
-        in checked.stdout
-    )
-    run = curricle("run", "study.toml")
-    assert run.returncode == 1
-    assert run.stderr.endswith('pip install "curricle[deep]"\n')
+    command, env = [sys.executable, "-c", textwrap.dedent(code)], os.environ | {"PYTHONPATH": path}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=env)
+    said = " ".join(done.stdout.split())
+    assert 'Stable-Baselines3 is not installed: pip install "curricle[deep]"' in said
+    assert "hunt: MultiDiscrete([9 9 9]) -> Discrete(25); DQN; 5,000 steps" in said
+    assert "Forecast for 'hunt': whether it pays is open no trial: 'hunt' is seen through" in said
+    assert said.endswith("1"), done.stderr
+    assert done.stderr.endswith('pip install "curricle[deep]"\n')
     assert not (tmp_path / "study-results").exists()
 
 

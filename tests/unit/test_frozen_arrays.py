@@ -42,7 +42,7 @@ OWNERS = {
     "solution": lambda: cr.solve(MAZE),
     "values of a policy": lambda: cr.evaluate(MAZE, np.ones(6, int)),
     "result": lambda: cr.learn(MAZE, budget=50, snapshots=3),
-    "sparse result": lambda: cr.learn(HUNT, budget=50, storage=cr.Storage("sparse")).values[0],
+    "sparse result": lambda: cr.learn(MAZE, budget=50, storage=cr.Storage("sparse")).values[0],
     "rollout": lambda: cr.planning.rollout(MAZE, np.ones(6, int)),
     "curve": lambda: cr.statistics.Curve([0, 1], [[1.0, 2.0]]),
     "interval": lambda: cr.statistics.mean_interval([[1.0, 2.0], [2.0, 4.0]]),

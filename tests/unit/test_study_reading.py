@@ -49,7 +49,7 @@ CURVES = {
 }
 DECISIONS = {
     **{"arm": TEXT, "task": TEXT, "seed": INT, "steps": INT, "ends": "BOOLEAN", "criterion": TEXT},
-    **{"lowest": FLOAT, "level": FLOAT, "rise": FLOAT, "plateau": FLOAT, "reason": TEXT},
+    **{"lowest": FLOAT, "level": FLOAT, "rise": FLOAT, "settled": FLOAT, "reason": TEXT},
 }
 FINALS = """
 SELECT arm, avg(greedy_return) AS final FROM (

@@ -191,7 +191,7 @@ def choose(
     """
     from curricle.cli.output import table_width
     from curricle.errors import StoreError
-    from curricle.study.choosing import choose as chosen_of, chosen_file
+    from curricle.study.tuning import choose as chosen_of, chosen_file
 
     _announce_imports()
     if out is not None and out.exists():

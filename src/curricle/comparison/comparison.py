@@ -118,9 +118,6 @@ class Arm:
 
     __repr__ = brief_repr
 
-    def _repr_html_(self) -> str:
-        return self.curve._repr_html_()
-
     @classmethod
     def of(
         cls, result: LearningResult, spent: IntArray, total: int, eval_freq: int, **kind: Any
@@ -227,10 +224,6 @@ class Contrast:
     reason: str = ""
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        rows = [(name.replace("_", " "), str(getattr(self, name))) for name in MEASURES]
-        return block(f"Against scratch: {self.answer}", table(["measure", "over seeds"], rows))
 
     @property
     def answer(self) -> str:

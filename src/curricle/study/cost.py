@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import frozen
-from curricle.curriculum.node import Node
+from curricle.curriculum.curriculum import Node
 from curricle.planning.greedy import Values
 from curricle.planning.policy_evaluation import LARGEST_SOLVED
 from curricle.planning.rollouts import GreedyPolicy, UniformPolicy, simulate

@@ -11,6 +11,7 @@ import sysconfig
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from functools import lru_cache
 from hashlib import blake2b, sha256
 from importlib.machinery import all_suffixes
 from pathlib import Path
@@ -179,7 +180,8 @@ def own_files(data: Any, folder: Path) -> dict[str, Path]:
             for file in _files(root, waiting.pop()):
                 if file not in closure:
                     closure.add(file)
-                    waiting += _imports(file, file.relative_to(root).parent.parts)
+                    text = file.read_bytes() if file.suffix == ".py" else b""
+                    waiting += _imports(text, file.relative_to(root).parent.parts)
         files |= {file.relative_to(root).as_posix(): file for file in sorted(closure)}
     return files
 
@@ -216,16 +218,19 @@ def _files(root: Path, names: tuple[str, ...]) -> Iterator[Path]:
             yield from (file for file in files if file.is_file())
 
 
-def _imports(file: Path, package: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Yield the names that a file of a package imports, of modules or of functions in them."""
+@lru_cache(maxsize=256)  # every task of every arm asks for its modules
+def _imports(text: bytes, package: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Return the names that a module of a package imports, of modules or of functions in them."""
     try:
-        tree = ast.parse(file.read_bytes() if file.suffix == ".py" else b"")
+        tree = ast.parse(text)
     except (SyntaxError, ValueError):  # importing it is an error, which is reported there
-        return
+        return []
+    names = list[tuple[str, ...]]()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (tuple(alias.name.split(".")) for alias in node.names)
+            names += (tuple(alias.name.split(".")) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             around = package[: len(package) + 1 - node.level] if node.level else ()
             module = (*around, *(node.module.split(".") if node.module else ()))
-            yield from ((*module, alias.name) for alias in node.names)
+            names += ((*module, alias.name) for alias in node.names)
+    return names

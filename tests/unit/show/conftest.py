@@ -48,7 +48,7 @@ def hunt(plan):
 
 @pytest.fixture(scope="package")
 def predicted(plan):
-    return cr.forecast(plan, seeds=3)
+    return cr.forecast(plan, seeds=2)
 
 
 @pytest.fixture(scope="package")
