@@ -16,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from curricle import tasks
 from curricle.deep.miniature import miniatures
 from curricle.design.candidates import KINDS
 from curricle.errors import ConfigError, TaskError
@@ -49,8 +50,7 @@ from curricle.study_file.schema import (
     wrong,
     wrong_at,
 )
-from curricle.tasks.built_in import BUILT_IN, DOMAINS
-from curricle.tasks.domain import MOVES, GridDomain, MapDomain
+from curricle.tasks.domain import MOVES, Domain, GridDomain, MapDomain, name_of
 from curricle.tasks.family import FamilyMember, TaskFamily, rules_of
 from curricle.tasks.gridworld import LEGENDS, GridWorld
 from curricle.tasks.mdp import generative_model
@@ -326,6 +326,13 @@ DistilledTask = table_of(
 
 # -- Task families: tables that name one, and tasks that are members of one ------------------------
 
+BUILT_IN = {
+    family.name: family
+    for name in dir(tasks)
+    if isinstance(family := getattr(tasks, name), TaskFamily)
+}
+"""Name -> family that comes with the library, one of its public names."""
+
 
 class FamilyTable(Table):
     """A family of tasks with defaults of yours; its other keys are parameters."""
@@ -584,9 +591,10 @@ _WRITTEN: dict[str, dict[str, Any]] = {
 # GridWorld and Pursuit are above; the others are Gymnasium's, and members of families.
 _OTHERWISE = (GridWorld, Pursuit, FrozenLake, CliffWalking, Taxi)
 DOMAIN_TASKS = tuple(
-    _domain(kind, name, **_WRITTEN.get(name, {}))
-    for name, kind in DOMAINS.items()
-    if kind not in _OTHERWISE
+    _domain(kind, name_of(kind), **_WRITTEN.get(name_of(kind), {}))
+    for name in dir(tasks)
+    if isinstance(kind := getattr(tasks, name), type)
+    if issubclass(kind, Domain) and kind not in _OTHERWISE
 )
 TASKS = (
     MazeTask,

@@ -295,8 +295,8 @@ class MapDomain(GridDomain):
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 
-        Objects outside are removed: fire just outside no longer counts as near. The default start
-        is uniform, as in the paper's source tasks.
+        Objects outside are removed: fire just outside no longer counts as near, keys outside count
+        as held. The default start is uniform, as in the paper's source tasks.
         """
         part = cut(self.map, self.origin, rows, columns)
         return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
