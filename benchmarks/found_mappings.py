@@ -251,8 +251,7 @@ def cliff_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]
 
 
 def approximate_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
-    """Yield tasks that do not correspond exactly, renumbered or nameless."""
-    yield from renumbered_crops()
+    """Yield nameless tasks that do not correspond exactly."""
     for size, smaller, *budget in (
         (8, 6, 4_000, 60_000),
         (7, 5, 4_000, 60_000),
@@ -292,24 +291,6 @@ def nameless_case(
     index[np.ix_(new, moved)] = image
     mapping = StateActionMapping(target, source, index, by_hand.unmapped_value)
     return f"{name}, nameless", target, source, [edge(mapping)], of(target, source, **settings)
-
-
-def renumbered_crops() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
-    """Yield the maze and its corner, each renumbered."""
-    arena = maze(-5)
-    corner = arena.crop(rows=(0, SIDE), columns=(10 - SIDE, 10), start="uniform")
-    for seed in range(2):
-        rng = np.random.default_rng(seed)
-        target, new, actions = renumbered(arena.mdp, rng)
-        source, there, moves = renumbered(corner.mdp, rng)
-        index = cr.same_position(arena, corner).index[np.argsort(new)]
-        index = np.take_along_axis(index, actions, axis=1)
-        state, action = np.divmod(np.maximum(index, 0), 4)
-        state = there[state]
-        pair = state * 4 + np.argsort(moves, axis=1)[state, action]
-        by_hand = StateActionMapping(target, source, np.where(index >= 0, pair, index))
-        made = of(target, source, **maze_settings())
-        yield f"maze and crop renumbered, seed {seed}", target, source, [edge(by_hand)], made
 
 
 # -- which search is first ------------------------------------------------------------------------
