@@ -329,28 +329,28 @@ def first_searches() -> None:
         print(f"\n{words}: candidates by search, first mapping, its indices' hash; if unseen")
         first, all_cases = Counter[str](), 0
         for name, target, source in cases:
-            made = dict[Any, str]()
+            made = dict[str, str]()
             candidates = find_mappings(
                 target, source, searches=[recorded(search, made) for search in SEARCHES], keep=1000
             )
-            counts = Counter(made[one.mapping] for one in candidates)
+            counts = Counter(made[candidate.how] for candidate in candidates)
             all_cases += 1
             print(f"  {name}: {dict(counts)}", flush=True)
             if candidates:
                 best = candidates[0]
-                first[made[best.mapping]] += clears_bar(best.scores)
+                first[made[best.how]] += clears_bar(best.scores)
                 taken = "taken" if clears_bar(best.scores) else "refused"
                 digest = sha256(best.mapping.index.tobytes()).hexdigest()[:12]
-                print(f"    {made[best.mapping]}, {taken}, {digest}: {best}", flush=True)
+                print(f"    {made[best.how]}, {taken}, {digest}: {best}", flush=True)
         print(f"  first and taken, of {all_cases}: {dict(first)}", flush=True)
 
 
-def recorded(search: Any, made: dict[Any, str]) -> Callable:
+def recorded(search: Any, made: dict[str, str]) -> Callable:
     """Return a search that writes down which mappings it made."""
 
     def by(tasks: TaskPair) -> Iterator[Any]:
         for proposal in search(tasks):
-            made[proposal.mapping] = search.__name__
+            made[proposal.how] = search.__name__
             yield proposal
 
     by.__name__ = search.__name__
