@@ -18,8 +18,7 @@ from tests.tasks import random_mdp
 TEACHERS = [Uniform(), TSCL(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()]
 LEARNERS = [
     *(cr.QLearning(), cr.SARSA(), cr.ExpectedSARSA(), cr.DoubleQLearning()),
-    cr.QLearning(learning_rate=cr.learning.harmonic(), initial_value=1.0),
-    cr.QLearning(learning_rate=0.5, inverse_temperature=2.0),
+    cr.QLearning(learning_rate=0.5, initial_value=1.0),
     cr.SARSA(epsilon=cr.learning.linear(1.0, 0.1, steps=500)),
 ]
 CURVES = ("values", "greedy_return", "training_return", "episodes", "steps_used")
