@@ -32,7 +32,7 @@ from time import perf_counter, thread_time
 from typing import Any
 
 from curricle.study import StudyResults, read_study, run_study
-from curricle.study.progress import Progress
+from curricle.study.running import Progress
 
 UNITS = (1_000, 10_000, 100_000)
 UNITS_A_SEED = 3

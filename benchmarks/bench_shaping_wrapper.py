@@ -14,13 +14,11 @@ from statistics import median
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import RecordEpisodeStatistics
-from gymnasium.wrappers.vector import RecordEpisodeStatistics as RecordVectorStatistics
 from timing import arguments, in_turns, on_one_thread
 
 import curricle as cr
-from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+from curricle.interop.potential_shaping import PotentialShaping
 
 BAR = 15.0  # microseconds a step, one environment and a tabular potential
 MANY = 16
@@ -30,10 +28,8 @@ def lake():
     return gym.make("FrozenLake-v1")
 
 
-def lakes(mode):
-    return gym.make_vec(
-        "FrozenLake-v1", MANY, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}
-    )
+def lakes(wrappers):
+    return gym.make_vec("FrozenLake-v1", MANY, vectorization_mode="sync", wrappers=wrappers)
 
 
 def potential():
@@ -98,17 +94,15 @@ def main():
         "... mean of two tables": PotentialShaping(lake(), {"one": phi, "two": phi}),
     }
     more = report({name: partial(stepping, env, steps) for name, env in single.items()}, turns)
-    for mode in AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP:
-        print(f"\n{MANY} at once, {mode.name}")
-        shape = partial(VectorPotentialShaping, discount=0.99)
-        vectors = {
-            "plain": lakes(mode),
-            "RecordEpisodeStatistics": RecordVectorStatistics(lakes(mode)),
-            "VectorPotentialShaping, table, one by one": shape(lakes(mode), phi),
-            "... table, batched": shape(lakes(mode), phi, batched=True),
-            "... function, batched": shape(lakes(mode), function, batched=True),
-        }
-        report({name: partial(stepping_many, env, steps) for name, env in vectors.items()}, turns)
+    print(f"\n{MANY} at once")
+    shapes = {
+        "plain": [],
+        "RecordEpisodeStatistics": [RecordEpisodeStatistics],
+        "PotentialShaping, table": [partial(PotentialShaping, potential=phi)],
+        "... function": [partial(PotentialShaping, potential=function, discount=0.99)],
+    }
+    vectors = {name: partial(stepping_many, lakes(wrap), steps) for name, wrap in shapes.items()}
+    report(vectors, turns)
     spent = more["PotentialShaping, table"]
     print(f"\nbar: {BAR:g} us more a step, one table: {'ok' if spent <= BAR else 'MISSED'}")
 

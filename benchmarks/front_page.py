@@ -1,13 +1,14 @@
 """Does a learner from scratch overturn a verdict of README, the tutorial or the paper's page?
 
 Plays every verdict that these pages print, and the paper's claims that rest on a baseline, with all
-opponents and seeds that are not the page's. Prints the page's word, if it has one, the word here,
+opponents and seeds that are not the page's. Prints the page's word, the word here,
 the gain in mean return, sources charged, and the best opponent. `!` marks words that differ.
 
     python -m benchmarks.front_page [README tutorial paper claims] [--seeds 200]
 """
 
 import argparse
+import doctest
 import os
 import sys
 from functools import partial
@@ -34,24 +35,16 @@ def study(file, seeds, folder, changes=()):
     return cr.run_study(read, place, progress=False).comparison
 
 
-def plan(names, transfers, seeds, **settings):
-    """Return the comparison of a curriculum."""
-    seeds = range(FIRST, FIRST + seeds)
-    return cr.compare(cr.Curriculum(names, transfers, **settings), seeds=seeds)
-
-
-def readme(seeds):
-    """Yield README's curricula that are no study files."""
-    make = partial(cr.from_gymnasium, "FrozenLake8x8-v1", discount=0.99)
-    wet, dry = make(), make(is_slippery=False)
-    edges = [cr.Transfer("dry", "lake", cr.project(wet, dry), scale=0.5)]
-    how = {"budget": {"lake": 200_000}, "learner": {"dry": cr.QLearning(initial_value=1.0)}}
-    yield "FrozenLake 8x8", plan({"dry": dry, "lake": wet}, edges, seeds, **how), [COSTS]
-    two, chase = (cr.Pursuit(size=4, predators=predators) for predators in (2, 1))
-    mappings = [cr.project(two, chase, predator=name) for name in two.predator_names]
-    edges = [cr.Transfer("chase", "hunt", mapping, scale=2) for mapping in mappings]
-    how = {"budget": {"chase": 50_000, "hunt": 100_000}, "aggregate": cr.minimum}
-    yield "hunt, scale 2", plan({"chase": chase, "hunt": two}, edges, seeds, **how), [""]
+def printed(page, seeds):
+    """Yield what a page's Python compares: target, comparison with these seeds, printed word."""
+    known = {}
+    for example in doctest.DocTestParser().get_examples((ROOT / page).read_text("utf-8")):
+        if "cr.compare(plan" not in example.source:
+            exec(example.source, known)
+            continue
+        comparison = cr.compare(known["plan"], seeds=range(FIRST, FIRST + seeds))
+        word = next(word for word in (PAYS, COSTS, NOT_SHOWN) if word in example.want)
+        yield comparison.target, comparison, [word]
 
 
 def played(page, seeds, folder):
@@ -59,7 +52,7 @@ def played(page, seeds, folder):
     run = partial(study, seeds=seeds, folder=folder)
     if page == "README":
         yield "hunt, tuned", run(ROOT / "examples/tune.toml"), [PAYS]
-        yield from readme(seeds)
+        yield from printed("README.md", seeds)
     elif page == "tutorial":
         programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         (files := Path(folder) / "files").mkdir()
@@ -98,22 +91,20 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("pages", nargs="*", default=["README", "tutorial", "paper", "claims"])
     parser.add_argument("--seeds", type=int, default=200)
-    given = parser.parse_args()
-    for page in given.pages:
-        print(f"\n{page}, {given.seeds} seeds from {FIRST:,}", flush=True)
+    options = parser.parse_args()
+    for page in options.pages:
+        print(f"\n{page}, {options.seeds} seeds from {FIRST:,}", flush=True)
         with TemporaryDirectory() as folder:
             if page == "claims":
-                for claim in claims(given.seeds, folder):
+                for claim in claims(options.seeds, folder):
                     print(f"  {claim.verdict:16}{claim.id}", flush=True)
                 continue
-            for title, comparison, words in played(page, given.seeds, folder):
-                for (arm, contrast), word in zip(comparison.contrasts.items(), words, strict=True):
-                    mark, best = (
-                        " !"[word not in ("", contrast.verdict)],
-                        comparison.best_opponent(arm),
-                    )
-                    row = f"{mark} {title + ': ' + arm:44}{word:28}{contrast.verdict:28}"
-                    print(f"{row}{contrast.strong_gain!s:40}{best}", flush=True)
+            for title, comparison, words in played(page, options.seeds, folder):
+                for arm, word in zip(comparison.verdicts, words, strict=True):
+                    contrast, best = comparison.contrasts[arm], comparison.best_opponent(arm)
+                    row = f"{title + ': ' + arm:44}{word:28}{contrast.verdict:28}"
+                    mark = " " if word == contrast.verdict else "!"
+                    print(f"{mark} {row}{contrast.strong_gain!s:40}{best}", flush=True)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from benchmarks.pairs import Pair, pairs
 from benchmarks.pairs.pair import Family, default
 from benchmarks.pairs.worlds import by_place, task_of
 from curricle.learning import OptimisticQLearning
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target
 from curricle.statistics.curves import Curve, mean_return
 
 PARTS, MOST_LOSS, LEAST_KEPT = 20, 0.1, 0.85

@@ -18,14 +18,13 @@ import numpy as np
 import curricle as cr
 from curricle.learning import value_bounds
 from curricle.paper.mazes import maze
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target
 from curricle.statistics import paired_difference, time_to_threshold
 from curricle.statistics.curves import Curve
 from curricle.tasks import DeepSea, FourRooms, GoalDistance, KeyLockPit, goal_distance, with_start
 
 TEACHERS = [
     cr.teaching.Uniform(),
-    cr.teaching.TSCL(),
     cr.teaching.Learnability(),
     cr.teaching.PrioritizedLevelReplay(),
     cr.teaching.ReverseCurriculum(),

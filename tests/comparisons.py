@@ -89,7 +89,7 @@ def calls(monkeypatch):
         noted.append({"task": task, "budget": left, "result": result, **settings})
         return result
 
-    monkeypatch.setattr("curricle.curriculum.node.learn", noting)
+    monkeypatch.setattr("curricle.curriculum.curriculum.learn", noting)
     return noted
 
 

@@ -183,34 +183,17 @@ def meeting_paths():
     return task, phi
 
 
-def by_state(decoded):
-    """A prey that never enters some cells and looks at where the predators are."""
-    near = sum(decoded.values()) % 3
-    weights = np.stack([np.ones_like(near), near, near == 1, near == 2], axis=1)
-    return weights / weights.sum(axis=1, keepdims=True)
-
-
 @st.composite
-def pursuits(draw, kinds=("uniform", "cell", "state", "function"), discounts=(0.99,)):
-    """Draw a small pursuit, whose prey is of one of these kinds."""
+def pursuits(draw, discounts=(0.99,)):
+    """Draw a small pursuit."""
     size = draw(st.integers(2, 4))
     predators = draw(st.integers(1, {2: 3, 3: 2, 4: 1}[size]))
-    moves, kind, prey = draw(st.sampled_from([4, 5])), draw(st.sampled_from(kinds)), "uniform"
-    if kind in ("cell", "state"):
-        rng = np.random.default_rng(draw(st.integers(0, 99)))
-        rows = size ** (2 if kind == "cell" else 2 * (predators + 1))
-        prey = rng.integers(0, 3, size=(rows, moves)) * rng.random((rows, moves))
-        prey[:, rng.integers(moves)] += 0.1
-        prey /= prey.sum(axis=1, keepdims=True)
-    elif kind == "function":
-        moves, prey = 4, by_state
     return Pursuit(
         size=size,
         predators=predators,
-        moves=moves,
+        moves=draw(st.sampled_from([4, 5])),
         torus=draw(st.booleans()),
         capture=draw(st.sampled_from(["all", "any", "as_published", *range(1, predators + 1)])),
-        prey=prey,
         step_reward=draw(st.sampled_from([-1.0, 0.25, 2.0])),
         capture_reward=draw(st.sampled_from([0.0, 10.0, -3.0])),
         discount=draw(st.sampled_from(discounts)),

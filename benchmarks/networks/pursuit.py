@@ -4,8 +4,8 @@ from functools import partial
 
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.wrappers import TransformObservation
 
-import curricle as cr
 from curricle.transfer import ObservationMapping
 
 SIZE = 7
@@ -15,7 +15,7 @@ def places_and_ways(env):
     """Return an environment in which a network sees :func:`seen`."""
     predators = len(env.observation_space.nvec) - 1
     space = Box(-1.0, 1.0, (2 + 4 * predators,), np.float32)
-    return cr.interop.FunctionEncoder(seen, space)(env)
+    return TransformObservation(env, seen, space)
 
 
 def seen(cells):

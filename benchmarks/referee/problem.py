@@ -16,7 +16,7 @@ from curricle.comparison.controls import PLACEBO, train_control
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target
 from curricle.tasks.family import FamilyMember
 
 TARGET = "target"

@@ -354,7 +354,7 @@ def relations(problems: Sequence[Problem]) -> list[Relation]:
     """Return what sources some problems may have; those of kinds but members as the first has."""
     target, known = design_target(problems[0].target), list[Relation]()
     for kind, maker in MAKERS.items():
-        drafts = [] if kind in ("member", "bottleneck") else list(maker(target))
+        drafts = [] if kind == "member" else list(maker(target))
         if kind in ("crop", "starts") and drafts:
             known += [Relation(kind, share) for share in SHARES]
         else:

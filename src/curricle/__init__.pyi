@@ -50,9 +50,9 @@ from .learning.storage import Storage as Storage
 from .planning.policy_evaluation import GreedyEvaluation as GreedyEvaluation
 from .planning.solution import evaluate as evaluate, solve as solve
 from .show.plots import plot as plot
-from .study.choosing import choose as choose
 from .study.config import compare as compare, forecast as forecast, read_study as read_study
 from .study.running import run_study as run_study
+from .study.tuning import choose as choose
 from .tasks.gridworld import GridWorld as GridWorld, Rewards as Rewards
 from .tasks.mdp import FiniteMDP as FiniteMDP
 from .tasks.models import ComputedMDP as ComputedMDP

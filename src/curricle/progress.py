@@ -21,7 +21,6 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress as RichProgress,
-    Task,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
@@ -38,16 +37,6 @@ BETWEEN = 0.2  # seconds between two pictures of the bars in a notebook, at leas
 Progress = Union[bool, Callable[[Any], Any], "Bars", None]  # bars: the caller's
 
 
-class Count(MofNCompleteColumn):
-    """The column of a bar that counts the work done, and all work where that is known."""
-
-    def render(self, task: Task) -> Text:
-        """Return the text of the column."""
-        if task.total is None:
-            return Text(f"{task.completed:,.0f}" if task.completed else "")
-        return super().render(task)
-
-
 class Screen(RichProgress):
     """Rich's bars, and below them the text that `line` returns."""
 
@@ -57,7 +46,7 @@ class Screen(RichProgress):
         super().__init__(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
-            Count(),
+            MofNCompleteColumn(),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=console,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.cli.tables import print_results
+from curricle.cli.output import print_results
 from curricle.comparison.comparison import compare
 from curricle.deep import models
 from curricle.errors import ConfigError

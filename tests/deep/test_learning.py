@@ -15,6 +15,7 @@ from curricle.deep import models
 from curricle.deep.learner import LIBRARIES
 from curricle.deep.models import model_for
 from curricle.deep.networks import NetworkValues, acting
+from curricle.interop.gymnasium import TaskEnvironment
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.transfer.rollouts import Environments, mean_episode_return
 
@@ -200,7 +201,7 @@ class Infos(BaseCallback):
 
 @pytest.mark.parametrize("shaped", [False, True])
 def test_an_environment_that_cannot_be_saved_begins_a_new_episode(tmp_path, monkeypatch, shaped):
-    class Shy(cr.interop.TaskEnvironment):
+    class Shy(TaskEnvironment):
         def __reduce__(self):
             raise TypeError("this environment cannot be pickled")
 

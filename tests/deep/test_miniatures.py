@@ -9,7 +9,7 @@ import pytest
 from gymnasium.spaces import Box
 
 import curricle as cr
-from curricle.curriculum.node import PULL
+from curricle.curriculum.curriculum import PULL
 from curricle.deep import DeepLearner, PolicyReuse, WeightTransfer, miniatures
 
 PPO = DeepLearner(

@@ -68,7 +68,7 @@ def height(observations):
 
 
 def shape(venv, **settings):
-    return ShapedVecEnv(venv, height, **{"discount": DISCOUNT, "batched": True, **settings})
+    return ShapedVecEnv(venv, height, **{"discount": DISCOUNT, **settings})
 
 
 def monitored(limit=LIMIT):
@@ -94,13 +94,12 @@ class Calls:
         return height(observations)
 
 
-@pytest.mark.parametrize("source", ["batched", "one by one", "values", "encoded table"])
+@pytest.mark.parametrize("source", ["function", "values", "encoded table"])
 @pytest.mark.parametrize("n", [1, 3])
 def test_each_step_is_shaped_as_defined(n, source):
     task = cr.FiniteMDP.from_dense(P, R, terminal=np.zeros(SIZE, bool), start=0, discount=DISCOUNT)
     made = {
-        "batched": {"potential": height, "batched": True},
-        "one by one": {"potential": height},
+        "function": {"potential": height},
         "values": {"potential": Calls()},
         "encoded table": {"potential": cr.StatePotential(task, PHI), "encode": np.argmax},
     }[source]
@@ -153,9 +152,7 @@ def test_values_are_read_once_a_step_and_never_of_a_terminal_state():
 @pytest.mark.parametrize("library", [pickle, cloudpickle])
 def test_a_copy_goes_on_where_the_original_is(library):
     weight = cr.learning.linear(1.0, 0.2, steps=80)
-    venv = ShapedVecEnv(
-        DummyVecEnv([monitored] * 2), height, discount=DISCOUNT, batched=True, weight=weight
-    )
+    venv = ShapedVecEnv(DummyVecEnv([monitored] * 2), height, discount=DISCOUNT, weight=weight)
     venv.seed(0)
     venv.reset()
     venv.step([0, 1])

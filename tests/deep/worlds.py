@@ -7,6 +7,7 @@ from gymnasium.wrappers import FlattenObservation
 
 import curricle as cr
 from curricle.deep import DeepLearner
+from curricle.interop.gymnasium import TaskEnvironment
 
 MAZE = cr.GridWorld(["..T", ".#.", "S.."], time_limit=30, rewards=cr.Rewards(treasure=10))
 DEEP_Q = DeepLearner("DQN", settings={"learning_starts": 20, "policy_kwargs": {"net_arch": [16]}})
@@ -20,7 +21,7 @@ class OneHot(gymnasium.ObservationWrapper):
     """A task's environment that observes which state it is in, as a vector of zeros and a one."""
 
     def __init__(self, task):
-        super().__init__(cr.interop.TaskEnvironment(task))
+        super().__init__(TaskEnvironment(task))
         self.rows = np.eye(task.states.size, dtype=np.float32)
         self.observation_space = Box(0, 1, (task.states.size,), np.float32)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from curricle.cli import study_preview
-from curricle.cli.study_preview import print_preview
+from curricle.cli import output
+from curricle.cli.output import print_preview
 from curricle.errors import CurricleError
 from curricle.study import read_study
 
@@ -62,9 +62,8 @@ def limited(seconds: float):
 def quick_forecasts():
     """Let a preview take a second or five for what it lets take half a minute or five."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study_preview, "LONGEST", 1.0)
-        patch.setattr(study_preview, "LONGEST_COMPARING", 5.0)
-        patch.setattr(study_preview, "LONGEST_TRIAL", 5.0)
+        patch.setattr(output, "LONGEST", 1.0)
+        patch.setattr(output, "LONGEST_COMPARING", 5.0)
         yield
 
 

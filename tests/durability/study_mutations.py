@@ -35,7 +35,7 @@ KEYS = [
     "unmapped_value", "project", "mapping", "function", "observations", "actions", "status",
     "episodes", "method", "discounted", "storage", "save_values", "memory_limit", "precision",
     "snapshots", "threshold", "window", "scratch", "seeds_per_unit", "eval_freq", "aggregate",
-    "shaping", "portfolio", "evaluation", "max_steps", "patience", "drop", "of", "type",
+    "shaping", "portfolio", "evaluation", "max_steps", "patience", "settled", "of", "type",
 ]  # fmt: skip
 """Keys that mean something somewhere."""
 N = "a number"
@@ -49,7 +49,7 @@ ADDED = {
         {"step_reward": N}, {"capture_reward": N}, {"prey": [[N, N, N, N, N]]}, {"torus": True},
         {"torus": "yes"}, {"moves": N}, {"rows": [N, N]}, {"columns": [0, N]}, {"budget": N},
         {"budget": {"episodes": N}}, {"budget": {"max_steps": N, "threshold": N}},
-        {"budget": {"max_steps": N, "plateau": N, "patience": N}}, {"eval_freq": N},
+        {"budget": {"max_steps": N, "settled": N, "patience": N}}, {"eval_freq": N},
         {"evaluation": {"method": "rollouts", "episodes": N}}, {"evaluation": {"episodes": N}},
         {"storage": {"memory_limit": N}}, {"storage": {"precision": N}}, {"start": [[N, N]]},
         {"shaping": {"type": "DecayingAdvice", "weight": N}}, {"shaping": "StateShaping"},

@@ -10,7 +10,7 @@ import zipfile
 
 import pytest
 
-from curricle.cli.tables import decision_lines, print_results
+from curricle.cli.output import decision_lines, print_results
 from curricle.errors import LONGEST, CurricleError
 from curricle.files import archive_content, opened_archive, sealed
 from curricle.show.report import write_report

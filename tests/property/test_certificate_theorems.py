@@ -6,8 +6,7 @@ from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
-from curricle.certificate.diagnosis import fit
-from curricle.certificate.shaped_task import Reachable
+from curricle.certificate.shaped_task import Reachable, fit
 from tests.certificates import difference
 from tests.enumeration import all_discounts, met_states, pairs_of, states_of
 from tests.tasks import mdps

@@ -1,6 +1,6 @@
 """Candidates: mappings fit, all can be learnt, none is another; kinds against naive oracles."""
 
-from collections import defaultdict, deque
+from collections import defaultdict
 from itertools import combinations
 
 import numpy as np
@@ -10,7 +10,6 @@ from hypothesis import assume, given, settings, strategies as st
 from curricle import evaluate, solve
 from curricle.design import source_candidates
 from curricle.design.kinds import (
-    betweenness,
     coarser_tables,
     design_target,
     likeliest_outcomes,
@@ -21,7 +20,7 @@ from curricle.planning import visit_distribution
 from curricle.tasks import frozen_lake_family, maze_family, random_maze
 from curricle.tasks.mdp import reachable_states, same_task
 from curricle.transfer.bisimulation import model_for_refinement, refined
-from tests.tasks import mdps, random_mdp
+from tests.tasks import mdps
 
 MAZES = st.builds(
     maze_family,
@@ -104,47 +103,6 @@ def test_spread_keeps_every_item(n):
 
 
 # -- oracles -------------------------------------------------------------------------------------
-
-
-def shortest_paths(after, first, n):
-    """Return distances from a state and the numbers of shortest paths, one state at a time."""
-    distance, paths, waiting = {first: 0}, defaultdict(int, {first: 1}), deque([first])
-    while waiting:
-        state = waiting.popleft()
-        for neighbour in after[state]:
-            if neighbour not in distance:
-                distance[neighbour] = distance[state] + 1
-                waiting.append(neighbour)
-            if distance[neighbour] == distance[state] + 1:
-                paths[neighbour] += paths[state]
-    return distance, paths
-
-
-def naive_betweenness(mdp):
-    n = len(mdp.terminal)
-    met = reachable_states(mdp)
-    after = defaultdict(set)
-    for state in np.flatnonzero(~mdp.terminal).tolist():
-        for row in mdp.outcome_row[state]:
-            reached = mdp.next_state[row][mdp.probability[row] > 0].tolist()
-            after[state] |= set(reached) - {state}
-    searches = {state: shortest_paths(after, state, n) for state in range(n)}
-    total, firsts = np.zeros(n), np.flatnonzero(met & ~mdp.terminal).tolist()
-    for first in firsts:
-        distance, paths = searches[first]
-        for last, between in ((a, b) for a in distance for b in distance):
-            if first in (last, between) or last == between:
-                continue
-            way, onward = searches[between]
-            if last in way and distance[between] + way[last] == distance[last]:
-                total[between] += paths[between] * onward[last] / paths[last]
-    return total / max(1, len(firsts) * (met.sum() - 1))
-
-
-@given(st.integers(0, 10_000), st.integers(4, 9), st.integers(1, 2))
-def test_betweenness_counts_shortest_paths(seed, n_states, n_actions):
-    mdp = random_mdp(seed, n_states=n_states, n_actions=n_actions, width=2)
-    np.testing.assert_allclose(betweenness(mdp), naive_betweenness(mdp), atol=1e-12)
 
 
 @given(mdps(max_states=6))

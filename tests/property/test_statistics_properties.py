@@ -8,9 +8,7 @@ from hypothesis.extra import numpy as hnp
 from curricle.statistics import (
     Curve,
     asymptotic_performance,
-    jumpstart,
     mean_return,
-    steps_saved,
     time_to_threshold,
 )
 from curricle.statistics.curves import Times, charge_source, midpoint, smooth
@@ -75,20 +73,10 @@ def test_every_seed_is_kept_and_the_unreached_are_censored_at_the_end(curve, thr
     assert np.array_equal(times.reached, ever)
 
 
-@given(curves(arms=2), RETURNS)
-def test_strong_times_add_exactly_the_source_steps(pair, threshold):
-    weak, strong = (time_to_threshold(pair[1], threshold, strong=way) for way in (False, True))
-    assert np.array_equal(strong.steps - weak.steps, pair[1].source_steps)
-    saved = [steps_saved(*pair, threshold, strong=strong) for strong in (False, True)]
-    assert np.array_equal(saved[0] - saved[1], pair[1].source_steps)
-
-
 @given(curves(arms=2))
 def test_without_source_steps_strong_is_weak(pair):
     baseline, transfer = pair[0], without_source(pair[1])
     assert np.array_equal(charge_source(baseline, transfer).values, transfer.filled())
-    weak, strong = (jumpstart(baseline, transfer, strong=strong) for strong in (False, True))
-    np.testing.assert_array_equal(weak, strong)
 
 
 @given(curves(arms=2))

@@ -6,7 +6,6 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.teaching import (
-    TSCL,
     Learnability,
     PrioritizedLevelReplay,
     ReverseCurriculum,
@@ -15,7 +14,7 @@ from curricle.teaching import (
 )
 from tests.tasks import random_mdp
 
-TEACHERS = [Uniform(), TSCL(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()]
+TEACHERS = [Uniform(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()]
 LEARNERS = [
     *(cr.QLearning(), cr.SARSA(), cr.ExpectedSARSA(), cr.DoubleQLearning()),
     cr.QLearning(learning_rate=0.5, initial_value=1.0),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target
 from curricle.statistics import Curve, time_to_threshold
 from curricle.tasks import DeepSea, GoalDistance, with_start
 from curricle.teaching import ReverseCurriculum, Uniform, teach

@@ -8,8 +8,7 @@ import pytest
 
 import curricle as cr
 from curricle.certificate import SampledCertificate, ShapingReward, certify
-from curricle.certificate.diagnosis import widest
-from curricle.certificate.shaped_task import check_shaping
+from curricle.certificate.shaped_task import check_shaping, widest
 from curricle.deep import WeightTransfer
 from curricle.errors import PotentialError, SettingError, TaskError
 from curricle.learning.potential import STATES_READ

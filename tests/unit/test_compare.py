@@ -9,7 +9,7 @@ import curricle as cr
 from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation, GridWorld
 from curricle.comparison.comparison import MEASURES
 from curricle.errors import CurriculumError, SettingError
-from curricle.planning import target as target_module
+from curricle.planning import policy_evaluation as target_module
 from curricle.statistics.curves import midpoint
 from curricle.statistics.hypothesis_tests import Looks, add_seeds
 from curricle.transfer import UNMAPPED, StateActionMapping

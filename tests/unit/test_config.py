@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 import curricle as cr
 from curricle.checks import number
-from curricle.curriculum.node import SETTINGS
+from curricle.curriculum.curriculum import SETTINGS
 from curricle.errors import SettingError
 from curricle.learning import (
     Learner,
@@ -164,7 +164,6 @@ step_reward = -2
 capture_reward = 5
 discount = 1
 """
-ROWS = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
 
 
 @pytest.mark.parametrize(
@@ -177,10 +176,6 @@ ROWS = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
         (
             "type = 'pursuit'\ncapture = 2\ntime_limit = 'none'",
             cr.Pursuit(capture=2, time_limit=None),
-        ),
-        (
-            f"type = 'pursuit'\nsize = 2\nmoves = 4\nprey = {ROWS}",
-            cr.Pursuit(2, moves=4, prey=ROWS),
         ),
         (
             "type = 'maze'\nmap = \"S.F\\n.PT\"\nrewards = { step = -5, pit = -100.0 }\n"
@@ -239,8 +234,8 @@ SAID = [
     ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
     (
         "tasks.hunt.budget",
-        "{ max_steps = 5000, min_steps = 10, threshold = -3.5, when = 'all' }",
-        cr.StoppingRule(5000, min_steps=10, threshold=-3.5, when="all"),
+        "{ max_steps = 5000, min_steps = 10, threshold = -3.5 }",
+        cr.StoppingRule(5000, min_steps=10, threshold=-3.5),
     ),
     ("tasks.hunt.eval_freq", "50", 50),
 ]

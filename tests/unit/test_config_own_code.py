@@ -9,7 +9,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import ConfigError
-from curricle.interop import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
+from curricle.interop import MiniGridFullView, MiniGridView
 from curricle.study import StudyConfig
 from curricle.study_file.own_code import load
 from tests.studies import MAZE, only, reader
@@ -18,15 +18,11 @@ from tests.worlds_to_tabulate import Corridor
 # Functions of the user's own.
 
 OWN = """
-import numpy as np
 import curricle as cr
 from .rules import LONG
 
 def line(length=LONG, treasure=200.0):
     return cr.GridWorld("S" + "." * (length - 2) + "T", rewards=cr.Rewards(treasure=treasure))
-
-def flee(state):
-    return np.tile([1.0, 0, 0, 0, 0], (len(state["prey"]), 1))
 
 def second(potentials):
     return potentials[-1]
@@ -94,13 +90,6 @@ def test_a_module_beside_the_file_comes_first(tmp_path):
     (tmp_path / "json.py").write_text("def dumps(): return 'mine'")
     assert load("json:dumps", tmp_path)() == "mine"
     assert json.dumps([]) == "[]"
-
-
-def test_a_prey_may_be_a_function(read, own):
-    own(".", 8)
-    study = read("name='x'\ntasks.hunt={type='pursuit', size=2, prey='own:flee'}")
-    probability = only(study).tasks["hunt"].mdp.probability
-    assert (probability == [1, 0, 0, 0, 0]).all()
 
 
 def test_other_mappings(read):
@@ -397,11 +386,6 @@ def only_task(study):
         ("'MiniGridView'", MiniGridView()),
         ("{ type = 'MiniGridView', picture = true }", MiniGridView(picture=True)),
         ("{ type = 'MiniGridFullView', width = 9, height = 7 }", MiniGridFullView(9, 7)),
-        ("{ type = 'FlatDict', leave_out = ['mission'] }", FlatDict(["mission"])),
-        (
-            "{ type = 'StackedFrames', n = 2, of = 'MiniGridView' }",
-            StackedFrames(2, MiniGridView()),
-        ),
     ],
 )
 def test_an_encoder_has_its_name_and_settings(read_level, tmp_path, encode, made):
@@ -413,8 +397,6 @@ def test_an_encoder_has_its_name_and_settings(read_level, tmp_path, encode, made
 
 
 def test_a_function_of_environments_is_one(read_level):
-    task = only_task(read_level("{ type = 'StackedFrames', n = 2, of = 'MiniGridView' }"))
-    assert task != only_task(read_level("'MiniGridView'"))
     text = ENCODED.replace('type = "deep"', 'type = "deep", policy = "MultiInputPolicy"')
     with pytest.raises(ConfigError, match="reads pictures by NatureCNN"):
         _ = read_level("'own:image'", text).curricula

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.cli.study_preview import print_preview
+from curricle.cli.output import print_preview
 from curricle.comparison.controls import check_fit
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import differences

@@ -1,15 +1,16 @@
 """What a policy of Stable-Baselines3 cannot take, told before anything runs; without torch."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict, Discrete, Text
-from gymnasium.wrappers import TransformAction
+from gymnasium.wrappers import TransformAction, TransformObservation
 
 import curricle as cr
 from curricle.deep import DeepLearner
 from curricle.deep.learner import check_spaces
 from curricle.errors import SettingError
-from curricle.interop import FunctionEncoder
 
 
 def same(observation):
@@ -17,7 +18,8 @@ def same(observation):
 
 
 def task_of(space):
-    return cr.observation_task("CartPole-v1", encode=FunctionEncoder(same, space))
+    encode = partial(TransformObservation, func=same, observation_space=space)
+    return cr.observation_task("CartPole-v1", encode=encode)
 
 
 PICTURE = Box(0, 255, (3, 36, 36), np.uint8)
@@ -48,8 +50,8 @@ def test_these_are_taken(space, policy, settings):
 @pytest.mark.parametrize(
     ("space", "policy", "sentence"),
     [
-        (Text(4), "MlpPolicy", r"or a Dict of these: got Text\(.*encode=FunctionEncoder"),
-        (Dict(a=VECTOR, b=Text(4)), "MultiInputPolicy", r"the part 'b' is Text\(.*FlatDict"),
+        (Text(4), "MlpPolicy", r"or a Dict of these: got Text\(.*TransformObservation"),
+        (Dict(a=VECTOR, b=Text(4)), "MultiInputPolicy", r"the part 'b' is Text\(.*FlattenOb"),
         (Dict(a=Dict(b=VECTOR)), "MultiInputPolicy", r"the part 'a' is Dict\('b'"),
         (Dict(a=VECTOR, b=VECTOR), "MlpPolicy", r"reads one array: got Dict.*MultiInputPolicy.*Fl"),
         (VECTOR, "MultiInputPolicy", r"reads a Dict: got Box\(0.0, 1.0, \(4,\), float32\); Mlp"),

@@ -90,10 +90,13 @@ def results(tmp_path_factory):
 
 NAMED = (
     *["curriculum", "training", "transfer", "comparison", "forecast"],
-    *["teaching", "study", "study results", "trial", "source learning"],
+    *["study", "study results", "source learning"],
 )
 """Results that show the user's names."""
-SHOWN_ALONE = {"snapshots", "source", "potential", "reason", "store", "policy"}
+SHOWN_ALONE = {
+    *("snapshots", "source", "potential", "reason", "store", "policy"),
+    *("solution", "values", "episode", "arm", "curve", "contrast", "row", "trial"),
+}
 """Results that have no display: they are read through others."""
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import ConfigError, TaskError
-from curricle.show.grids import draw_potential
+from curricle.show.plots import draw_potential
 from curricle.show.replay import grid_drawing
 from curricle.show.views import GridView
 from curricle.study.record import ViewRecord
@@ -27,9 +27,9 @@ DOMAINS = {
     "frozen_lake": (cr.tasks.FrozenLake, {"map": ("SFH", "FFG"), "slippery": False}),
     "cliff_walking": (cr.tasks.CliffWalking, {"rows": 3, "columns": 5, "start": ((2, 11),)}),
     "taxi": (cr.tasks.Taxi, {"size": 3, "stands": 2, "rainy": True}),
-    "pursuit": (cr.Pursuit, {"size": 2, "predators": 1, "prey": ((0.2,) * 5,) * 4}),
+    "pursuit": (cr.Pursuit, {"size": 2, "predators": 1, "torus": True}),
     "four_rooms": (cr.tasks.FourRooms, {"size": 7, "goal": (5, 5), "start": ((1, 1), (1, 4))}),
-    "key_lock_pit": (cr.tasks.KeyLockPit, {"map": "S.KL", "needs": ((1,),), "keys_held": True}),
+    "key_lock_pit": (cr.tasks.KeyLockPit, {"map": "S.KL", "keys_held": True}),
     "block_dude": (cr.tasks.BlockDude, {"level": "E.B<", "exit_reward": 1.0}),
     "river_swim": (cr.tasks.RiverSwim, {"size": 4, "start": (1,)}),
     "deep_sea": (cr.tasks.DeepSea, {"size": 4, "slip": 0.25, "start": "uniform"}),
@@ -115,13 +115,10 @@ def test_it_is_the_same_in_a_study_file(name, tmp_path):
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ('type = "key_lock_pit", needs = 3', "needs must be 'all' or a list of keys for each lock"),
-        ('type = "key_lock_pit", needs = [["a"]]', "needs[0][0] must be a whole number: got 'a'"),
         ('type = "four_rooms", goal = 3', "goal must be a hallway or a list of a row and a column"),
         ('type = "four_rooms", goal = [1]', "goal[1] is missing"),
         ('type = "deep_sea", start = [[0, "x"]]', "start[0][1] must be a whole number: got 'x'"),
         ('type = "river_swim", start = true', "start must be 'uniform' or a list of positions"),
-        ('type = "pursuit", prey = [["a"]]', "prey[0][0] must be a number: got 'a'"),
     ],
 )
 def test_what_is_no_word_and_no_list_is_refused_in_one_sentence(tmp_path, keys, said):

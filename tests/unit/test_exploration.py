@@ -12,13 +12,12 @@ from tests.tasks import dense_of
 # -- DeepSea ---------------------------------------------------------------------------------------
 
 
-def dive(size, actions, *, right=None, fails=(), cost=0.01):
+def dive(size, actions, *, fails=(), cost=0.01):
     """Return the cells and rewards of a dive by bsuite's rules; `fails` are steps that slip."""
     column, cells, rewards = 0, [(0, 0)], []
     for row, action in enumerate(actions):
-        goes_right = action == (1 if right is None else right[row, column])
-        reward = 1.0 if column == size - 1 and goes_right else 0.0
-        if goes_right:
+        reward = 1.0 if column == size - 1 and action else 0.0
+        if action:
             if row not in fails:
                 column = min(max(column + 1, 0), size - 1)
             reward -= cost / size
@@ -49,28 +48,17 @@ def follow(sea, actions, fails=()):
     [
         *[(DeepSea(size), ()) for size in (1, 2, 5)],
         *[(DeepSea(5, slip=0.2), fails) for fails in ((), (0,), (1, 3), (4,))],
-        (DeepSea(6, mapping_seed=3), ()),
     ],
 )
 def test_every_dive_is_as_in_bsuite_and_slips_go_straight_down(sea, fails):
-    right, treasures = None, 0
-    if sea.mapping_seed is not None:  # as bsuite draws it
-        right = np.random.RandomState(sea.mapping_seed).binomial(1, 0.5, [sea.size, sea.size])
+    treasures = 0
     for actions in product((0, 1), repeat=sea.size):
         cells, rewards = follow(sea, actions, fails)
-        expected = dive(sea.size, actions, right=right, fails=fails)
+        expected = dive(sea.size, actions, fails=fails)
         assert cells == expected[0]
         assert rewards == pytest.approx(expected[1])
         treasures += max(rewards) > 0.5
     assert treasures == (0 if fails and min(fails) < sea.size - 1 else 1)
-
-
-def test_the_bottom_of_a_sea_keeps_which_action_is_right():
-    right = np.random.RandomState(3).binomial(1, 0.5, [6, 6])
-    sea = DeepSea(6, mapping_seed=3)
-    assert sea.right[:-6].tolist() == [right[r, c] for r in range(6) for c in range(r + 1)]
-    assert sea.bottom(2).right[:3].tolist() == [right[4, 4], right[5, 4], right[5, 5]]
-    assert solve(sea).values == pytest.approx(solve(DeepSea(6)).values)
 
 
 @pytest.mark.parametrize("size", [1, 2, 10, 30])
@@ -87,25 +75,13 @@ def test_the_optimum_in_closed_form(size, discount):
 
 @pytest.mark.parametrize("size", [2, 10])
 def test_the_stochastic_optimum_in_closed_form(size):
-    sea = DeepSea(size, slip=1 / size, noise=1.0, discount=1.0)
+    sea = DeepSea(size, slip=1 / size, discount=1.0)
     kept, cost = 1 - 1 / size, 0.01 / size
     goes_on = cost * sum(kept**step for step in range(size))  # after a slip nothing is left to win
     assert solve(sea).values[0] == pytest.approx(kept ** (size - 1) - goes_on, abs=1e-7)
     # The figure that bsuite calls optimal is of always going right.
-    always = evaluate(sea, sea.right).values[0]
+    always = evaluate(sea, np.ones(sea.states.size, int)).values[0]
     assert always == pytest.approx(kept ** (size - 1) - 0.01, abs=1e-7)
-
-
-def test_noise_is_in_the_ends_of_the_last_row_and_has_mean_0():
-    quiet, sea = DeepSea(4, slip=0.25).mdp, DeepSea(4, slip=0.25, noise=2.0).mdp
-    mean = [(task.probability * task.reward).sum(axis=1) for task in (quiet, sea)]
-    assert mean[0] == pytest.approx(mean[1])
-    variance = (sea.probability * sea.reward**2).sum(axis=1) - mean[1] ** 2
-    more = variance - ((quiet.probability * quiet.reward**2).sum(axis=1) - mean[0] ** 2)
-    noisy = np.flatnonzero(abs(more) > 1e-9)
-    cells = {tuple(DeepSea(4).states.points[row // 2].tolist()) for row in noisy}
-    assert cells == {(3, 0), (3, 3)}
-    assert more[noisy] == pytest.approx(4.0)
 
 
 def test_the_bottom_of_a_sea_is_part_of_it():

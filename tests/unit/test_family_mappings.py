@@ -292,16 +292,9 @@ def test_parts_of_lakes():
     assert [named["part"] for named in easier] == [2, 3]
 
 
-@pytest.mark.parametrize("seeds", [(None, 3), (3, None), (3, 4), (3, 3)])
-def test_right_moves_are_read_as_right_moves(seeds):
-    target, source = (
-        deep_sea_family(size=n, mapping_seed=seed) for n, seed in zip((6, 4), seeds, strict=True)
-    )
-    (mapping,) = family_mappings(target, source)
-    states = np.flatnonzero((mapping.index >= 0).all(axis=1))
-    assert len(states) == 4 * 5 // 2
-    read = mapping.index[states, target.task.right[states]]
-    assert (read % 2 == source.task.right[read // 2]).all()
+def test_a_sea_is_read_from_the_ground():
+    (mapping,) = family_mappings(deep_sea_family(size=6), deep_sea_family(size=4))
+    assert (mapping.index >= 0).all(axis=1).sum() == 4 * 5 // 2
 
 
 @pytest.mark.parametrize(("size", "smaller"), [(13, 9), (13, 7), (20, 13), (9, 13)])
@@ -341,8 +334,9 @@ def test_parts_of_levels_are_those_with_a_way_to_the_exit(level):
         ):
             solvable.append(columns)
     assert solvable == [columns for columns in PARTS[level] if columns < 20]
-    members = block_dude_family.members(level=level, columns=range(2, 20))
-    assert [member["columns"] for member in members] == solvable
+    members = block_dude_family.easier(block_dude_family(level=level, columns=solvable[-1]))
+    of_level = [member["columns"] for member in members if member["level"] == level]
+    assert of_level == solvable[:-1]
 
 
 def test_a_level_reads_no_more_blocks_than_it_has():

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.cli import study_preview
+from curricle.cli import output
 from curricle.cli.app import main
 from curricle.learning.run import Run
-from curricle.planning import target as target_module
+from curricle.planning import policy_evaluation as target_module
 from curricle.study import read_study
 from curricle.study.cost import SLOWER
 from curricle.transfer.rollouts import potential_quality
@@ -373,7 +373,7 @@ def test_a_budget_too_long_for_a_look_is_not_trained(check, monkeypatch):
 
 def test_one_seed_where_three_would_be_slow(check, monkeypatch):
     pace = 1.0  # seconds that a seed's 2,000 steps take
-    monkeypatch.setattr(study_preview, "LONGEST", 2 * pace)
+    monkeypatch.setattr(output, "LONGEST", 2 * pace)
     monkeypatch.setattr("curricle.study.cost.pace", lambda _: pace / SLOWER / 2000)
     out, study = check()
     assert "\ntraining corner for 1 seed, for the forecast: about 1 s\n" in out
@@ -407,7 +407,7 @@ def test_steps_are_those_that_the_sources_were_trained_for():
 
 
 def test_a_source_that_cannot_be_solved_has_no_perfect_forecast(monkeypatch):
-    monkeypatch.setattr("curricle.planning.target.LARGEST_SOLVED", 0)
+    monkeypatch.setattr("curricle.planning.policy_evaluation.LARGEST_SOLVED", 0)
     with pytest.raises(
         cr.errors.CurriculumError, match="sources that can be solved: 'chase' cannot"
     ):

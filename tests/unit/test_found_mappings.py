@@ -23,12 +23,11 @@ from curricle.transfer import (
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
 from curricle.transfer.mapping import ObservationCoverage
-from curricle.transfer.pair import sampled_tables, search_steps
-from curricle.transfer.scores import EXPECTILE, fitted_constant
+from curricle.transfer.search import EXPECTILE, fitted_constant
 from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
 from tests.refusals import check_refusal
 from tests.studies import CORNER
-from tests.tasks import mdps, ring, ring_by_tables
+from tests.tasks import mdps, ring
 
 MAZE = cr.GridWorld(["S..P", ".F..", "...T"], time_limit=50)
 MIRRORED = cr.GridWorld([row[::-1] for row in MAZE.map], time_limit=50)
@@ -135,7 +134,6 @@ def searched(**settings):
     [
         (SettingError, searched(keep=0), "keep .*: got 0$"),
         (SettingError, searched(seed=-1), "seed .*: got -1$"),
-        (SettingError, searched(samples=0), "samples .*: got 0$"),
         (SettingError, searched(searches=()), "at least one search: got none$"),
         (SettingError, searched(searches=by_homomorphism), "list of functions: got <function by_"),
         (SettingError, searched(searches=[by_homomorphism, "by_name"]), r"of functions: got \["),
@@ -155,18 +153,11 @@ def searched(**settings):
             lambda: [*by_homomorphism(TaskPair(cr.Pursuit(2, 2), cr.Pursuit(3, 1)))],
             "no pair of the target is equivalent",
         ),
-        (TaskError, lambda: find_mappings(ring(), MAZE), "target has no tables, .*samples=.* esti"),
-        (
-            TaskError,
-            lambda: find_mappings(ring(), ring(), samples=1),
-            "no state was met in which every action was tried",
-        ),
-        (TaskError, lambda: sampled_tables(cr.Pursuit(10, 3), 10), "for up to 2,000,000 pairs"),
-        (SettingError, lambda: sampled_tables(ring(), 0), "steps to sample .* at least 1"),
+        (TaskError, lambda: find_mappings(ring(), MAZE), "functions or played live has no tables"),
         (
             CurriculumError,
             lambda: cr.Curriculum({"maze": MAZE, "ring": ring()}, [Transfer("ring", "maze")]),
-            "with tables: the source has none, find_mappings",
+            "with tables: the source has none; find it",
         ),
         (
             CurriculumError,
@@ -192,14 +183,9 @@ def test_states_that_behave_alike_are_one_block():
     assert levels(np.array([0.1 + 0.2, 0.3, 5.0])).tolist() == [0, 0, 1]
 
 
-def test_a_search_of_two_tasks_is_charged_once():
-    index = identity(LINE).index
-    mapping = StateActionMapping(LINE, LINE, index, how="nearest pair", steps=50)
-    assert search_steps([Transfer("a", "b", mapping)] * 2) == 50
-    assert mapping.description == "found: nearest pair"
-
-
 def test_mappings_in_words_and_digests():
+    near = StateActionMapping(LINE, LINE, identity(LINE).index, how="nearest pair")
+    assert near.description == "found: nearest pair"
     chase = cr.project(cr.Pursuit(3, 2), cr.Pursuit(3, 1), predator="predator_2")
     assert chase.description == "predator is predator_2, prey by name"
     assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
@@ -233,43 +219,6 @@ def test_a_source_with_another_goal_is_refused_in_one_sentence():
         auto_mapping(MAZE, other)
     with pytest.raises(CurriculumError, match="no mapping for other -> maze: a mapping is used"):
         cr.Curriculum({"maze": MAZE, "other": other}, [Transfer("other", "maze")])
-
-
-def test_tables_come_near_the_true_ones():
-    truth, sampled = ring_by_tables(), sampled_tables(ring(), 40_000)
-    assert sampled.steps == 40_000
-    assert sampled.tried.tolist() == (~truth.terminal).tolist()
-    np.testing.assert_array_equal(sampled.mdp.terminal, truth.terminal)
-    assert abs(cr.solve(sampled.mdp).values - cr.solve(truth).values).max() < 0.1
-    np.testing.assert_allclose(sampled.mdp.start, truth.start, atol=0.03)
-
-
-def test_a_pair_that_was_not_tried_is_not_judged():
-    sampled = sampled_tables(ring(), 3, seed=1)
-    assert sampled.tried.sum() <= 1
-    assert sampled.mdp.probability.sum(axis=1) == pytest.approx(1)
-
-
-def test_the_mapping_of_a_task_that_is_only_played_is_found():
-    candidates = find_mappings(ring(), ring_by_tables(), samples=20_000)
-    assert candidates.steps == 20_000  # the source has tables
-    best = candidates[0]
-    assert best.how == "components by name"
-    assert best.scores.regained > 0.99
-    assert best.scores.dynamics_error < 0.03
-    assert np.isnan(best.bound)
-    assert best.mapping.steps == 20_000
-
-
-def test_the_steps_of_the_search_are_charged():
-    task, source = ring(), ring_by_tables()
-    mapping = find_mappings(task, source, samples=700)[0].mapping
-    edge = cr.Transfer("source", "ring", mapping)
-    budget = {"source": cr.StoppingRule(500), "ring": 2_000}
-    plan = cr.Curriculum({"source": source, "ring": task}, [edge], budget=budget)
-    result = plan.train(seeds=2, charge=True)
-    assert result.source_steps("ring").tolist() == [1_200, 1_200]
-    assert result["ring"].steps_used.tolist() == [800, 800]
 
 
 def without(task, states):

@@ -11,8 +11,7 @@ import pytest
 import curricle as cr
 from curricle.checks import unfit_name
 from curricle.cli.app import main
-from curricle.cli.study_preview import graph, print_forecasts
-from curricle.cli.tables import print_table
+from curricle.cli.output import graph, print_forecasts, print_table
 from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.show.report import render
@@ -175,7 +174,7 @@ def test_a_preview_of_a_target_too_large_to_count():
 
 
 def test_a_forecast_that_solves_an_enormous_source_is_not_begun(capsys, monkeypatch):
-    monkeypatch.setattr("curricle.cli.study_preview.LONGEST_COMPARING", 5.0)
+    monkeypatch.setattr("curricle.cli.output.LONGEST_COMPARING", 5.0)
     maze = "tasks.{} = {{ type = 'maze', map = '{}', discount = 0.99, time_limit = 9, budget = 9 }}"
     mazes = [maze.format("far", f"S{300_000 * '.'}T"), maze.format("near", "S..T")]
     edge = "transfers = [{ source = 'far', target = 'near', mapping = 'same_position' }]"

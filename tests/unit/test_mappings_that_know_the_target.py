@@ -33,7 +33,6 @@ from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.search import MOST_APART, SEARCHES
 from curricle.transfer.transfer import FOUND, transfer_words
 from tests.comparisons import copied, corner
-from tests.tasks import ring, ring_by_tables
 from tests.unit.test_found_mapping_studies import STUDY
 from tests.unit.test_found_mappings import CROP, MAZE, MIRRORED
 from tests.unit.test_resuming import again
@@ -83,16 +82,6 @@ def test_every_search_that_reads_the_model_says_so(search):
         assert all(proposal.mapping.knows_target for proposal in made)
         break
     assert made
-
-
-def test_what_its_steps_paid_for_does_not_count():
-    """A target that was sampled is known by steps that are charged; tables are read for nothing."""
-    played, with_tables = ring(), ring_by_tables()
-    for target, source, knows in ((played, with_tables, False), (with_tables, played, True)):
-        mapping = find_mappings(target, source, samples=2000)[0].mapping
-        assert (mapping.steps, mapping.knows_target) == (2000, knows)
-        # What was charged for one mapping is charged for what it is composed with.
-        assert compose(mapping, identity(source)).steps == 2000
 
 
 def test_a_copy_between_does_not_hide_it():

@@ -102,14 +102,13 @@ def naive_optimum(mdp):
 
 
 def naive_quality(phi, mdp):
-    """Return optimistic, excess, size, right, and the largest underestimate and its state."""
+    """Return optimistic, excess, size, and the largest underestimate and its state."""
     q = naive_optimum(mdp)
     optimal = q > q.max(axis=1, keepdims=True) - 1e-6
-    above, excess, size, right, alive = 0, 0.0, 0.0, 0, 0
+    above, excess, size, alive = 0, 0.0, 0.0, 0
     for s in np.flatnonzero(~mdp.terminal):
         alive += 1
         size += abs(q[s].max())
-        right += all(optimal[s, a] for a in range(q.shape[1]) if phi[s, a] == phi[s].max())
         for a in range(q.shape[1]):
             above += phi[s, a] > q[s, a] + 1e-6
             excess += phi[s, a] - q[s, a]
@@ -120,7 +119,7 @@ def naive_quality(phi, mdp):
         if below > worst[0]:
             worst = (below, s)
     pairs = alive * q.shape[1]
-    return above / pairs, excess / pairs, size / alive, right / alive, *worst
+    return above / pairs, excess / pairs, size / alive, *worst
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -130,9 +129,9 @@ def test_every_measure_agrees_with_a_plain_loop(seed):
     if seed % 2:
         phi = phi.rescaled(1.0, -2.0)
     judged = potential_quality(phi, Target.of(task))
-    optimistic, excess, size, right, below, where = naive_quality(phi.values, task.mdp)
+    optimistic, excess, size, below, where = naive_quality(phi.values, task.mdp)
     assert judged.exact
-    assert (judged.optimistic, judged.greedy_agreement) == (optimistic, right)
+    assert judged.optimistic == optimistic
     assert judged.most_underestimated_state == where
     # Both Q* are within the tolerance that a target is solved to, 1e-6, of the truth.
     near = judged.excess, judged.mean_absolute_value, judged.largest_underestimate
@@ -145,7 +144,7 @@ def test_the_optimum_has_no_error(task):
     phi = cr.StateActionPotential(task, target.solution.action_values)
     judged = potential_quality(phi, target)
     assert (judged.optimistic, judged.excess) == (0.0, 0.0)
-    assert (judged.greedy_agreement, judged.largest_underestimate) == (1.0, 0.0)
+    assert judged.largest_underestimate == 0.0
     assert (judged.rank, judged.start) == pytest.approx((1.0, target.optimum))
     assert judged.most_underestimated_state == -1
 
@@ -200,11 +199,10 @@ def test_ranks_with_ties(task, levels):
     assert 0.2 < abs(rank) < 0.9999
 
 
-def test_a_constant_potential_has_no_rank_and_is_right_nowhere():
+def test_a_constant_potential_has_no_rank():
     phi = cr.StateActionPotential(MAZE, np.full((11, 4), -3.0))
     judged = potential_quality(phi, Target.of(MAZE))
     assert np.isnan(judged.rank)
-    assert judged.greedy_agreement == 0.0  # wrong actions are greedy too
 
 
 def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
@@ -248,7 +246,7 @@ def test_the_estimate_of_a_deterministic_optimum_is_exact(shift, monkeypatch):
     assert judged.rank == pytest.approx(1.0, abs=0.01)  # pairs equal but for rounding may swap
     if shift:
         assert judged.optimistic == (shift > 0)
-    assert np.isnan([judged.greedy_agreement, judged.largest_underestimate, target.optimum]).all()
+    assert np.isnan([judged.largest_underestimate, target.optimum]).all()
     assert judged.most_underestimated_state == -1
 
 

@@ -109,26 +109,6 @@ def test_an_episode_ends_when_enough_predators_touch_the_prey(capture, ends_at):
         assert game.mdp.terminal[s] == (hunters.count(prey) >= ends_at)
 
 
-def fleeing(position):
-    """A prey that looks: it goes east if the first predator shares its row, else it stays."""
-    prey, hunter, *_ = position
-    return [0, 0, 1, 0, 0] if prey // 2 == hunter // 2 else [0.5, 0.5, 0, 0, 0]
-
-
-def test_a_prey_may_have_a_policy():
-    policy = np.random.default_rng(1).dirichlet(np.ones(5), size=4)
-    game = Pursuit(size=2, predators=2, prey=policy)
-    agrees(game, lambda position: policy[position[0]])
-    by_state = [fleeing(p) for p in itertools.product(range(4), repeat=3)]
-    agrees(Pursuit(size=2, predators=2, prey=by_state), fleeing)
-
-    def decide(where):
-        same = where["prey"] // 2 == where["predator_1"] // 2
-        return np.where(same[:, None], [0, 0, 1, 0, 0], [0.5, 0.5, 0, 0, 0])
-
-    agrees(Pursuit(size=2, predators=2, prey=decide), fleeing)
-
-
 @pytest.mark.parametrize("capture", ["all", "any"])
 def test_the_start_is_uniform_over_uncaught_states(capture):
     mdp = Pursuit(size=2, predators=2, capture=capture).mdp

@@ -6,7 +6,7 @@ from importlib import metadata
 import numpy as np
 import pytest
 
-from curricle.cli.study_preview import units_left
+from curricle.cli.output import units_left
 from curricle.errors import StudyError
 from curricle.study import StudyResults, StudyStore, read_study, run_study
 from curricle.study.arms import arms_from_json

@@ -142,11 +142,12 @@ def test_pits_walls_and_maps_without_locks_or_keys():
 
 
 def test_a_lock_needs_its_keys():
-    task = KeyLockPit("SKLKL", needs=[[2], [1]])
-    paid, where, _ = follow(task, EAST, PICK_UP, EAST, UNLOCK, EAST, EAST, UNLOCK)
-    assert paid == [-10, 500, -10, -10, -10, -10, 1000]
-    assert where == "row=0 column=4 key_1=held key_2=lying lock_1=locked lock_2=open"
-    assert follow(KeyLockPit("SKLKL"), EAST, PICK_UP, EAST, UNLOCK)[0][-1] == -10
+    task = KeyLockPit("SKLKL")
+    assert follow(task, EAST, PICK_UP, EAST, UNLOCK)[0] == [-10, 500, -10, -10]
+    way = EAST, PICK_UP, EAST, EAST, PICK_UP, EAST, UNLOCK
+    paid, where, _ = follow(task, *way)
+    assert paid == [-10, 500, -10, -10, 500, -10, 1000]
+    assert where == "row=0 column=4 key_1=held key_2=held lock_1=locked lock_2=open"
 
 
 def search(lines):
@@ -209,19 +210,19 @@ def test_counts_and_optima_agree_with_a_search(name):
 
 
 def test_all_states_of_every_status_are_there_once():
-    task = KeyLockPit(["SK.", "L#K", "P.L"], needs=[[1], [1, 2]])
-    # Sets of locks that may be open: 1 without a key or with the second, 2 with the first, 4 with
-    # both. In 8 cells each, but with all open only at one of the 2 locks.
-    assert task.states.size == 8 * (1 + 1 + 2 + 4 - 1) + 2
+    task = KeyLockPit(["SK.", "L#K", "P.L"])
+    # Without both keys no lock is open: 3 sets of keys in 8 cells; with both, 3 of the 4 sets of
+    # locks in 8 cells, but all open only at one of the 2 locks.
+    assert task.states.size == 8 * (3 + 3) + 2
 
 
 def test_a_crop_keeps_coordinates_and_the_keys_that_it_has():
-    task = KeyLockPit(["SK.L", "..K.", "L..."], needs=[[1, 2], [2]])
+    task = KeyLockPit(["SK.L", "..K.", "L..."])
     part = task.crop(rows=(0, 2), columns=(2, 4))
     assert part.map == (".L", "K.")
-    assert (part.origin, part.needs) == ((0, 2), ((1,),))
+    assert part.origin == (0, 2)
     assert part.states.decode()["column"].min() == 2
-    assert task.crop(rows=(0, 1), columns=(2, 4)).needs == ((),)
+    assert task.crop(rows=(0, 1), columns=(2, 4)).states.names == ("row", "column", "lock")
     assert KeyLockPit().crop(rows=(2, 8), columns=(5, 8)).states.names == ("row", "column", "lock")
     room = KeyLockPit()
     mapping = project(room, room.crop(rows=(0, 8), columns=(0, 6)))

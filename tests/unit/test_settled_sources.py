@@ -7,8 +7,7 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.learning.stopping import SETTLED, UNLEARNT, levels, share_of_rise
 from curricle.planning.greedy import VisitedValues
-from curricle.planning.policy_evaluation import greedy_policy_return
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target, greedy_policy_return
 from tests.studies import CORNER as STUDY
 from tests.tasks import ring
 
@@ -49,13 +48,13 @@ def test_too_few_evaluations_are_no_evidence():
     assert all(known[45:])
 
 
-def test_all_conditions_that_are_given_have_to_hold():
+def test_the_condition_that_holds_first_ends_learning():
     greedy, steps = np.array([0.0] * 20 + [1.0] * 81), np.arange(101) * 10
     settled = cr.StoppingRule(1_000, settled=0.05).decisions(steps, greedy)
     assert settled[-1].criterion == "settled return reached"
     assert settled[-1].step < 1_000
-    both = cr.StoppingRule(1_000, settled=0.05, threshold=2.0, when="all")
-    assert both.decisions(steps, greedy)[-1].criterion == "all steps used"
+    higher = cr.StoppingRule(1_000, settled=0.05, threshold=2.0)
+    assert higher.decisions(steps, greedy)[-1].criterion == "settled return reached"
     either = cr.StoppingRule(1_000, settled=0.05, threshold=1.0)
     assert either.decisions(steps, greedy)[-1].criterion == "threshold reached"
 

@@ -9,8 +9,8 @@ import curricle as cr
 from curricle.comparison import source_learning
 from curricle.comparison.forecasting import SourceLearning
 from curricle.curriculum import SourceValues
-from curricle.planning import target as target_module
-from curricle.planning.target import Target
+from curricle.planning import policy_evaluation as target_module
+from curricle.planning.policy_evaluation import Target
 from tests.tasks import ring
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])

@@ -88,7 +88,6 @@ LEARNER | seeds_per_unit = 0 | line 4: seeds_per_unit must be at least 1: got 0
 epsilon = 0.1 | epsilon = nan | line 5: learner.epsilon must be finite: got nan
 LEARNER | [storage]\nqqq = 1 | line 5: storage.qqq is unknown: known are … save_values
 SIZE | capture = 'al'\npred | line 9: tasks.chase.capture must be … mean 'all'?
-SIZE | prey = 'uni'\npred | line 9: tasks.chase.prey must be … mean 'uniform'?
 KIND | pred | line 7: tasks.chase.type is missing … observation_task, distilled
 LEARNER | aggregate = 'minmum' | line 4: aggregate must be one of … mean 'minimum'?
 source = "chase" | source = "chse" | line 18: transfers[0].source must … 'chase'?
@@ -137,8 +136,7 @@ VIEW | 'MiniGridVew' | line 7: tasks.level.encode must be one of MiniGridView
 VIEW | 'MiniGridFullView' | must be a table, as MiniGridFullView needs width and height
 VIEW | { type = VIEW, pictur = 1 } | encode.pictur is unknown, did you mean
 VIEW | { type = 'MiniGridFullView', width = 4, height = 9 } | must fit into its encoder's 4 x
-VIEW | { type = 'FlatDict', leave_out = ['words'] } | must name keys of the Dict
-VIEW | { type = 'StackedFrames', of = VIEW } | encode.n is missing
+VIEW | { type = 'MiniGridFullView', width = 9 } | encode.height is missing
 VIEW | 'own:half' | own:half failed with TypeError
 [network]
 DEEP |  | line 4: learner must be { type = "deep", ... } for hunt, which is seen

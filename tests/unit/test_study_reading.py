@@ -8,7 +8,7 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from curricle.cli.tables import print_results
+from curricle.cli.output import print_results
 from curricle.comparison.comparison import Arm
 from curricle.errors import CurriculumError
 from curricle.show.report import _only, write_report
@@ -49,7 +49,7 @@ CURVES = {
 }
 DECISIONS = {
     **{"arm": TEXT, "task": TEXT, "seed": INT, "steps": INT, "ends": "BOOLEAN", "criterion": TEXT},
-    **{"lowest": FLOAT, "level": FLOAT, "rise": FLOAT, "plateau": FLOAT, "reason": TEXT},
+    **{"lowest": FLOAT, "level": FLOAT, "rise": FLOAT, "settled": FLOAT, "reason": TEXT},
 }
 FINALS = """
 SELECT arm, avg(greedy_return) AS final FROM (

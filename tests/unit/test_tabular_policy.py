@@ -9,7 +9,7 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import SparseValues, TabularPolicy
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target
 from tests.refusals import check_values
 from tests.tasks import random_mdp
 

@@ -1,7 +1,6 @@
 """Learning a target by episodes in several tasks, and the teachers against their formulas."""
 
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ import curricle as cr
 from curricle.errors import SettingError, TaskError
 from curricle.tasks import GoalDistance, with_start
 from curricle.teaching import (
-    TSCL,
     Episode,
     Learnability,
     PrioritizedLevelReplay,
@@ -201,16 +199,15 @@ def test_refusals(error, call, says):
 
 
 def test_wrong_values_are_named():
-    wrong = {"target": ["x"], "teacher": [3, TSCL], "learner": ["Q"]}
+    wrong = {"target": ["x"], "teacher": [3, Learnability], "learner": ["Q"]}
     check_values(SettingError, lambda **of: teach(BOTH, **{"target": "far"} | of), wrong)
     check_values(SettingError, partial(teach, target="far"), {"tasks": [{}, [MAZE], {1: MAZE}]})
-    check_values(SettingError, TSCL, {"epsilon": [2.0]})
-    check_values(SettingError, Learnability, {"window": [0]})
+    check_values(SettingError, Learnability, {"rho": [2.0], "window": [0]})
     check_values(SettingError, cr.teaching.PrioritizedLevelReplay, {"temperature": [0.0]})
 
 
 def test_tasks_without_a_goal_are_for_teachers_that_need_none():
-    result = teach({"n": NO_GOAL}, TSCL(), target="n", budget=100)
+    result = teach({"n": NO_GOAL}, PrioritizedLevelReplay(), target="n", budget=100)
     assert result.learning.steps_used == 100
 
 
@@ -244,19 +241,6 @@ def rates(seen, window):
     """Return the share of successes among the last `window` episodes of each task."""
     outcomes = [[e.success for e in seen if e.task == i][-window:] for i in range(N_TASKS)]
     return [np.mean(successes) if successes else 0.0 for successes in outcomes]
-
-
-@pytest.mark.parametrize(("seed", "n"), CASES)
-def test_tscl_follows_the_largest_change_of_return(seed, n):
-    seen, progress = episodes(seed, n), [0.0] * N_TASKS
-    for i in range(N_TASKS):
-        returns = [sum(r * 0.9**t for t, r in enumerate(e.rewards)) for e in seen if e.task == i]
-        for before, now in pairwise(returns):
-            progress[i] = 0.7 * progress[i] + 0.3 * (now - before)
-    size = np.abs(progress)
-    best = [i for i in range(N_TASKS) if np.isclose(size[i], max(size), rtol=1e-12, atol=0)]
-    expected = 0.8 * uniform_over(best) + 0.2 / N_TASKS
-    np.testing.assert_allclose(probabilities(TSCL(0.3, 0.2), seen), expected)
 
 
 @pytest.mark.parametrize(("seed", "n"), CASES)
@@ -314,7 +298,7 @@ def test_the_reverse_curriculum_expands_from_the_goal(seed, n):
 
 @pytest.mark.parametrize(
     "teacher",
-    [Uniform(), TSCL(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()],
+    [Uniform(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()],
     ids=lambda teacher: type(teacher).__name__,
 )
 def test_no_teacher_changes_what_it_remembers(teacher):

@@ -218,22 +218,9 @@ def test_a_live_task_has_no_trial_and_its_words_are_weak():
     assert foreseen.answer == "whether it pays is open"
     assert "pays," not in str(foreseen)
     assert foreseen.basis == (
-        "no trial: 'near' is live and has no model; trial=smaller_curriculum rehearses on a "
-        "smaller relative"
+        "no trial: 'near' is live and has no model; cr.choose(..., on=) plays on a smaller relative"
     )
     assert foreseen.used.gain is None
-
-
-def test_a_smaller_relative_carries_its_verdict_and_its_assumption():
-    small = copied(LINE, target="small", budget={"near": 40, "small": 2000})
-    foreseen = cr.forecast(live_plan(), seeds=1, trial=small)
-    assert foreseen.trial.relative == "small"
-    alone = run_trial(candidates_of(live_plan(), "far")[:1], small)
-    assert (
-        foreseen.answer == f"{trials.verdict_words(alone.gain('mean'))}, as on a smaller relative"
-    )
-    assert "assumes that what pays there pays in 'far'" in foreseen.basis
-    assert foreseen.used.gain is None  # returns of another task order nothing here
 
 
 OFF = cr.GreedyEvaluation(method="off")
@@ -246,8 +233,7 @@ EPISODES = copied(LINE, budget={"near": 50, "far": cr.Episodes(9)})
         (EPISODES, {"trial": True}, "models and a budget in steps: the budget of 'far' is 9 epis"),
         (copied(LINE, evaluation=OFF), {"trial": True}, "greedy evaluation of 'far' is off"),
         (live_plan(), {"trial": True}, "a trial needs models and a budget in steps: 'near' is l"),
-        (corner(), {"trial": live_plan()}, "a smaller relative needs models"),
-        (corner(), {"trial": 3}, "trial must be True, False, None or a Curriculum"),
+        (corner(), {"trial": 3}, "trial must be True, False or None"),
         (corner(), {"trial": True, "perfect": True}, "trains the sources: with perfect=True"),
     ],
 )

@@ -8,24 +8,22 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
-from curricle.certificate.diagnosis import (
-    RELATIVE_RESIDUAL,
-    Origin,
-    different_by_action,
-    nonzero_ends,
-    origin,
-    several_entries,
-    widest,
-)
 from curricle.certificate.shaped_task import (
+    RELATIVE_RESIDUAL,
     ActionValues,
     Ends,
+    Origin,
     Reachable,
     ShapedTask,
     ShapedValues,
     ShapingReward,
     check_shaping,
+    different_by_action,
+    nonzero_ends,
+    origin,
+    several_entries,
     shaping_rewards,
+    widest,
 )
 from curricle.checks import number, one_of, whole_number
 from curricle.display import block, printed, table

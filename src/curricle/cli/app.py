@@ -126,7 +126,7 @@ def new(
     file: Annotated[Path | None, Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
     """Write a commented study to start from, which runs as it is."""
-    from curricle.cli.tables import line_width
+    from curricle.cli.output import line_width
     from curricle.errors import StoreError
     from curricle.study import templates
     from curricle.text import text_table
@@ -164,9 +164,8 @@ def check(
 
     The forecast trains the sources at their budgets, if that takes seconds.
     """
+    from curricle.cli.output import print_preview, print_words
     from curricle.cli.progress_bars import announce_compilation
-    from curricle.cli.study_preview import print_preview
-    from curricle.cli.tables import print_words
 
     _announce_imports()
     announce_compilation()
@@ -190,9 +189,9 @@ def choose(
     Candidates are sources that are made from the target, and the arms of the file. No seed of the
     study is used up.
     """
-    from curricle.cli.tables import table_width
+    from curricle.cli.output import table_width
     from curricle.errors import StoreError
-    from curricle.study.choosing import choose as chosen_of, chosen_file
+    from curricle.study.tuning import choose as chosen_of, chosen_file
 
     _announce_imports()
     if out is not None and out.exists():
@@ -237,8 +236,8 @@ def run(
 
     Results do not depend on the number of workers, on shards, or on how often the run was stopped.
     """
+    from curricle.cli.output import too_few, units_left
     from curricle.cli.progress_bars import run_with_bars
-    from curricle.cli.study_preview import too_few, units_left
     from curricle.study.arms import Arms
 
     if on is not None and processes:
@@ -312,7 +311,7 @@ def show(
     explain: Explain = False,
 ) -> None:
     """Print a study's progress, what each task learnt, and the comparison of its arms."""
-    from curricle.cli.tables import decision_lines, print_results, print_words
+    from curricle.cli.output import decision_lines, print_results, print_words
     from curricle.study import StudyResults
 
     if seed is not None and not decisions:
@@ -393,7 +392,7 @@ def compare(
     explain: Explain = False,
 ) -> None:
     """Compare the arms of several studies of one target with learning it from scratch."""
-    from curricle.cli.tables import print_words, table_width
+    from curricle.cli.output import print_words, table_width
     from curricle.study import StudyResults, compare_studies
 
     comparison = compare_studies([StudyResults(folder) for folder in folders])
@@ -417,8 +416,8 @@ def paper(
     Runs the paper's studies into the folder "studies", where a stopped run goes on. In the end
     writes index.html, claims.json, each figure as PNG and SVG and its data as Parquet.
     """
+    from curricle.cli.output import print_text
     from curricle.cli.progress_bars import bars_with_words
-    from curricle.cli.tables import print_text
     from curricle.paper.reproduce import FIGURES, reproduce, seeds_words
 
     figures = FIGURES if figure == "all" else [figure]

@@ -26,9 +26,8 @@ from curricle.files import Place, place_at
 from curricle.progress import Bars, shown
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
-from curricle.study.progress import Pace, Progress, shown_units
 from curricle.study.results import StudyResults
-from curricle.study.running import run_study
+from curricle.study.running import Pace, Progress, run_study, shown_units
 from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
 

@@ -46,7 +46,7 @@ from curricle.errors import CurriculumError, SettingError, in_words
 from curricle.learning.result import LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule
-from curricle.planning.target import Target
+from curricle.planning.policy_evaluation import Target
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import (
     ROUNDING,
@@ -117,9 +117,6 @@ class Arm:
     knows_target: bool = False
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        return self.curve._repr_html_()
 
     @classmethod
     def of(
@@ -227,10 +224,6 @@ class Contrast:
     reason: str = ""
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        rows = [(name.replace("_", " "), str(getattr(self, name))) for name in MEASURES]
-        return block(f"Against scratch: {self.answer}", table(["measure", "over seeds"], rows))
 
     @property
     def answer(self) -> str:

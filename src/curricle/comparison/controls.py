@@ -26,8 +26,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from curricle.arrays import IntArray
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import calibrated
+from curricle.curriculum.curriculum import Curriculum, calibrated
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, MappingError

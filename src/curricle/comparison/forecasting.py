@@ -27,8 +27,7 @@ from curricle.comparison.trial import (
     hindrance,
     run_trial,
 )
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import Node
+from curricle.curriculum.curriculum import Curriculum, Node
 from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.learning import policy_return
 from curricle.deep.miniature import Miniatures
@@ -37,8 +36,12 @@ from curricle.errors import CurricleError, CurriculumError
 from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.greedy import Values, VisitedValues
-from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
+from curricle.planning.policy_evaluation import (
+    NOT_LEARNT,
+    STANDARD_ERRORS,
+    GreedyEvaluation,
+    Target,
+)
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.live import is_live
@@ -268,10 +271,6 @@ class ForecastRow:
 
     __repr__ = brief_repr
 
-    def _repr_html_(self) -> str:
-        gain = None if self.gain is None else f"gain in the trial: {self.gain}"
-        return block(self.name, self.verdict, self.anti_knowledge, gain)
-
     def mean(self, measure: str) -> float:
         """Return the mean over seeds of a field of ``PotentialQuality``."""
         return float(np.mean([getattr(quality, measure) for quality in self.seeds]))
@@ -313,7 +312,7 @@ class Forecast:
     sources : dict of str to SourceLearning or DistilledSource
         How much of its own task each source learnt, if that is known.
     trial : Trial or None
-        The comparison with learning from scratch, in the model or on a smaller relative.
+        The comparison with learning from scratch, in the model.
     no_trial : str
         Why there is no trial, as text.
     knows_target : bool
@@ -426,7 +425,7 @@ class Forecast:
     def _head(self) -> list[str]:
         """The sentences above the table: the answer with its basis, and the start."""
         lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
-        if self.trial is not None and not self.trial.relative and not self.best.used:
+        if self.trial is not None and not self.best.used:
             lines.append(f"the highest gain in the trial: {self.best.name}")
         lines += map(str, self.sources.values())
         # The transfers that may be anti-knowledge; a single one is its aggregate's row.
@@ -557,13 +556,12 @@ def forecast(
     trained: Mapping[str, Learnt] | None = None,
     perfect: bool = False,
     episodes: int | None = None,
-    trial: bool | Curriculum | None = None,
+    trial: bool | None = None,
     opponents: Sequence[Opponent] = OPPONENTS,
     scratch: Learners = (),
     threshold: float | None = None,
     workers: int | None = None,
     progress: Progress = None,
-    only_used: bool = False,
     judged: "JudgedPotentials | None" = None,
 ) -> Forecast:
     """Return a forecast: whether the transfers into a target pay, and where learning starts.
@@ -589,10 +587,9 @@ def forecast(
     episodes : int, optional
         Rollouts of each potential if the target is live or too large to evaluate exactly: by
         default 1000, or 50 for an observation task.
-    trial : bool or Curriculum, optional
+    trial : bool, optional
         True for a trial of 20 seeds, False for none. By default there is a trial of 8 to 20 seeds
-        if the tasks have models and it takes at most about 5 s on one processor. A curriculum is a
-        smaller relative, whose verdict is taken for this curriculum.
+        if the tasks have models and it takes at most about 5 s on one processor.
     opponents, scratch, threshold : optional
         The learners without sources against which the trial asks whether the curriculum pays, and
         the return that counts as learnt, as in :func:`compare`.
@@ -601,8 +598,6 @@ def forecast(
     progress : bool or callable, optional
         True shows a bar for each learnt task and for the potentials; a function is called with the
         name of each potential, and with "trial" after the trial.
-    only_used : bool
-        Whether to have a row only for the potential that the curriculum uses.
     judged : JudgedPotentials, optional
         Shares the computations of several forecasts for the same target.
 
@@ -650,8 +645,8 @@ def forecast(
             learning: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
             before = curriculum.ancestors(name)
             sources = curriculum.train(numbers, only=before, **learning).sources
-        all_rows = reads_values and not only_used  # without values, potentials do not differ
-        looked_at = [candidate for candidate in candidates if candidate.used or all_rows]
+        # Without values, potentials do not differ.
+        looked_at = [candidate for candidate in candidates if candidate.used or reads_values]
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
             phi = tuple(candidate.potentials(sources, numbers))
@@ -664,13 +659,9 @@ def forecast(
             bars.tell(candidate.name)
         if tried:
             how: Any = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            how |= {"opponents": opponents, "scratch": scratch}
-            if isinstance(trial, Curriculum):
-                how["relative"] = trial  # which has its own threshold
-            elif threshold is None:
+            how |= {"opponents": opponents, "scratch": scratch, "threshold": threshold}
+            if threshold is None:
                 how["threshold"] = threshold_of_optimum(any_target)
-            else:
-                how["threshold"] = threshold
             try:
                 made_trial = run_trial(tried, seeds=trial_seeds, **how)
                 bars.tell("trial")
@@ -681,7 +672,7 @@ def forecast(
         if not perfect:
             learnt |= source_learning(curriculum, sources, workers=workers, progress=bars.within())
             learnt |= distilled_sources(curriculum.tasks, sources)
-    if made_trial is not None and not made_trial.relative:
+    if made_trial is not None:
         rows = [replace(row, gain=made_trial.gain(row.name)) for row in rows]
     rows.sort(key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf)))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
@@ -710,27 +701,25 @@ def forecast(
 
 
 def _planned_trial(
-    candidates: list[Candidate], trial: bool | Curriculum | None, perfect: bool
+    candidates: list[Candidate], trial: bool | None, perfect: bool
 ) -> tuple[list[Candidate], int, str]:
     """Return a trial's candidates and seeds, or none and why; CurriculumError if it is required."""
     if perfect and trial:
         raise CurriculumError(
             "a trial trains the sources: with perfect=True, trial must be False or left out"
         )
-    if not isinstance(trial, bool | Curriculum | None):
-        raise CurriculumError(f"trial must be True, False, None or a Curriculum: got {trial!r}")
+    if not isinstance(trial, bool | None):
+        raise CurriculumError(f"trial must be True, False or None: got {trial!r}")
     if perfect or trial is False:
         return [], 0, "no source is trained" if perfect else "none was asked for"
     (used,) = (candidate for candidate in candidates if candidate.used)
-    smaller = isinstance(trial, Curriculum)
-    why = hindrance(trial if isinstance(trial, Curriculum) else used.curriculum)
-    if why and trial is not None:
-        which = "a smaller relative" if smaller else "a trial"
-        raise CurriculumError(f"{which} needs models and a budget in steps: {why}")
+    why = hindrance(used.curriculum)
+    if why and trial:
+        raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
     if why:
-        return [], 0, f"{why}; trial=smaller_curriculum rehearses on a smaller relative"
-    if trial is not None:
-        return [used] if smaller else candidates, SEEDS, ""
+        return [], 0, f"{why}; cr.choose(..., on=) plays on a smaller relative"
+    if trial:
+        return candidates, SEEDS, ""
     tried, seeds = affordable(candidates)
     return tried, seeds, "" if seeds else "it would take long; trial=True makes it"
 

@@ -22,8 +22,7 @@ import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import fit_name, instance, one_of
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import MOST_SHARED, OF_TARGETS, SETTINGS
+from curricle.curriculum.curriculum import MOST_SHARED, OF_TARGETS, SETTINGS, Curriculum
 from curricle.errors import CurriculumError, SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, value_bounds
 from curricle.learning.result import LearningResult

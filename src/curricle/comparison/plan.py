@@ -26,8 +26,7 @@ from curricle.comparison.opponents import (
     unasked_learners,
 )
 from curricle.comparison.task_differences import differences
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import OF_TARGETS, SETTINGS, Node
+from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum, Node
 from curricle.curriculum.result import SourceValues
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult

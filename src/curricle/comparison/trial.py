@@ -21,10 +21,8 @@ from curricle.comparison.comparison import (
 from curricle.comparison.controls import entering
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import SETTINGS, Node
+from curricle.curriculum.curriculum import SETTINGS, Curriculum, Node
 from curricle.curriculum.result import Learnt
-from curricle.display import block
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
@@ -140,18 +138,12 @@ class Trial:
         An arm for each candidate, under its name, and their opponents.
     assumes : str
         The assumptions of its verdict, as text.
-    relative : str
-        The smaller relative in which it was played; empty if it was played in the target's model.
     """
 
     comparison: Comparison = field(repr=False)
     assumes: str
-    relative: str = ""
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        return block("Trial", self.assumes) + self.comparison._repr_html_()
 
     def gain(self, name: str) -> Interval | None:
         """Return the strong gain of a candidate in mean return; None if it could not be trained."""
@@ -161,8 +153,7 @@ class Trial:
     def verdict(self, name: str) -> str:
         """Return in a few words whether a candidate pays, by the area under its whole curve."""
         gain = self.gain(name)
-        answer = "it failed in the trial" if gain is None else verdict_words(gain)
-        return f"{answer}, as on a smaller relative" if self.relative else answer
+        return "it failed in the trial" if gain is None else verdict_words(gain)
 
     def numbers(self, name: str) -> str:
         """Return a sentence on a candidate's gain, and on its steps and its best opponent's."""
@@ -222,7 +213,6 @@ def in_brief(interval: Interval) -> str:
 
 def run_trial(
     candidates: Sequence[Candidate],
-    relative: Curriculum | None = None,
     *,
     opponents: Sequence[Opponent] = OPPONENTS,
     scratch: Learners = (),
@@ -232,9 +222,9 @@ def run_trial(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates, or of a smaller relative in place of the only candidate."""
+    """Return a trial of candidates."""
     memory = Memory() if memory is None else memory
-    arms = {candidate.name: apart(relative or candidate.curriculum) for candidate in candidates}
+    arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
     failed = dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
@@ -243,19 +233,12 @@ def run_trial(
         trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
     window = min(WINDOW, checkpoints(plan))  # cut where there are fewer checkpoints
     comparison = comparison_of(plan, trained, threshold_before(plan, threshold), window, failed)
-    if relative is None:
-        assumes = (
-            f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
-            "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
-            "trained anew"
-        )
-        return Trial(comparison, assumes)
     assumes = (
-        f"a rehearsal on the smaller relative {relative.target!r}, {counted(seeds, 'seed')}; its "
-        f"steps and returns are the relative's own; assumes that what pays there pays in "
-        f"{candidates[0].curriculum.target!r}"
+        f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
+        "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "
+        "trained anew"
     )
-    return Trial(comparison, assumes, relative.target)
+    return Trial(comparison, assumes)
 
 
 def apart(curriculum: Curriculum) -> Curriculum:

@@ -13,7 +13,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Sp
 from curricle.checks import instance, number, whole_number
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
-from curricle.tasks.observation_task import ObservationTask, space_text
+from curricle.tasks.observation_task import ObservationTask, stable_text
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
 EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budget
@@ -139,7 +139,7 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
     if not isinstance(task.actions, LEAVES):
         raise SettingError(
             "actions of a deep learner must be a Box, Discrete, MultiDiscrete or MultiBinary: got "
-            f"{space_text(task.actions)}"
+            f"{stable_text(task.actions)}"
         )
     parts = space.spaces if isinstance(space, Dict) else {"": space}
     for key, part in parts.items():
@@ -152,16 +152,16 @@ def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
     for kind, part in [("Action", task.actions), *observed]:
         if np.any(getattr(part, "start", 0)):
             raise SettingError(
-                f"{kind.lower()}s of a deep learner must count from 0: got {space_text(part)}; a "
+                f"{kind.lower()}s of a deep learner must count from 0: got {stable_text(part)}; a "
                 f"wrapper such as gymnasium.wrappers.Transform{kind} makes them, as encode="
             )
     if isinstance(space, Dict) and policy.startswith(("Mlp", "Cnn")):
         raise SettingError(
-            f"{policy} reads one array: got {space_text(space)}; MultiInputPolicy reads a "
+            f"{policy} reads one array: got {stable_text(space)}; MultiInputPolicy reads a "
             f"Dict, and {_encoder(parts)}"
         )
     if not isinstance(space, Dict) and policy.startswith("MultiInput"):
-        raise SettingError(f"{policy} reads a Dict: got {space_text(space)}; MlpPolicy reads that")
+        raise SettingError(f"{policy} reads a Dict: got {stable_text(space)}; MlpPolicy reads that")
     _check_pictures(parts, learner)
 
 
@@ -178,14 +178,14 @@ def _check_pictures(parts: Mapping[str, Any], learner: DeepLearner) -> None:
         picture = picture and bool((part.low == 0).all() and (part.high == 255).all())
         if whole and not solid:
             raise SettingError(
-                f"{policy} reads a picture, a Box of three dimensions: got {space_text(part)}; "
+                f"{policy} reads a picture, a Box of three dimensions: got {stable_text(part)}; "
                 "MlpPolicy reads that"
             )
         if whole and not (picture or kwargs.get("normalize_images") is False):
             raise SettingError(
                 f"{policy} reads a picture of bytes from 0 to 255, unless policy_kwargs has "
                 "normalize_images=False, or a features_extractor_class such as SmallCNN: got "
-                f"{space_text(part)}"
+                f"{stable_text(part)}"
             )
         # The least of the three sides are the channels.
         if (whole or picture) and sorted(part.shape or ())[1] < LEAST_SIDE:
@@ -196,7 +196,7 @@ def _check_pictures(parts: Mapping[str, Any], learner: DeepLearner) -> None:
 
 
 def _shown(key: str, part: Space[Any]) -> str:
-    return f"{f'the part {key!r} is' if key else 'got'} {space_text(part)}"
+    return f"{f'the part {key!r} is' if key else 'got'} {stable_text(part)}"
 
 
 def _encoder(parts: Mapping[str, Space[Any]]) -> str:
@@ -204,8 +204,8 @@ def _encoder(parts: Mapping[str, Space[Any]]) -> str:
     if any(type(part).__module__.startswith("minigrid.") for part in parts.values()):
         return "encode=MiniGridView() makes MiniGrid's observations a vector"
     if len(parts) > 1:
-        return "encode=FlatDict() makes a vector of a Dict of numbers"
-    return "encode=FunctionEncoder(function, space) makes other observations of them"
+        return "encode=gymnasium.wrappers.FlattenObservation makes a vector of a Dict of numbers"
+    return "a wrapper such as gymnasium.wrappers.TransformObservation makes others, as encode="
 
 
 # -- ways of transfer for networks alone -----------------------------------------------------------

@@ -31,11 +31,10 @@ from curricle.learning.stopping import (
     spacing,
 )
 from curricle.planning.episode import Episode, frame_of, played, with_pictures
-from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import not_solved
+from curricle.planning.policy_evaluation import GreedyEvaluation, not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask, space_text
+from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import (
     Environments,
@@ -84,7 +83,7 @@ class TrainedPolicy:
         except CurricleError:
             raise
         except ValueError as error:
-            space = space_text(self.task.observations)
+            space = stable_text(self.task.observations)
             raise SettingError(f"a policy takes observations of {space}: {error}") from error
         return actions[()]  # a number where it is one: tables look up no arrays
 
@@ -122,8 +121,8 @@ class TrainedPolicy:
             # Pictures with channels last are kept with channels first.
             if space != wanted and sorted(space.shape or ()) != sorted(wanted.shape or ()):
                 raise SettingError(
-                    f"a policy must have its task's {which}s, {space_text(wanted)}: that in "
-                    f"{path} has {space_text(space)}"
+                    f"a policy must have its task's {which}s, {stable_text(wanted)}: that in "
+                    f"{path} has {stable_text(space)}"
                 )
         return cls(task, model)
 

@@ -29,9 +29,10 @@ except ModuleNotFoundError:  # the extra is not installed: the constructor raise
 class ShapedVecEnv(Shaped, VecEnvWrapper):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
-    It is :class:`VectorPotentialShaping` for Stable-Baselines3: where an episode was cut off
+    It is :class:`PotentialShaping` for Stable-Baselines3, with the entries of its ``info``;
+    ``shaping_terms`` only if there are several sources. Where an episode was cut off
     (``info["TimeLimit.truncated"]``) s' is ``info["terminal_observation"]``, from which the
-    algorithms bootstrap. The ``info`` has ``shaping_terms`` only if there are several sources.
+    algorithms bootstrap; what the step returns is where the next episode begins.
 
     `Monitor`, `VecMonitor` and wrappers that clip rewards belong inside, so that
     ``rollout/ep_rew_mean`` is the task's; `VecNormalize` belongs outside.
@@ -39,15 +40,17 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
     Parameters
     ----------
     venv : stable_baselines3.common.vec_env.VecEnv
-    potential, discount, weight, aggregate, encode, tolerance, batched
-        As in :class:`VectorPotentialShaping`; the discount must be the algorithm's ``gamma``.
+    potential, discount, weight, aggregate, encode, tolerance
+        As in :class:`PotentialShaping`; the discount must be the algorithm's ``gamma``, t counts
+        the steps of all sub-environments together.
 
     Raises
     ------
     PotentialError, SettingError
-        As in :class:`VectorPotentialShaping`; when a `VecNormalize` is inside, because off-policy
-        algorithms would store its unshaped rewards; and when an algorithm such as hindsight replay
-        calls ``compute_reward``, whose rewards would be unshaped too.
+        As in :class:`PotentialShaping`; when an environment hands over no terminal observation;
+        when a `VecNormalize` is inside, because off-policy algorithms would store its unshaped
+        rewards; and when an algorithm such as hindsight replay calls ``compute_reward``, whose
+        rewards would be unshaped too.
 
     Examples
     --------
@@ -69,7 +72,6 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         aggregate: Aggregate | None = None,
         encode: Callable[[Any], Any] | None = None,
         tolerance: float | None = 1e-6,
-        batched: bool = False,
     ):
         if VecEnv is object:
             raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
@@ -81,13 +83,12 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
             )
         settings: dict[str, Any] = {
             "discount": discount, "weight": weight, "aggregate": aggregate, "encode": encode,
-            "tolerance": tolerance, "batched": batched,
+            "tolerance": tolerance,
         }  # fmt: skip
         space = venv.observation_space
         self._potential = ShapingPotential(potential, space, **settings)
         self._stacked_space = batch_space(space, venv.num_envs)
-        finals_in = "info['terminal_observation']"
-        self._episodes = Episodes(self._potential, venv.num_envs, finals_in)
+        self._episodes = Episodes(self._potential, venv.num_envs)
 
     def reset(self) -> Any:
         """Reset all sub-environments and return what they return."""
@@ -101,14 +102,17 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         for info in infos:
             check_unshaped(info)
         truncated = np.array([info.get("TimeLimit.truncated", False) for info in infos]) & dones
-        done = self._episodes.step(
-            unstack(self._stacked_space, observations),
-            rewards.tolist(),
-            (dones & ~truncated).tolist(),
-            truncated.tolist(),
-            lambda i: infos[i].get("terminal_observation"),
-            observations,
-        )
+        begun = unstack(self._stacked_space, observations)
+        rows = begun.copy() if truncated.any() else begun
+        for i in np.flatnonzero(truncated).tolist():
+            if (final := infos[i].get("terminal_observation")) is None:
+                raise SettingError(
+                    "a vector environment must return the observation at which it cut an episode "
+                    f"off, in info['terminal_observation']: sub-environment {i} did not"
+                )
+            rows[i] = final
+        ends = (dones & ~truncated).tolist(), truncated.tolist()
+        done = self._episodes.step(rows, rewards.tolist(), *ends, begun, observations)
         sources, shaped_infos = self._potential.sources, []
         parts = zip(infos, rewards.tolist(), done.shaping, done.there, strict=True)
         for i, (info, reward, (shaping, *terms), there) in enumerate(parts):

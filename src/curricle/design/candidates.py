@@ -16,7 +16,6 @@ from curricle.design.kinds import (
     DesignTarget,
     Draft,
     aims,
-    bottlenecks,
     coarser_tables,
     crops,
     design_target,
@@ -25,7 +24,7 @@ from curricle.design.kinds import (
     removals,
     start_rings,
 )
-from curricle.display import block, table
+from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
 from curricle.tasks.family import FamilyMember
@@ -55,7 +54,6 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "removed": removals,
     "deterministic": likeliest_outcomes,
     "starts": start_rings,
-    "bottleneck": bottlenecks,
     "coarser": coarser_tables,
 }
 KINDS = tuple(MAKERS)  # in the order of their turns
@@ -238,6 +236,7 @@ class SourceCandidates:
     cut: bool
 
     __repr__ = brief_repr
+    _repr_html_ = printed
 
     def __len__(self) -> int:
         return len(self.candidates)
@@ -256,30 +255,17 @@ class SourceCandidates:
         counts = Counter(dropped.reason for dropped in self.dropped).most_common()
         return "; ".join(f"{n} {reason}" for reason, n in counts)
 
-    @property
-    def _rows(self) -> list[tuple[str, str, int, float, float]]:
-        return [
-            (c.name, c.kind, c.task.states.size, c.optimum, c.random_return)
-            for c in self.candidates
-        ]
-
-    def _repr_html_(self) -> str:
-        head = ["source", "kind", "states", "optimum", "random policy"]
-        return block("Candidates for sources", table(head, self._rows), *self._left_out())
-
-    def _left_out(self) -> list[str]:
-        """Return sentences about candidates that were dropped or not looked at."""
-        dropped, looked_at = len(self.dropped), len(self.candidates) + len(self.dropped)
-        lines = [f"dropped {dropped} of {looked_at}: {self.reasons}"] if dropped else []
-        return lines + [f"cut at {len(self)}: there is more to look at"] * self.cut
-
     def __str__(self) -> str:
         width = max(len(candidate.name) for candidate in self.candidates)
         lines = [f"{'':{width}}  {'kind':<13}{'states':>9}{'optimum':>10}{'random':>10}"]
-        for name, kind, states, *returns in self._rows:
-            numbers = "".join(f"{value:>10.4g}" for value in returns)
-            lines.append(f"{name:{width}}  {kind:<13}{states:>9,}{numbers}")
-        return "\n".join([*lines, *self._left_out()])
+        for source in self.candidates:
+            states = source.task.states.size
+            numbers = f"{states:>9,}{source.optimum:>10.4g}{source.random_return:>10.4g}"
+            lines.append(f"{source.name:{width}}  {source.kind:<13}{numbers}")
+        dropped = len(self.dropped)
+        lines += [f"dropped {dropped} of {dropped + len(self)}: {self.reasons}"] * bool(dropped)
+        lines += [f"cut at {len(self)}: there is more to look at"] * self.cut
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +300,6 @@ def source_candidates(
         - ``"removed"``: without hazards, a predator, or penalties;
         - ``"deterministic"``: without chance;
         - ``"starts"``: starts near the goal;
-        - ``"bottleneck"``: a doorway as the goal;
         - ``"coarser"``: neighbouring values of ordered components merged.
     most : int
         Most candidates to return.

@@ -31,8 +31,7 @@ from curricle.comparison.comparison import (
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
 from curricle.comparison.trial import WINDOW, hindrance
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import DEFAULT_STEPS
+from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
 from curricle.design.candidates import KINDS, MAKERS, SourceCandidate, source_candidates
 from curricle.design.kinds import DesignTarget, Draft, design_target, family_members
 from curricle.display import printed

@@ -2,8 +2,8 @@
 
 Parts of the target: easier members of its family, windows around the goal, starts near the goal
 (Asada et al. 1996, "learning from easy missions"; Florensa et al. 2017, "reverse curriculum
-generation for reinforcement learning"), and bottlenecks as goals. Simpler models of the whole of
-it: without hazards, a predator or penalties, without chance, and with coarser tables.
+generation for reinforcement learning"). Simpler models of the whole
+of it: without hazards, a predator or penalties, without chance, and with coarser tables.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,12 +16,12 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
+from curricle.arrays import BoolArray, IntArray
 from curricle.errors import TaskError
 from curricle.tasks.exploration import DeepSea
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.gridworld import OBJECTS, GridWorld
-from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
+from curricle.tasks.mdp import FiniteMDP, reachable_states, tables
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.spaces import Component, Space
@@ -35,19 +35,12 @@ from curricle.transfer.by_components import (
     project,
     same_position,
 )
-from curricle.transfer.mapping import UNMAPPED, StateActionMapping, pair_mapping
+from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
 MOST_LISTED = 10_000  # easier members: addresses alone, of which few are built
 MOST_GOALS = 4  # cells of a goal around which parts are taken
 COMPONENTS = {"rows": "row", "columns": "column", "positions": "position"}
 """The component of a state that an axis of `crop` cuts."""
-LARGEST_GRAPH = 20_000  # states up to which bottlenecks are looked for
-MOST_FIRST, FEWEST_FIRST = 1_000, 50  # states that counted paths begin in, spread evenly
-MOST_EDGES = 200_000_000
-"""Edges of all states from which paths are counted, so that they are fewer in dense graphs."""
-BLOCK = 128  # first states of paths that are counted at a time
-MOST_BOTTLENECKS = 12
-ROUNDING = 1e-9  # share of a betweenness that counts as none: sums are made in one order or another
 SWITCHES: dict[type, tuple[str, Any]] = {
     FrozenLake: ("slippery", False),
     CliffWalking: ("slippery", False),
@@ -243,130 +236,6 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
         yield Draft("starts", f"starts {ring} from the goal", about, build, most / far)
 
 
-# -- a bottleneck as the goal ----------------------------------------------------------------------
-# A bottleneck is a doorway between parts of the task. States on many shortest paths are subgoals
-# (McGovern & Barto 2001, "automatic discovery of subgoals in reinforcement learning using diverse
-# density", find them by visits on successful paths). Simsek & Barto 2008, "skill characterization
-# based on betweenness", take local maxima of betweenness, computed here by counting shortest paths
-# (Brandes 2001, "a faster algorithm for betweenness centrality"). Other than theirs, betweenness is
-# divided by the number of neighbouring states: in the cells before a doorway it is a little higher
-# than in the doorway, since paths within the room cross there too, but they have more neighbours.
-
-
-def betweenness(task: Task) -> FloatArray:
-    """Return the share of shortest paths between other states through each state, (S,) float64."""
-    mdp = tables(task)
-    if len(mdp.terminal) > LARGEST_GRAPH:
-        raise TaskError(
-            f"bottlenecks are found in tasks of up to {LARGEST_GRAPH:,} states: this one has "
-            f"{len(mdp.terminal):,}"
-        )
-    met = reachable_states(mdp)
-    first = np.flatnonzero(met & ~mdp.terminal)
-    edges = _edges(mdp)
-    most = min(MOST_FIRST, max(FEWEST_FIRST, MOST_EDGES // max(1, edges.nnz)))
-    if len(first) > most:
-        first = first[np.linspace(0, len(first) - 1, most).astype(np.int64)]
-    total = np.zeros(len(met))
-    for begin in range(0, len(first), BLOCK):
-        total += _dependencies(edges, first[begin : begin + BLOCK])
-    pairs = max(1, len(first) * (int(met.sum()) - 1))
-    return frozen(total / pairs)
-
-
-def bottlenecks(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with a bottleneck as its goal, paid as the goal is, strongest first."""
-    mdp = target.mdp
-    if len(mdp.terminal) > LARGEST_GRAPH:
-        return
-    share = betweenness(mdp)
-    edges = _edges(mdp)
-    state, neighbour = (edges + edges.T).nonzero()
-    height = share / np.maximum(np.bincount(state, minlength=len(share)), 1)
-    highest = np.zeros(len(share))  # of the neighbours
-    np.maximum.at(highest, state, height[neighbour])
-    peak = (height > 0) & (height >= highest * (1 - ROUNDING)) & ~mdp.terminal & ~target.goal
-    # Stable, and without differences by rounding, so that of equal states the first comes first.
-    order = np.argsort(-height.round(9), kind="stable")
-    way = goal_distance(mdp, target.goal)
-    far = max(1, int(way[mdp.start_states].max(initial=1)))
-    for state in order[peak[order]][:MOST_BOTTLENECKS].tolist():
-        name = mdp.states.label(state)
-        about = f"the goal is a bottleneck, on {share[state]:.0%} of shortest paths: {name}"
-        build = partial(_ending_in, target, state, int(way[state]))
-        title = f"to {name}"
-        title = title if len(title) <= 90 else f"{title[:87]}..."
-        yield Draft("bottleneck", title, about, build, float(way[state]) / far)
-
-
-def _edges(mdp: FiniteMDP) -> Any:
-    """Return the edges between states, (S, S) sparse: 1 from a live state to a next state."""
-    from scipy.sparse import csr_array  # takes time, and few need it
-
-    n_states, n_actions = mdp.outcome_row.shape
-    live = np.flatnonzero(~mdp.terminal)
-    row = mdp.outcome_row[live].ravel()
-    state = np.repeat(live, n_actions)
-    pair, outcome = np.nonzero(mdp.probability[row] > 0)
-    before, after = state[pair], mdp.next_state[row[pair], outcome]
-    other = before != after
-    ones = np.ones(int(other.sum()))
-    edges = csr_array((ones, (before[other], after[other])), shape=(n_states, n_states))
-    edges.sum_duplicates()
-    edges.data[:] = 1.0
-    return edges
-
-
-def _dependencies(edges: Any, first: Any) -> FloatArray:
-    """Return the share of shortest paths through each state, summed over ends, (S,)."""
-    # Brandes' recursion, level by level: delta(v) = sum over w one level farther, next to v, of
-    # paths(v) / paths(w) (1 + delta(w)).
-    n = edges.shape[0]
-    forward = edges.T.tocsr()
-    place = first, np.arange(len(first))
-    paths, level = np.zeros((n, len(first))), np.full((n, len(first)), -1)
-    paths[place], level[place] = 1.0, 0
-    front, deepest = paths.copy(), 0
-    while True:
-        front = np.where(level < 0, forward @ front, 0.0)
-        new = front > 0
-        if not new.any():
-            break
-        deepest += 1
-        level[new], paths[new] = deepest, front[new]
-    delta, safe = np.zeros_like(paths), np.maximum(paths, 1.0)
-    for now in range(deepest, 0, -1):
-        share = np.where(level == now, (1 + delta) / safe, 0.0)
-        delta += np.where(level == now - 1, paths * (edges @ share), 0.0)
-    delta[place] = 0.0
-    return np.asarray(delta.sum(axis=1))
-
-
-def _ending_in(target: DesignTarget, state: int, way: int) -> Made:
-    """Return the target as a task that ends in a state, `way` steps from the goal; its mapping."""
-    if way < 0:
-        raise TaskError(f"a bottleneck must be on a way to the goal: state {state} is on none")
-    mdp = target.mdp
-    used = np.zeros(len(mdp.probability), bool)
-    used[mdp.outcome_row[~mdp.terminal]] = True
-    possible = used[:, None] & (mdp.probability > 0)
-    at_goal = possible & target.goal[mdp.next_state]
-    prize = mdp.reward[at_goal if at_goal.any() else possible].max()
-    start = np.where(np.arange(len(mdp.start)) == state, 0.0, mdp.start)
-    if not start.any():
-        raise TaskError(f"a bottleneck must not be the only start: state {state} is")
-    source = replace(
-        mdp,
-        reward=np.where(mdp.next_state == state, prize, mdp.reward),
-        terminal=mdp.terminal | (np.arange(len(mdp.terminal)) == state),
-        start=start / start.sum(),
-    )
-    n_states, n_actions = mdp.outcome_row.shape
-    index = pair_mapping(target.task, source, np.arange(n_states)[:, None], np.arange(n_actions))
-    unmapped = np.where(np.arange(n_states)[:, None] == state, UNMAPPED, index.index)
-    return source, StateActionMapping(target.task, source, unmapped)
-
-
 # -- something removed -----------------------------------------------------------------------------
 # Hazards are pits and fires of a GridWorld, holes of a FrozenLake and pits of a KeyLockPit. In any
 # table where most steps have the same reward, a penalty is a lower reward; without it the reward is
@@ -376,10 +245,8 @@ def _ending_in(target: DesignTarget, state: int, way: int) -> Made:
 def removals(target: DesignTarget) -> Iterator[Draft]:
     """Yield the target without a predator, all hazards, some of them, or penalties."""
     task, mdp = target.task, target.mdp
-    # A prey that looks at the predators has no policy without one of them.
-    if isinstance(task, Pursuit) and not callable(task.prey):
-        alone = task.prey == "uniform" or len(task.prey) == task.cells
-        for n in range(1, task.predators if alone else 1):
+    if isinstance(task, Pursuit):
+        for n in range(1, task.predators):
             about = f"the same grid with {n} of {task.predators} predators"
             fewer = partial(_with_predators, task, n)
             yield Draft("removed", counted(n, "predator"), about, fewer)

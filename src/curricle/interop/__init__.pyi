@@ -1,23 +1,15 @@
 from .encoders import (
     Bins as Bins,
-    FlatDict as FlatDict,
-    FunctionEncoder as FunctionEncoder,
     MiniGridFullView as MiniGridFullView,
     MiniGridView as MiniGridView,
-    StackedFrames as StackedFrames,
 )
-from .exploration import Progress as Progress
 from .gymnasium import (
-    TaskEnvironment as TaskEnvironment,
     from_gymnasium as from_gymnasium,
     observation_task as observation_task,
     to_gymnasium as to_gymnasium,
 )
 from .minigrid import MiniGridState as MiniGridState
-from .potential_shaping import (
-    PotentialShaping as PotentialShaping,
-    VectorPotentialShaping as VectorPotentialShaping,
-)
+from .potential_shaping import PotentialShaping as PotentialShaping
 from .states import DeepCopy as DeepCopy
 from .tabulated_task import (
     ObservationTable as ObservationTable,

@@ -13,15 +13,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
-from gymnasium.spaces.utils import flatten, flatten_space
-from gymnasium.wrappers import FrameStackObservation
+from gymnasium.spaces import Box, Dict
 
 from curricle.arrays import FloatTable, IntArray
 from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.minigrid import is_minigrid
-from curricle.tasks.observation_task import named, space_text
+from curricle.tasks.observation_task import stable_text
 from curricle.tasks.spaces import Component, Space
 
 
@@ -109,8 +107,6 @@ class Bins:
 
 
 Environment = gym.Env[Any, Any]
-Encoder = Callable[[Environment], Environment]  # the same environment, other observations
-CAMERA = (1, 3, 4)  # channels of pictures that have them last: grey, colours, with transparency
 
 
 class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
@@ -123,177 +119,6 @@ class EncodedObservations(gym.ObservationWrapper[Any, Any, Any]):
     def observation(self, observation: Any) -> Any:
         """Return the observation encoded."""
         return self.encoded(self.unwrapped, observation)
-
-
-@dataclass(frozen=True)
-class FunctionEncoder:
-    """Encoder that applies a function of the user's to every observation.
-
-    Parameters
-    ----------
-    function : callable
-        Returns the encoded observation, the same for equal observations. Tasks can be sent to other
-        processes if it is a function of a module.
-    space : gymnasium.Space
-        Space of the encoded observations; TaskError when the function returns another shape.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> def position(car):
-    ...     return car[:1]
-    >>> observation_task("MountainCar-v0", encode=FunctionEncoder(position, Box(-1.2, 0.6, (1,))))
-    ObservationTask(MountainCar-v0(encode=FunctionEncoder(...:position, Box(-1.2, 0.6, (1,),
-    float32))), discount 0.99, Box(1,) -> Discrete(3))
-    """
-
-    function: Callable[[Any], Any]
-    space: gym.Space[Any] = field(hash=False)
-
-    def __post_init__(self) -> None:
-        if not callable(self.function):
-            raise SettingError(f"an encoder's function must be callable: got {self.function!r}")
-        instance("space of an encoder", self.space, gym.Space, SettingError)
-
-    def __call__(self, env: Environment) -> Environment:
-        """Return the environment with encoded observations."""
-        return EncodedObservations(env, self._encoded, self.space)
-
-    def _encoded(self, env: Any, observation: Any) -> Any:
-        encoded = self.function(observation)
-        if self.space.shape is not None and np.shape(encoded) != self.space.shape:
-            raise TaskError(
-                f"an encoder's function must return points of its space, {self.space}: "
-                f"{named(self.function)} returned an array of shape {np.shape(encoded)}"
-            )
-        return encoded
-
-    def __repr__(self) -> str:
-        return f"FunctionEncoder({named(self.function)}, {self.space})"
-
-
-@dataclass(frozen=True)
-class FlatDict:
-    """Encoder that joins the numbers of a Dict into a vector, float32.
-
-    A Box is read row by row, unscaled; ``Discrete`` and ``MultiDiscrete`` are one-hot.
-
-    Parameters
-    ----------
-    leave_out : sequence of str
-        Keys to leave out; those of text must be among them.
-
-    Raises
-    ------
-    SettingError, TaskError
-        When `leave_out` is not a list of keys, observations are not a Dict, a key is unknown, or a
-        part is neither numbers nor left out.
-
-    Examples
-    --------
-    >>> from gymnasium.wrappers import TransformObservation
-    >>> space = Dict(hand=MultiDiscrete([3, 2]), word=gym.spaces.Text(9))
-    >>> seen = lambda square: {"hand": np.array([square % 3, 1]), "word": "go"}
-    >>> lake = TransformObservation(gym.make("FrozenLake-v1"), seen, space)
-    >>> env = FlatDict(leave_out=["word"])(lake)
-    >>> env.observation_space, env.reset(seed=0)[0]
-    (Box(0.0, 1.0, (5,), float32), array([1., 0., 0., 0., 1.], dtype=float32))
-    """
-
-    leave_out: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        keys: Any = self.leave_out
-        if not isinstance(keys, list | tuple) or not all(isinstance(key, str) for key in keys):
-            raise SettingError(f"leave_out must be a list of keys: got {keys!r}")
-        object.__setattr__(self, "leave_out", tuple(keys))
-
-    def __call__(self, env: Environment) -> Environment:
-        """Return the environment with encoded observations."""
-        space = env.observation_space
-        if not isinstance(space, Dict):
-            raise TaskError(
-                f"FlatDict is for observations that are a Dict: got {space_text(space)}"
-            )
-        if unknown := [key for key in self.leave_out if key not in space.spaces]:
-            raise TaskError(
-                f"leave_out must name keys of the Dict, {', '.join(space.spaces)}: got "
-                f"{unknown[0]!r}"
-            )
-        kept = Dict([(k, part) for k, part in space.spaces.items() if k not in self.leave_out])
-        for key, part in kept.spaces.items():
-            if not _of_numbers(part):
-                raise TaskError(
-                    f"parts of a FlatDict must be numbers, or be named in leave_out: {key!r} is "
-                    f"{space_text(part)}"
-                )
-        flat: Any = flatten_space(kept)
-        bounds = flat.low.astype(np.float32), flat.high.astype(np.float32)
-        return EncodedObservations(env, partial(_flattened, kept), Box(*bounds, dtype=np.float32))
-
-
-def _flattened(space: Dict, env: Any, observation: Any) -> npt.NDArray[np.float32]:
-    kept = {key: observation[key] for key in space}
-    return np.asarray(flatten(space, kept), dtype=np.float32)
-
-
-def _of_numbers(space: gym.Space[Any]) -> bool:
-    if isinstance(space, Dict | Tuple):
-        parts = space.spaces.values() if isinstance(space, Dict) else space.spaces
-        return all(map(_of_numbers, parts))
-    return isinstance(space, Box | Discrete | MultiDiscrete | MultiBinary)
-
-
-@dataclass(frozen=True)
-class StackedFrames:
-    """Encoder that shows the last n observations together, where the last alone shows too little.
-
-    Vectors are joined end to end and pictures by their channels, the oldest first. An episode
-    begins with n copies of its first observation. :func:`tabulate` refuses stacked frames, because
-    each history would be a state.
-
-    Parameters
-    ----------
-    n : int
-        Number of observations, at least 2.
-    of : callable, optional
-        An encoder of each observation; its result must be an array (``Box``): TaskError if not.
-
-    Examples
-    --------
-    >>> from curricle import observation_task
-    >>> observation_task("CartPole-v1", encode=StackedFrames(4))
-    ObservationTask(CartPole-v1(encode=StackedFrames(n=4, of=None)), discount 0.99,
-    Box(16,) -> Discrete(2))
-    """
-
-    n: int
-    of: Encoder | None = None
-
-    def __post_init__(self) -> None:
-        whole_number("n of stacked frames", self.n, 2, SettingError)
-        if self.of is not None and not callable(self.of):
-            raise SettingError(f"of must be an encoder of each frame: got {self.of!r}")
-
-    def __call__(self, env: Environment) -> Environment:
-        """Return the environment with encoded observations."""
-        frames = env if self.of is None else self.of(env)
-        space = frames.observation_space
-        if not isinstance(space, Box) or not space.shape:
-            raise TaskError(f"stacked frames must be arrays, of a Box: got {space_text(space)}")
-        stacked: Any = FrameStackObservation(frames, self.n)
-        bounds = stacked.observation_space.low, stacked.observation_space.high
-        low, high = (_joined(None, bound) for bound in bounds)
-        return EncodedObservations(stacked, _joined, Box(low, high, dtype=space.dtype))
-
-
-def _joined(env: Any, frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return n frames joined: vectors end to end, planes as channels, pictures by channels."""
-    if frames.ndim == 2:
-        return frames.reshape(-1)
-    if frames.ndim == 4 and frames.shape[3] in CAMERA:
-        return np.concatenate([*frames], axis=-1)
-    return frames if frames.ndim == 3 else frames.reshape(-1, *frames.shape[2:])
 
 
 OBJECTS, COLOURS, STATES = 11, 6, 3  # MiniGrid's codes of a cell; the last is of doors
@@ -339,7 +164,7 @@ class _MiniGridEncoder:
         if image is None or len(seen := image.shape or ()) != 3 or seen[2] != 3:
             raise TaskError(
                 f"{type(self).__name__} reads MiniGrid's own observations, a Dict with an image of "
-                f"codes and the direction: got {space_text(space)}"
+                f"codes and the direction: got {stable_text(space)}"
             )
         width, height = self._size(env.unwrapped, (seen[0], seen[1]))
         shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)

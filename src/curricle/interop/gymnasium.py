@@ -23,7 +23,6 @@ from curricle.arrays import IntArray, frozen
 from curricle.checks import one_of, text, whole_number
 from curricle.errors import CurricleError, SettingError, TaskError
 from curricle.interop.encoders import Bins
-from curricle.interop.exploration import time_limit_of
 from curricle.interop.states import (
     HARMLESS,
     TOY_CONSTANTS,
@@ -31,6 +30,7 @@ from curricle.interop.states import (
     acts_as,
     fingerprint,
     layers_of,
+    time_limit_of,
 )
 from curricle.tasks.domain import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
@@ -308,8 +308,8 @@ def observation_task(
     time_limit : int, optional
         Steps after which episodes are truncated; the environment's own by default.
     encode : callable, optional
-        Returns an environment with other observations: an encoder such as :class:`MiniGridView` or
-        :class:`FlatDict`, a wrapper's class or a function.
+        Returns an environment with other observations: an encoder such as :class:`MiniGridView`, a
+        wrapper's class such as ``gymnasium.wrappers.FlattenObservation``, or a function.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -459,8 +459,6 @@ def names_of(world: Any) -> tuple[Space | None, Space | None]:
 
 # -- discrete spaces, both ways --------------------------------------------------------------------
 
-Flatten = Callable[[Any], tuple[Any, ...]]
-
 
 def space_of(space: gym.Space[Any], name: str) -> Space:
     """Return the points of a discrete Gymnasium space, with a component for each number."""
@@ -491,17 +489,13 @@ class Number:
     def __call__(self, point: Any) -> int:
         """Return the number of a point, negative where it is not in the space."""
         try:
-            return self._place(point)
+            return self._points.encode_one(tuple(_numbers(self.space, point)))
         except (TypeError, ValueError):  # of what is no whole number, or no array of them
             return MISSING
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"space": self.space}  # the function below cannot be pickled
-
     @cached_property
-    def _place(self) -> Callable[[Any], int]:
-        flatten, encode = _flattening(self.space), space_of(self.space, "part").encode_one
-        return lambda point: encode(flatten(point))
+    def _points(self) -> Space:
+        return space_of(self.space, "part")
 
 
 @dataclass(frozen=True)
@@ -539,16 +533,15 @@ def _components(space: gym.Space[Any], name: str) -> Iterator[Component]:
         )
 
 
-def _flattening(space: gym.Space[Any]) -> Flatten:
-    """Return the function from a point to its numbers; Gymnasium's `flatten` makes them one-hot."""
+def _numbers(space: gym.Space[Any], point: Any) -> Iterator[Any]:
+    """Yield the numbers of a point; Gymnasium's `flatten` makes them one-hot."""
     if isinstance(space, Discrete):
-        return lambda point: (point,)
-    if not isinstance(space, Tuple | Dict):
-        return lambda point: tuple(np.asarray(point).ravel().tolist())
-    if isinstance(space, Tuple) and all(isinstance(part, Discrete) for part in space.spaces):
-        return tuple
-    inner = [(key, _flattening(part)) for key, part in _parts(space)]
-    return lambda point: tuple(n for key, flat in inner for n in flat(point[key]))
+        yield point
+    elif isinstance(space, Tuple | Dict):
+        for key, part in _parts(space):
+            yield from _numbers(part, point[key])
+    else:
+        yield from np.asarray(point).ravel().tolist()
 
 
 def _assembled(space: gym.Space[Any], values: Iterator[int]) -> Any:
@@ -579,18 +572,11 @@ class Coding:
 
     def coded(self, point: int) -> Any:
         """Return a point in Gymnasium's space: an int, or an int64 array."""
-        return point if self.form == "index" else np.array(self.offsets(point))
-
-    def offsets(self, point: int) -> list[int]:
-        """Return the offset of each component's value from its lowest."""
+        if self.form == "index":
+            return point
         if self._rows is not None:
-            return self._rows[point].tolist()  # type: ignore[no-any-return]
-        return [int(offset) for offset in np.unravel_index(point, self.space.shape)]
-
-    def label(self, point: int) -> str:
-        """Return the label of a point, as :meth:`Space.label` does, but faster."""
-        parts = zip(self.space.components, self.offsets(point), strict=True)
-        return " ".join(f"{part.name}={part.label(part.low + offset)}" for part, offset in parts)
+            return self._rows[point].copy()
+        return np.array(np.unravel_index(point, self.space.shape))
 
     def number(self, point: Any) -> int:
         """Return the number of a box's point in Gymnasium's space."""
@@ -623,42 +609,7 @@ def _moved(model: Any, state: Any, action: Any, stream: Any) -> Any:
 
 
 class TaskEnvironment(gym.Env[Any, Any]):
-    """A task as a Gymnasium environment, with its own rewards, ends and time limit.
-
-    An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
-    time limit first. ``info`` has the number of the state, ``state``, and its ``label``.
-    ``reset(options={"state": ...})`` starts in a state: its number, or a dict of values or labels.
-
-    Parameters
-    ----------
-    task : Task
-        Of any kind but :class:`LiveMDP`, which is an environment already.
-    observation : {"index", "components"}
-        The state's number, ``Discrete(S)``; or a number for each component, ``MultiDiscrete``,
-        counted from its lowest value. Not every combination need be a state.
-    action : {"index", "components"}
-        The action's number, ``Discrete(A)``; or one number for each component.
-    render_mode : {"rgb_array", "ansi"}, optional
-        What :meth:`render` returns: a picture, (height, width, 3) uint8, or text: the state's label
-        where a task is no maze or pursuit.
-
-    Raises
-    ------
-    TaskError, SettingError
-        When `task` is not a task, or a live one; when a form is unknown or not every combination of
-        action components is an action; when an action is outside the space or no episode is under
-        way; when a reset's options are unknown, or its state does not exist or is terminal.
-
-    Examples
-    --------
-    >>> environment = TaskEnvironment(GridWorld("S.T"), render_mode="ansi")
-    >>> environment.reset(seed=1)
-    (0, {'state': 0, 'label': 'row=0 column=0'})
-    >>> environment.step(1)
-    (1, -1.0, False, False, {'state': 1, 'label': 'row=0 column=1'})
-    >>> print(environment.render())
-    S@T
-    """
+    """A task as a Gymnasium environment; made by :func:`to_gymnasium`."""
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
         "render_modes": ["rgb_array", "ansi"],
@@ -750,14 +701,14 @@ class TaskEnvironment(gym.Env[Any, Any]):
             check_answers(self.task, model)
 
     def _info(self) -> dict[str, Any]:
-        return {"state": self._state, "label": self._states.label(self._state)}
+        return {"state": self._state, "label": self._rules.states.label(self._state)}
 
     def _named_start(self, options: dict[str, Any]) -> int:
         if set(options) != {"state"}:
             raise SettingError(f"options may hold only 'state', to start in: got {options!r}")
         start, space = options["state"], self._rules.states
         if isinstance(start, Mapping):
-            values = {name: _value(space.component(name), start[name]) for name in start}
+            values = {name: space.component(name).value(start[name]) for name in start}
             state = int(space.encode(**values))
         else:
             state = whole_number("the state to start in", start, 0, SettingError)
@@ -768,13 +719,6 @@ class TaskEnvironment(gym.Env[Any, Any]):
                 f"an episode must start in a state that is not terminal: got {start!r}"
             )
         return state
-
-
-def _value(component: Component, value: Any) -> int:
-    """Return a component's value from a number or a label."""
-    if isinstance(value, str) and component.labels and value in component.labels:
-        return component.low + component.labels.index(value)
-    return whole_number(f"the value of {component.name}", value, component.low, SettingError)
 
 
 def maze_environment(map: Any = FIRST_MAZE, **settings: Any) -> TaskEnvironment:
@@ -798,10 +742,41 @@ def to_gymnasium(
     action: Form = "index",
     render_mode: RenderMode | None = None,
 ) -> TaskEnvironment:
-    """Return a task as a Gymnasium environment; arguments as in :class:`TaskEnvironment`.
+    """Return a task as a Gymnasium environment, with its own rewards, ends and time limit.
+
+    An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
+    time limit first. ``info`` has the number of the state, ``state``, and its ``label``.
+    ``reset(options={"state": ...})`` starts in a state: its number, or a dict of values or labels.
+
+    Parameters
+    ----------
+    task : Task
+        Of any kind but :class:`LiveMDP`, which is an environment already.
+    observation : {"index", "components"}
+        The state's number, ``Discrete(S)``; or a number for each component, ``MultiDiscrete``,
+        counted from its lowest value. Not every combination need be a state.
+    action : {"index", "components"}
+        The action's number, ``Discrete(A)``; or one number for each component.
+    render_mode : {"rgb_array", "ansi"}, optional
+        What ``render`` returns: a picture, (height, width, 3) uint8, or text: the state's label
+        where a task is no maze or pursuit.
+
+    Raises
+    ------
+    TaskError, SettingError
+        When `task` is not a task, or a live one; when a form is unknown or not every combination of
+        action components is an action; when an action is outside the space or no episode is under
+        way; when a reset's options are unknown, or its state does not exist or is terminal.
 
     Examples
     --------
+    >>> environment = to_gymnasium(GridWorld("S.T"), render_mode="ansi")
+    >>> environment.reset(seed=1)
+    (0, {'state': 0, 'label': 'row=0 column=0'})
+    >>> environment.step(1)
+    (1, -1.0, False, False, {'state': 1, 'label': 'row=0 column=1'})
+    >>> print(environment.render())
+    S@T
     >>> hunt = to_gymnasium(Pursuit(4, 2), observation="components", action="components")
     >>> hunt.observation_space, hunt.action_space
     (MultiDiscrete([16 16 16]), MultiDiscrete([5 5]))

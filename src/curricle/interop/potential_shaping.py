@@ -1,4 +1,4 @@
-"""Potential-based shaping of any Gymnasium environment, one or many, for any algorithm.
+"""Potential-based shaping of any Gymnasium environment, for any algorithm.
 
 Ng, Harada and Russell 1999 (paper E2): F = gamma Phi(s') - Phi(s), added to the reward, changes no
 optimal policy, if the potential of a terminal state is 0 (Grzes 2017); an episode that is cut off
@@ -9,37 +9,29 @@ weight and one discount.
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, SupportsFloat
+from typing import Any, NamedTuple, SupportsFloat
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Discrete, MultiDiscrete
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import iterate
 
-from curricle.arrays import BoolArray, FloatArray
+from curricle.arrays import FloatArray
 from curricle.checks import instance, number, numbers
 from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
 from curricle.learning.schedules import CONSTANT, Schedule, schedule
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import stack
-from curricle.tasks.spaces import Space, whole
+from curricle.tasks.spaces import Space
 from curricle.transfer import aggregate as aggregation
 from curricle.transfer.aggregate import Aggregate
 from curricle.transfer.mapping import ValueSource
 from curricle.transfer.potential import ObservationPotential
-
-if TYPE_CHECKING:
-    AnyVectorWrapper = VectorWrapper[Any, Any, Any, Any, Any]
-else:  # it takes types only in newer versions of Gymnasium
-    AnyVectorWrapper = VectorWrapper
-
 
 Steps = int | list[int]  # t of all observations, or of each
 TaskPotential = StatePotential | PairPotential
@@ -55,10 +47,9 @@ class Source:
     """A potential that is read from n observations, or from the states that they show."""
 
     name: str
-    read_from: Callable[[Any], Any]  # of an observation, or of stacked ones if `batched`
-    batched: bool
+    read_from: Callable[[Any], Any]  # of an observation, or of stacked ones if `of_values`
     discount: float | None = None  # of the task of the potential, if it has one
-    rounding: float = 0.0  # relative difference allowed between two readings
+    of_values: bool = False  # whether it is a source of values, which reads stacked observations
     # The potential over a task, if it is one: then `read_from` returns states.
     potential: TaskPotential | None = None
     n_states: int = 0
@@ -71,7 +62,6 @@ class Source:
         potential: Potential,
         space: gymnasium.Space[Any],
         encode: Callable[[Any], Any] | None,
-        batched: bool,
     ) -> "Source":
         """Return the source that reads a potential from observations of a space."""
         if isinstance(potential, TaskPotential):
@@ -81,8 +71,7 @@ class Source:
             if isinstance(potential, StatePotential) and len(potential.values) == 1:
                 fixed = potential.at(0) if potential.weight.shape == CONSTANT else None
             state_of = _numbering(space, task.states) if encode is None else encode
-            of_task = potential, task.states.size, fixed
-            return cls(name, state_of, batched, task.discount, 0.0, *of_task)
+            return cls(name, state_of, task.discount, False, potential, task.states.size, fixed)
         discount = None
         if isinstance(potential, ObservationPotential):
             discount = potential.task.discount
@@ -92,9 +81,9 @@ class Source:
                     f"{name!r} is made for {potential.task.observations} and gets {space}"
                 )
         if isinstance(potential, ValueSource):
-            return cls(name, potential.v, True, discount, NETWORK_ROUNDING)
+            return cls(name, potential.v, discount, of_values=True)
         if callable(potential):
-            return cls(name, potential, batched)
+            return cls(name, potential)
         raise PotentialError(
             "a potential must be a function of an observation, a potential over a task or over "
             f"observations, or a source of values: {name!r} is {potential!r}"
@@ -103,9 +92,19 @@ class Source:
     def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
         potential = self.potential
+        if self.of_values:
+            values = numbers(
+                f"the values of {self.name!r}", self.read_from(stacked), PotentialError
+            )
+            if values.shape != (len(rows),):
+                raise PotentialError(
+                    f"the values of {self.name!r} must have shape {(len(rows),)}: got "
+                    f"{values.shape}"
+                )
+            return values.tolist()  # type: ignore[no-any-return]
         if potential is None:
-            return self._values(rows, stacked)
-        states = self._states(rows, stacked)
+            return [self._value(observation) for observation in rows]
+        states = [self._state(observation) for observation in rows]
         if self.fixed is not None:
             return [*map(self.fixed.item, states)]
         if isinstance(potential, PairPotential):
@@ -115,59 +114,33 @@ class Source:
         phi = weights * potential.values[frame, states]
         return phi.tolist()  # type: ignore[no-any-return]
 
-    def _values(self, rows: Sequence[Any], stacked: Any) -> list[float]:
-        """Return the values of n observations, (n,); PotentialError unless they are n numbers."""
-        if self.batched:
-            who = f"a batched potential, {self.name!r},"
-            if self.rounding > 0:
-                who = f"the values of {self.name!r}"
-            values = numbers(f"what {who} returns", self.read_from(stacked), PotentialError)
-            if values.shape != (len(rows),):
-                raise PotentialError(
-                    f"what {who} returns must have shape {(len(rows),)}: got {values.shape}"
-                )
-            return values.tolist()  # type: ignore[no-any-return]
-        singles: list[float] = []
-        for observation in rows:
-            value = self.read_from(observation)
-            try:
-                singles.append(float(value))
-            except (TypeError, ValueError):
-                raise PotentialError(
-                    f"a potential must return one number: {self.name!r} returned {value!r} at "
-                    f"observation {observation!r}"
-                ) from None
-        return singles
+    def _value(self, observation: Any) -> float:
+        """Return the function's value; PotentialError unless it is a number."""
+        value = self.read_from(observation)
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise PotentialError(
+                f"a potential must return one number: {self.name!r} returned {value!r} at "
+                f"observation {observation!r}"
+            ) from None
 
-    def _states(self, rows: Sequence[Any], stacked: Any) -> list[int]:
-        """Return the numbers of the states that observations show, (n,)."""
-        if self.batched:
-            array = whole(self.read_from(stacked), "the states of observations")
-            if array.shape != (len(rows),):
-                raise SettingError(
-                    f"encode must return states of shape {(len(rows),)} for a batch of "
-                    f"observations: {self.name!r} got {array.shape}"
-                )
-            states: list[int] = array.tolist()
-        else:
-            states = []
-            for observation in rows:
-                state = self.read_from(observation)
-                try:
-                    states.append(operator.index(state))
-                except TypeError:
-                    raise SettingError(
-                        f"an observation's state must be a whole number: {self.name!r} got "
-                        f"{state!r} for observation {observation!r}"
-                    ) from None
-        if min(states) < 0 or max(states) >= self.n_states:
-            place, state = next((k, s) for k, s in enumerate(states) if not 0 <= s < self.n_states)
-            where = f"{place} of {len(rows)} stacked" if self.batched else repr(rows[place])
+    def _state(self, observation: Any) -> int:
+        """Return the number of the state that an observation shows; SettingError if it is none."""
+        returned = self.read_from(observation)
+        try:
+            state = operator.index(returned)
+        except TypeError:
+            raise SettingError(
+                f"an observation's state must be a whole number: {self.name!r} got {returned!r} "
+                f"for observation {observation!r}"
+            ) from None
+        if not 0 <= state < self.n_states:
             raise SettingError(
                 f"an observation's state must lie in 0..{self.n_states - 1}: {self.name!r} got "
-                f"{state} for observation {where}"
+                f"{state} for observation {observation!r}"
             )
-        return states
+        return state
 
 
 def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
@@ -183,7 +156,7 @@ def each_step(steps: Steps, n: int) -> list[int]:
 
 
 def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], Any]:
-    """Return the function from an observation, or stacked observations, to states' numbers."""
+    """Return the function from an observation to the number of its state."""
     if isinstance(space, Discrete) and space.n == states.size:
         return partial(operator.add, -int(space.start))
     sizes: tuple[int, ...] = ()
@@ -195,22 +168,12 @@ def _numbering(space: gymnasium.Space[Any], states: Space) -> Callable[[Any], An
         sizes = tuple(int(part.n) for part in parts)
         starts = [int(part.start) for part in parts]
     if sizes == states.shape:
-        return partial(_components, states, starts)
+        lows = [part.low - start for part, start in zip(states.components, starts, strict=True)]
+        return lambda observation: states.encode_one(tuple(map(operator.add, observation, lows)))
     raise SettingError(
         f"observations must number the task's {states.size} states, as a whole or component by "
         f"component, or encode= must number them: got {space}"
     )
-
-
-def _components(states: Space, starts: list[int], observation: Any) -> Any:
-    """Return the states whose components an observation lists, counted from its starts."""
-    parts = observation if isinstance(observation, tuple) else np.asarray(observation).T
-    offsets = [np.asarray(part) - start for part, start in zip(parts, starts, strict=True)]
-    if states.is_box:
-        with suppress(ValueError):  # outside the box: encode says so
-            return np.ravel_multi_index(tuple(offsets), states.shape)
-    components = zip(states.components, offsets, strict=True)
-    return states.encode(**{part.name: offset + part.low for part, offset in components})
 
 
 class ShapingPotential:
@@ -226,7 +189,6 @@ class ShapingPotential:
         aggregate: Aggregate | None,
         encode: Callable[[Any], Any] | None,
         tolerance: float | None,
-        batched: bool = False,
     ):
         named = potential if isinstance(potential, Mapping) else {"potential": potential}
         if not named:
@@ -239,8 +201,7 @@ class ShapingPotential:
             aggregate = aggregation.mean
         self.space = space
         self.sources = {
-            name: Source.of(name, potential, space, encode, batched)
-            for name, potential in named.items()
+            name: Source.of(name, potential, space, encode) for name, potential in named.items()
         }
         if encode is not None and all(s.potential is None for s in self.sources.values()):
             raise SettingError("encode must be left out where no potential is over a task's states")
@@ -264,15 +225,15 @@ class ShapingPotential:
         self.aggregate = aggregate  # g, called with n observations as S and A = 1
         # The largest telescoping residual allowed, as a share of the largest |Phi|.
         self.allowed = math.inf
+        self._stacks = any(source.of_values for source in self.sources.values())
         if tolerance is not None:
-            self.allowed = max(tolerance, *(source.rounding for source in self.sources.values()))
-        self._batched = any(source.batched for source in self.sources.values())
+            self.allowed = max(tolerance, NETWORK_ROUNDING if self._stacks else 0.0)
 
     def read(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
         """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations."""
         if not rows:
             return []
-        if self._batched and stacked is None:
+        if self._stacks and stacked is None:
             stacked = stack(self.space, rows)
         columns = []
         for name, source in self.sources.items():
@@ -287,7 +248,7 @@ class ShapingPotential:
         if self.aggregate is None and self._constant == 1.0:  # the quickest, for one environment
             return [[phi, phi] for phi in columns[0]]
         g, together = self.aggregate, columns[0]
-        if g is not None and self._batched:
+        if g is not None and self._stacks:
             together = aggregation.aggregate(g, np.array(columns)[:, :, None])[:, 0].tolist()
         elif g is not None:
             together = [aggregation.aggregate_numbers(g, values) for values in zip(*columns)]  # noqa: B905 - all are n
@@ -349,7 +310,6 @@ class Episode:
 class ShapedStep(NamedTuple):
     """A step of n environments with shaped rewards."""
 
-    stepped: list[bool]  # which made a step of an episode; the others only reset
     shaping: list[list[float]]  # (n, 1 + N): F and after it each source's F_i; 0 of a reset
     there: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
     ended: dict[int, dict[str, float]]  # what :meth:`Episode.end` returns, where episodes ended
@@ -358,23 +318,16 @@ class ShapedStep(NamedTuple):
 class Episodes:
     """The episodes of n environments that step together; n = 1 for a single environment."""
 
-    # `finals_in` says, for messages, where the observations are at which episodes were cut off; it
-    # is None unless a step that ends an episode returns the observation that begins the next.
-    def __init__(self, potential: ShapingPotential, n: int, finals_in: str | None = None):
-        self._potential, self._finals_in = potential, finals_in
+    def __init__(self, potential: ShapingPotential, n: int):
+        self._potential = potential
         self._steps = 0  # of all environments together
         self._running: list[Episode | None] = [None] * n
-        self._all = [True] * n
 
-    def begin(
-        self, rows: list[Any], stacked: Any = None, mask: Sequence[bool] | BoolArray | None = None
-    ) -> None:
-        """Begin episodes at the n observations, everywhere or where `mask` is true."""
-        begun = [i for i in range(len(rows)) if mask is None or mask[i]]
-        stacked = stacked if mask is None else None
-        here = self._potential.read([rows[i] for i in begun], self._steps, stacked)
-        for i, phi in zip(begun, here, strict=True):
-            self._running[i] = Episode(rows[i], self._steps, phi)
+    def begin(self, rows: list[Any], stacked: Any = None) -> None:
+        """Begin episodes at the n observations."""
+        here = self._potential.read(rows, self._steps, stacked)
+        starts = zip(rows, here, strict=True)
+        self._running = [Episode(row, self._steps, phi) for row, phi in starts]
 
     def step(
         self,
@@ -382,10 +335,10 @@ class Episodes:
         rewards: Sequence[float],
         terminated: Sequence[bool],
         truncated: Sequence[bool],
-        final: Callable[[int], Any] | None = None,  # where episode i was cut off; None if unknown
-        stacked: Any = None,
+        begun: Sequence[Any] | None = None,  # n observations: where episodes begin after an end
+        stacked: Any = None,  # `rows`, where no episode ends
     ) -> ShapedStep:
-        """Return the shaped step, from the results of the environments' step."""
+        """Return the shaped step to the observations `rows`, each s' of its environment's step."""
         running, potential = self._running, self._potential
         shaping = list[list[float]]()
         steps: Any
@@ -396,48 +349,39 @@ class Episodes:
             steps = zip(running, there, rewards)  # noqa: B905 - all are n
             for episode, phi, reward in steps:
                 shaping.append(episode.step(phi, reward, potential.discount))
-            return ShapedStep(self._all, shaping, there, {})
-        running, same_step = running.copy(), self._finals_in is not None
+            return ShapedStep(shaping, there, {})
+        running = running.copy()
         self._steps += sum(episode is not None for episode in running)
         over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
         ended = {i: episode for i in over if (episode := running[i]) is not None}
-        cut_off = [i for i in over if same_step and not terminated[i]]
-        finals = {} if final is None else {i: final(i) for i in cut_off}
-        for i, observation in finals.items():
-            if observation is None:
-                raise SettingError(
-                    "a vector environment that resets in the same step must return the "
-                    f"observation at which it cut an episode off, in {self._finals_in}: "
-                    f"sub-environment {i} did not"
-                )
-        # Phi of what was returned, of s', and of where the ended episodes began: in one batch, as a
+        starts = {} if begun is None else {i: begun[i] for i in over}
+        # Phi of s', of the starts, and of where the ended episodes began: in one batch, as a
         # network costs as much for one observation as for many.
-        read = [i for i in range(len(rows)) if same_step or not terminated[i]]
-        asked = [rows[i] for i in read] + [*finals.values()] + [e.first for e in ended.values()]
-        at = [self._steps] * (len(read) + len(finals)) + [e.begun for e in ended.values()]
+        read = [i for i in range(len(rows)) if not terminated[i]]
+        asked = [rows[i] for i in read] + [*starts.values()] + [e.first for e in ended.values()]
+        at = [self._steps] * (len(read) + len(starts)) + [e.begun for e in ended.values()]
         values = iter(potential.read(asked, at))
         of_end = [0.0] * (1 + len(potential.sources))
-        here = [of_end] * len(rows)
+        there = [of_end] * len(rows)
         for i in read:
-            here[i] = next(values)
-        there = [of_end if end else phi for end, phi in zip(terminated, here, strict=True)]
-        for i in finals:
             there[i] = next(values)
         steps = enumerate(zip(running, there, rewards, strict=True))
         for i, (episode, phi, reward) in steps:
-            paid = of_end if episode is None else episode.step(phi, reward, potential.discount)
-            shaping.append(paid)
-            if episode is None or (i in ended and same_step):
-                self._running[i] = Episode(rows[i], self._steps, here[i])
-            elif i in ended:
-                self._running[i] = None
+            if episode is None:  # this step only reset the environment
+                shaping.append(of_end)
+                self._running[i] = Episode(rows[i], self._steps, phi)
+            else:
+                shaping.append(episode.step(phi, reward, potential.discount))
+        self._running = [None if i in ended else e for i, e in enumerate(self._running)]
+        for i, observation in starts.items():
+            self._running[i] = Episode(observation, self._steps, next(values))
         reported = {}
         for i, episode in ended.items():
             place = f"at the end of an episode of sub-environment {i}"
             if len(running) == 1:
                 place = f"after {self._steps - episode.begun} steps"
             reported[i] = episode.end(potential, next(values)[0], place)
-        return ShapedStep([e is not None for e in running], shaping, there, reported)
+        return ShapedStep(shaping, there, reported)
 
 
 class Shaped:
@@ -468,7 +412,8 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
       computed anew. It is 0, but for rounding, where Phi depends on the observation and t alone.
 
     A step after an episode's end counts as the reset of `gymnasium.wrappers.Autoreset`: its reward
-    stays as it is. Put wrappers that record returns inside.
+    stays as it is. Put wrappers that record returns inside. ``gymnasium.make_vec(wrappers=[...])``
+    shapes every sub-environment of a vector environment.
 
     Parameters
     ----------
@@ -551,118 +496,3 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
             **done.ended.get(0, {}),
         }
         return observation, reward + shaping, terminated, truncated, {**info, **shown}
-
-
-class VectorPotentialShaping(Shaped, AnyVectorWrapper, RecordConstructorArgs):
-    """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
-
-    It is :class:`PotentialShaping` for vector environments. Where ``metadata["autoreset_mode"]`` is
-
-    - NEXT_STEP, the step that only resets a sub-environment has F = 0 and keeps its reward;
-    - SAME_STEP, s' of a step that cuts an episode off is ``infos["final_obs"]``, and the
-      observation returned is where the next episode begins;
-    - DISABLED, an episode begins where ``reset(options={"reset_mask": ...})`` says so.
-
-    ``infos`` holds the entries of `PotentialShaping` as (n,) float64 arrays, each with its mask
-    under its name after an underscore, ``shaping_terms`` as a dict of such arrays. Masks leave out
-    sub-environments that only reset, or where no episode ended.
-
-    Parameters
-    ----------
-    env : gymnasium.vector.VectorEnv
-    potential, discount, weight, aggregate, encode, tolerance
-        As in :class:`PotentialShaping`; t counts the steps of all sub-environments together.
-    batched : bool
-        Whether potential functions return an (m,) array for m stacked observations, and `encode`
-        an (m,) array of integers; m is n, or more where episodes end. Otherwise they are called
-        with one observation after another. Sources of values always read stacked observations.
-
-    Raises
-    ------
-    PotentialError, SettingError
-        As in :class:`PotentialShaping`, and when the vector environment does not say how it resets.
-
-    Examples
-    --------
-    >>> import gymnasium
-    >>> lakes = gymnasium.make_vec("FrozenLake-v1", num_envs=2, is_slippery=False)
-    >>> envs = VectorPotentialShaping(lakes, lambda s: s / 15, discount=0.9, batched=True)
-    >>> envs.reset(seed=0)[0], envs.step(np.array([1, 2]))[1]  # to the squares 4 and 1
-    (array([0, 0]), array([0.24, 0.06]))
-    """
-
-    def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        potential: Potential | Mapping[str, Potential],
-        *,
-        discount: float | None = None,
-        weight: float | Schedule = 1.0,
-        aggregate: Aggregate | None = None,
-        encode: Callable[[Any], Any] | None = None,
-        tolerance: float | None = 1e-6,
-        batched: bool = False,
-    ):
-        settings: dict[str, Any] = {
-            "potential": potential, "discount": discount, "weight": weight, "aggregate": aggregate,
-            "encode": encode, "tolerance": tolerance, "batched": batched,
-        }  # fmt: skip
-        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **settings)
-        VectorWrapper.__init__(self, env)
-        mode = env.metadata.get("autoreset_mode")
-        if not isinstance(mode, AutoresetMode):
-            raise SettingError(
-                "a vector environment must say how it resets, in metadata['autoreset_mode']: got "
-                f"{mode!r}"
-            )
-        finals_in = "infos['final_obs']" if mode is AutoresetMode.SAME_STEP else None
-        self._potential = ShapingPotential(space=env.single_observation_space, **settings)
-        self._episodes = Episodes(self._potential, env.num_envs, finals_in)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Reset the sub-environments, or those of ``options["reset_mask"]``."""
-        options = None if options is None else dict(options)  # environments take the mask out of it
-        mask = (options or {}).get("reset_mask")
-        observations, infos = self.env.reset(seed=seed, options=options)
-        rows = unstack(self.env.observation_space, observations)
-        self._episodes.begin(rows, observations, mask)
-        return observations, infos
-
-    def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        """Return what the environments return, with shaped rewards and their parts in the infos."""
-        observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        check_unshaped(infos)
-        done = self._episodes.step(
-            unstack(self.env.observation_space, observations),
-            rewards.tolist(),
-            terminated.tolist(),
-            truncated.tolist(),
-            infos.get("final_obs", [None] * self.num_envs).__getitem__,
-            observations,
-        )
-        shaping, stepped = np.array(done.shaping).T, np.array(done.stepped)
-        potential = np.array([phi[0] for phi in done.there])
-        terms = dict(zip(self._potential.sources, shaping[1:], strict=True))
-        infos = {
-            **infos,
-            **_shown(stepped, original_reward=rewards, shaping=shaping[0], potential=potential),
-            "shaping_terms": _shown(stepped, **terms),
-            "_shaping_terms": stepped,
-        }
-        if done.ended:
-            ended = np.zeros(self.num_envs, np.bool_)
-            ended[list(done.ended)] = True
-            for name in ("telescoping_residual", "original_return"):
-                infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), ended
-                infos[name][ended] = [reported[name] for _, reported in sorted(done.ended.items())]
-        return observations, rewards + shaping[0], terminated, truncated, infos
-
-
-def _shown(mask: BoolArray, /, **arrays: FloatArray) -> dict[str, Any]:
-    """Return arrays as Gymnasium's infos hold them: with their mask, and 0 where it is False."""
-    shown: dict[str, Any] = {}
-    for name, values in arrays.items():
-        shown[name], shown[f"_{name}"] = np.where(mask, values, 0.0), mask
-    return shown

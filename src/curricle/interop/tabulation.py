@@ -23,15 +23,6 @@ from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError, StoreError, TaskError
 from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
-from curricle.interop.exploration import (
-    Listed,
-    ListedOutcomes,
-    Progress,
-    Search,
-    World,
-    core_and_views,
-    time_limit_of,
-)
 from curricle.interop.gymnasium import (
     Environment,
     TimeLimit,
@@ -53,12 +44,18 @@ from curricle.interop.minigrid import (
 from curricle.interop.states import (
     SHARED,
     DeepCopy,
+    Listed,
+    ListedOutcomes,
     SaveAndRestore,
+    Search,
     Words,
+    World,
     copied,
+    core_and_views,
     fingerprint,
     layers_of,
     shared_draws,
+    time_limit_of,
 )
 from curricle.interop.tabulated_task import (
     ObservationTable,
@@ -120,7 +117,7 @@ class Plan:
     samples: int | None
     max_states: int
     max_seconds: float
-    progress: bool | Callable[[Progress], Any] | None
+    progress: bool | Callable[[str], Any] | None
     cache: Any
 
     def __post_init__(self) -> None:
@@ -215,11 +212,11 @@ class Plan:
         line = f"tabulating {source.name}"
         with shown(self.progress, lambda: line) as bars:
 
-            def show(now: Progress) -> None:
+            def show(sentence: str, done: int, states: int) -> None:
                 nonlocal line
-                line = now.in_words(source.name)
-                bars.at(source.name, now.expanded, now.states)
-                bars.tell(now)
+                line = sentence
+                bars.at(source.name, done, states)
+                bars.tell(sentence)
 
             return Search(source, self.max_states, self.max_seconds, show).run()
 
@@ -237,7 +234,7 @@ def tabulate(
     samples: int | None = None,
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
-    progress: bool | Callable[[Progress], Any] | None = False,
+    progress: bool | Callable[[str], Any] | None = False,
     cache: str | Path | None = None,
     **make_arguments: Any,
 ) -> TabulatedTask:
@@ -275,7 +272,7 @@ def tabulate(
     max_states, max_seconds : int, float
         Most states and seconds that the tabulation may take.
     progress : bool or callable, optional
-        True shows the progress; a function is called with a :class:`Progress`.
+        True shows the progress; a function is called with a sentence on it from time to time.
     cache : str or Path, optional
         A file that the tables are read from, or written to if it does not exist. Tables of another
         environment, content after a reset, setting or version are refused. The environment's code

@@ -4,17 +4,16 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba.extending import register_jitable
 
-from curricle.checks import number, one_of, whole_number
+from curricle.checks import number, whole_number
 from curricle.display import block, table
 from curricle.errors import SettingError
-from curricle.planning.policy_evaluation import GreedyEvaluation
-from curricle.planning.target import BATCHES, Target
+from curricle.planning.policy_evaluation import BATCHES, GreedyEvaluation, Target
 from curricle.tasks.kernel import INLINED
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.text import counted
@@ -38,14 +37,7 @@ class StoppingRule:
     fraction : float, optional
         In [0, 1]: the threshold is worst + fraction (optimum - worst), where worst is the uniformly
         random policy's return. The task must be small enough to be solved.
-    plateau : float, optional
-        Learning ends when the mean of the last `patience` evaluations exceeds the mean of as many
-        before them by less than this return.
-    drop : float, optional
-        Learning also ends when the last `patience` evaluations all lie this far below the first.
     patience : int
-    when : {"any", "all"}
-        Whether any of threshold (or fraction), plateau and settled ends learning, or only all set.
     settled : float, optional
         Learning ends when the mean evaluation in the last three tenths of the steps exceeds that in
         the last three tenths of the steps before these by less than this share of the range so far,
@@ -75,10 +67,7 @@ class StoppingRule:
     min_steps: int = 0
     threshold: float | None = None
     fraction: float | None = None
-    plateau: float | None = None
-    drop: float | None = None
     patience: int = 5
-    when: Literal["any", "all"] = "any"
     settled: float | None = None
 
     def __post_init__(self) -> None:
@@ -98,32 +87,26 @@ class StoppingRule:
                 "a stopping rule takes a threshold or a fraction of the optimum, not both: got "
                 f"{self.threshold:g} and {self.fraction:g}"
             )
-        one_of("when of a stopping rule", self.when, ("any", "all"), SettingError)
 
     def __str__(self) -> str:
-        conditions = {
-            f"a greedy return of {self.threshold}": self.threshold,
-            f"{self.fraction} of the way to the optimum": self.fraction,
-            f"a rise below {self.plateau}": self.plateau,
-        }
-        joint = " or " if self.when == "any" else " and "
-        until = joint.join(phrase for phrase, value in conditions.items() if value is not None)
-        if until:
-            until = f", until {until} over {counted(self.patience, 'evaluation')}"
+        over, ends = f"over {counted(self.patience, 'evaluation')}", list[str]()
+        if self.threshold is not None:
+            ends.append(f"a greedy return of {self.threshold} {over}")
+        if self.fraction is not None:
+            ends.append(f"{self.fraction} of the way to the optimum {over}")
         if self.settled is not None:
-            until += f"{joint if until else ', until '}the return has settled"
+            ends.append("the return has settled")
+        until = f", until {' or '.join(ends)}" if ends else ""
         least = f"{self.min_steps:,} to " if self.min_steps else ""
         return f"{least}{counted(self.max_steps, 'step')}{until}"
 
     def kernel(self, level: float | None = None, floor: float = -math.inf) -> "StoppingKernel":
         """Return the rule for compiled loops; for `level` and `floor` see ``levels``."""
         level = self.threshold if self.fraction is None else level
-        level, plateau, drop, settled = (
-            math.nan if bound is None else float(bound)
-            for bound in (level, self.plateau, self.drop, self.settled)
+        level, settled = (
+            math.nan if bound is None else float(bound) for bound in (level, self.settled)
         )
-        numbers = level, plateau, drop, settled, floor
-        return StoppingKernel(self.min_steps, self.patience, *numbers, self.when == "all")
+        return StoppingKernel(self.min_steps, self.patience, level, settled, floor)
 
     def decisions(
         self,
@@ -159,10 +142,7 @@ class StoppingRule:
                 kernel,
                 step,
                 ends,
-                start=float(greedy[0]),
-                lowest=float(lowest_of_last(kernel, greedy, checkpoint, 1.0)),
-                highest=-float(lowest_of_last(kernel, greedy, checkpoint, -1.0)),
-                rise=float(rise_of_last(kernel, greedy, checkpoint)),
+                lowest=float(lowest_of_last(kernel, greedy, checkpoint)),
                 share=float(share_of_rise(greedy, checkpoint)),
                 recent=float(recent_return(greedy, checkpoint)),
             )
@@ -172,8 +152,11 @@ class StoppingRule:
         return decisions
 
 
-_BOUNDS: dict[str, tuple[float, ...]] = {"threshold": (), "plateau": (0.0,), "drop": (0.0,)}
-_BOUNDS |= dict.fromkeys(("fraction", "settled"), (0.0, 1.0))
+_BOUNDS: dict[str, tuple[float, ...]] = {
+    "threshold": (),
+    "fraction": (0.0, 1.0),
+    "settled": (0.0, 1.0),
+}
 
 UNLEARNT = "all steps used, not learnt"
 """The end of a run whose return lies too low to have settled."""
@@ -190,41 +173,26 @@ class StoppingKernel(NamedTuple):
     min_steps: int
     patience: int
     level: float
-    plateau: float
-    drop: float
     settled: float
     floor: float  # the return above which it may have settled
-    every: bool  # whether all conditions that are set must hold
 
 
-NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, math.nan, math.nan, -math.inf, False)
+NEVER_STOPS = StoppingKernel(0, 1, math.nan, math.nan, -math.inf)
 
 plain_and_inlined: Any = register_jitable(**INLINED)
 """Of a function for compiled loops that is called from Python too."""
 
 
 @plain_and_inlined
-def lowest_of_last(rule, greedy, checkpoint, sign):
-    """Return the lowest of the last evaluations times `sign`; NaN if there are too few."""
+def lowest_of_last(rule, greedy, checkpoint):
+    """Return the lowest of the last evaluations; NaN if there are too few."""
     if checkpoint + 1 < rule.patience:
         return np.nan
     lowest = np.inf
     for i in range(checkpoint + 1 - rule.patience, checkpoint + 1):
-        if not (sign * greedy[i] >= lowest or np.isnan(lowest)):  # one NaN makes the result NaN
-            lowest = sign * greedy[i]
+        if not (greedy[i] >= lowest or np.isnan(lowest)):  # one NaN makes the result NaN
+            lowest = greedy[i]
     return lowest
-
-
-@plain_and_inlined
-def rise_of_last(rule, greedy, checkpoint):
-    """Return the mean of the last evaluations less the mean of as many before; NaN if too few."""
-    n = rule.patience
-    if checkpoint + 1 < 2 * n:
-        return np.nan
-    rise = 0.0
-    for i in range(n):
-        rise += greedy[checkpoint - i] - greedy[checkpoint - n - i]
-    return rise / n
 
 
 @plain_and_inlined
@@ -264,20 +232,11 @@ def stops(rule, greedy, checkpoint, step):
     """Return whether a rule ends a run at a checkpoint, given the greedy returns, (T,)."""
     if step == 0 or step < rule.min_steps:
         return False
-    if -lowest_of_last(rule, greedy, checkpoint, -1.0) < greedy[0] - rule.drop:
+    if lowest_of_last(rule, greedy, checkpoint) >= rule.level:  # false where a side is NaN
         return True
-    conditions, met = 0, 0
-    if not np.isnan(rule.level):
-        conditions += 1
-        met += lowest_of_last(rule, greedy, checkpoint, 1.0) >= rule.level
-    if not np.isnan(rule.plateau):
-        conditions += 1
-        met += rise_of_last(rule, greedy, checkpoint) < rule.plateau
-    if not np.isnan(rule.settled):
-        conditions += 1
-        rises = share_of_rise(greedy, checkpoint)
-        met += rises < rule.settled and recent_return(greedy, checkpoint) > rule.floor
-    return met > 0 and (met == conditions or not rule.every)
+    if not share_of_rise(greedy, checkpoint) < rule.settled:
+        return False
+    return recent_return(greedy, checkpoint) > rule.floor
 
 
 @dataclass(frozen=True)
@@ -288,19 +247,10 @@ class Decision:
     kernel: StoppingKernel
     step: int
     ends: bool  # whether the rule ended the run
-    start: float  # the first evaluation, a return
-    lowest: float  # of the last evaluations; NaN like the next if there were too few
-    highest: float
-    rise: float  # their mean less the mean of as many before; NaN if there were too few
+    lowest: float  # of the last evaluations, a return; NaN if there were too few
     share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
     recent: float  # the mean of the evaluations in these steps
     evaluation_steps: int = 0  # of all of a run's decisions, in its last one
-
-    @property
-    def dropped(self) -> bool:
-        """Whether the return dropped too far below where it started."""
-        early = self.step == 0 or self.step < self.rule.min_steps
-        return not early and self.highest < self.start - self.kernel.drop
 
     @property
     def spent(self) -> bool:
@@ -315,13 +265,10 @@ class Decision:
     @property
     def criterion(self) -> str:
         """What ended the run, in a few fixed words; "" where the run went on."""
-        if self.dropped:
-            return "return dropped"
         if self.ends:
             level = "threshold" if self.rule.fraction is None else "fraction of the optimum"
             met = {
                 level: self.lowest >= self.kernel.level,
-                "plateau": self.rise < self.kernel.plateau,
                 "settled return": self.share < self.kernel.settled and not self.unlearnt,
             }
             return f"{' and '.join(name for name, holds in met.items() if holds)} reached"
@@ -331,21 +278,16 @@ class Decision:
         """Return the verdict, each condition with the numbers that it compared, and the steps."""
         n, rule, kernel, few = self.rule.patience, self.rule, self.kernel, "too few evaluations"
         over = f"over {counted(n, 'evaluation')}"
-        plateau = f"{few} for a plateau over {n} and {n} before"
         settled = f"{few}, or all equal, to tell whether the return has settled"
         parts = ["ends" if self.ends or self.spent else "goes on"]
         for bound, value, name, form, of, unknown in (
             (kernel.level, self.lowest, "greedy", ".4g", over, f"{few} for a value over {n}"),
-            (kernel.plateau, self.rise, "rise", ".3g", over, plateau),
             (kernel.settled, self.share, "rise", ".2g", "of its range", settled),
         ):
             if not math.isnan(bound):
                 sign = "<" if value < bound else ">="
                 compared = f"{name} {value:{form}} {sign} {bound:{form}} {of}"
                 parts.append(unknown if math.isnan(value) else compared)
-        if self.dropped:
-            from_start = f"{self.start:.4g} - {kernel.drop:.4g}, where it started, {over}"
-            parts.append(f"dropped: greedy {self.highest:.4g} < {from_start}")
         if self.unlearnt:
             low = f"greedy {self.recent:.4g} <= {kernel.floor:.4g}, too low to have settled"
             parts.append(low)

@@ -229,9 +229,9 @@ class Maze:
         return Arm(curve, saved, cost, int(to_threshold.reached.sum()))
 
 
-def times(curve: Curve, threshold: float, *, strong: bool = False) -> Times:
+def times(curve: Curve, threshold: float) -> Times:
     """Return the steps of each seed to a threshold, by the paper's smoothing."""
-    return time_to_threshold(curve, threshold, window=WINDOW, strong=strong)
+    return time_to_threshold(curve, threshold, window=WINDOW)
 
 
 def curve_table(arms: dict[str, Curve]) -> dict[str, npt.NDArray[Any]]:
@@ -325,10 +325,8 @@ def figure2(studies: Studies) -> FigureResult:
     panel.set(xlabel="steps", ylabel="greedy return (sum of rewards)", title="learning curves")
     panel.set(ylim=(-1700, 150), xlim=(0, None))
     panel.legend(loc="lower right")
-    weak, strong = (
-        mean_interval(scratch.steps - times(curve, scratch.threshold, strong=strong).steps)
-        for strong in (False, True)
-    )
+    saved = scratch.steps - times(curve, scratch.threshold).steps
+    weak, strong = mean_interval(saved), mean_interval(saved - curve.source_steps)
     right = all(abs(optimal[s].start_value - v) < 5e-5 for s, v in OPTIMUM.items())
     return FigureResult(
         name="figure2",

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import whole_number
-from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.greedy import ACTION, Values, greedy_action
 from curricle.planning.solution import checked_policy
@@ -37,7 +36,7 @@ from curricle.tasks.models import (
     transition,
     truncated,
 )
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr
 
 # -- policies ------------------------------------------------------------------------------------
 
@@ -226,12 +225,6 @@ class Trajectory(Frozen):
     truncated: bool
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        end = "terminated" if self.terminated else "truncated" if self.truncated else "cut off"
-        title = f"{counted(len(self.rewards), 'step')}, return {self.rewards.sum():.4g}, {end}"
-        rows = zip(range(len(self.rewards)), self.states, self.actions, self.rewards, strict=False)
-        return block(title, table(["step", "state", "action", "reward"], rows))
 
     def __len__(self) -> int:
         return len(self.actions)

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import number, numbers
-from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.models import (
     CONVERGED,
@@ -74,11 +73,6 @@ class PolicyValues(Frozen):
     _model: PlanningModel = field(repr=False)
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        row = (self.start_value, len(self.values), f"{self.error_bound:.1g}")
-        head = ["value of the start", "states", "proven within"]
-        return block(type(self).__name__, table(head, [row]))
 
     @cached_property
     def action_values(self) -> FloatArray:
@@ -225,12 +219,6 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
         raise SettingError(f"action_values must not be NaN: got {np.isnan(q).sum()} of them")
     best = q >= q.max(axis=-1, keepdims=True) - tolerance
     return np.asarray(best / best.sum(axis=-1, keepdims=True))
-
-
-def right_choices(action_values: FloatTable, optimal: BoolArray) -> BoolArray:
-    """Return where every action that is greedy on Q, (..., S, A), is optimal, (S, A): (..., S)."""
-    greedy = action_values == action_values.max(axis=-1, keepdims=True)
-    return np.asarray((optimal | ~greedy).all(axis=-1))
 
 
 def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -> Policy:

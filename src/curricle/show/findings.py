@@ -13,7 +13,6 @@ from curricle.comparison.verdicts import not_asked
 from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.hypothesis_tests import smallest_p
 from curricle.statistics.intervals import Interval
 from curricle.study.record import Analysis, CurriculaRecord, TunedRecord
 from curricle.study.tuning import Level, short
@@ -136,22 +135,6 @@ def _reached(comparison: Comparison, row: Row, rival: Row) -> str:
         return f"after {bound}{row['steps_to_threshold']:,.0f} steps on average{some}"
 
     return f"Reaches {threshold} {when(row)}; {rival['arm']} {when(rival)}."
-
-
-def too_few(comparison: Comparison) -> str:
-    """Return why no difference could have been shown; empty if a difference could."""
-    few = [verdict for verdict in comparison.verdicts.values() if verdict.withheld]
-    if not few or comparison.interim:
-        return ""
-    if comparison.seeds == 1:
-        return "One seed allows neither intervals nor tests."
-    arms = len(few)
-    least = min(1.0, arms * comparison.looks.adjusted_p(smallest_p(comparison.seeds)))
-    return (
-        f"{comparison.seeds} seeds are too few for any verdict: with {arms} "
-        f"curricul{'a' if arms > 1 else 'um'} to test, no p value can be below {least:.2g}; "
-        f"{few[0].needed} seeds or more are needed."
-    )
 
 
 def forest(answers: Sequence[Finding]) -> tuple[float, dict[str, list[float]]]:

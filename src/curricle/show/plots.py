@@ -1,17 +1,21 @@
-"""Figures of learning results, comparisons and forecasts, and figures as files."""
+"""Figures by Matplotlib: grids, learning results, comparisons and forecasts; and their files."""
 
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
 
-from curricle.arrays import IntArray
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, numbers
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.forecasting import Forecast
@@ -20,25 +24,32 @@ from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole
 from curricle.learning.result import LearningResult, shown_returns
-from curricle.show.grids import draw_potential
 from curricle.show.style import (
     COLOURS,
+    MOST_NUMBERS,
     STYLE,
+    TINTS,
     ArmStyle,
     ShownFigure,
     arm_styles,
     caption,
+    digits_of,
     minus,
     new_figure,
     return_scale,
     rounded,
     steps_scale,
+    value_scale,
     without_seeds,
     write_columns,
 )
+from curricle.show.views import At, GridView, stacked
 from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
+from curricle.tasks.domain import LETTERS
+from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.mdp import Task, generative_model
 
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {},
@@ -365,7 +376,8 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     spare = max(0.5, (7 - len(styles)) / 2)
     axes.set_ylim(len(styles) - 1 + spare, -spare)
     best = " or ".join(comparison.best_opponents)
-    axes.set(title="gain over the best opponent", xlabel=f"mean return, minus that of {best}")
+    axes.set_title("gain over the best opponent", loc="right")  # columns of text begin there
+    axes.set_xlabel(f"mean return, minus that of {best}")
 
 
 def _caption_of(comparison: Comparison) -> str:
@@ -438,3 +450,189 @@ def draw_forecast(forecast: Forecast) -> Figure:
         f"{over}: share of {share}. Scale: what a calibration would multiply φ by.{colours}",
     )
     return figure
+
+
+# -- grids: mazes, values and potentials as heat maps ----------------------------------------------
+
+DARK = 0.45  # brightness of a colour below which the text on it is white
+MIDDLE: Any = {"ha": "center", "va": "center"}
+
+
+def draw_maze(
+    axes: Axes,
+    maze: GridWorld,
+    *,
+    path: Sequence[int] | IntArray = (),
+    marked: BoolArray | None = None,
+) -> None:
+    """Draw a maze as seen from above, north on top, in map coordinates.
+
+    Parameters
+    ----------
+    axes : Axes
+    maze : GridWorld
+    path : sequence of int
+        States to join by a line.
+    marked : (S,) bool, optional
+        States to frame.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> axes = Figure().subplots()
+    >>> draw_maze(axes, GridWorld(["S.", ".T"]), path=[0, 1, 3])
+    >>> [text.get_text() for text in axes.texts]
+    ['T']
+    """
+    draw_view(axes, GridView.of(maze), legend=False)
+    if marked is not None:
+        frame_cells(axes, maze, marked)
+    if len(path):
+        cells = maze.cells[np.asarray(path)]
+        axes.plot(cells[:, 1], cells[:, 0], "-", color=COLOURS["sky"], lw=2)
+        axes.plot(cells[0, 1], cells[0, 0], "o", color=COLOURS["sky"], ms=6)
+
+
+def frame_cells(axes: Axes, maze: GridWorld, marked: BoolArray) -> None:
+    """Frame the cells of the `marked` states, (S,), of a maze.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> axes = Figure().subplots()
+    >>> frame_cells(axes, GridWorld("S.T"), np.array([True, False, False]))
+    >>> len(axes.patches)
+    1
+    """
+    for row, column in maze.cells[marked]:
+        frame: Any = {"fill": False, "edgecolor": COLOURS["blue"], "lw": 2}
+        axes.add_patch(Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, **frame))
+
+
+def draw_view(axes: Axes, view: GridView, *, heat: bool = False, legend: bool = True) -> None:
+    """Draw the grid of a view, north on top, with walls and objects, and the legend below it."""
+    (top, left), (height, width) = view.origin, view.shape
+    axes.set(
+        xlim=(left - 0.5, left + width - 0.5),
+        ylim=(top + height - 0.5, top - 0.5),
+        aspect="equal",
+        xticks=range(left, left + width),
+        yticks=range(top, top + height),
+        xlabel="column",
+        ylabel="row",
+    )
+    for x in range(left, left + width + 1):
+        axes.axvline(x - 0.5, color="#dddddd", lw=0.5, zorder=0)
+    for y in range(top, top + height + 1):
+        axes.axhline(y - 0.5, color="#dddddd", lw=0.5, zorder=0)
+    for row, column in view.walls:
+        axes.add_patch(_square(row, column, color="#222222"))
+    middle: Any = {**MIDDLE, "fontsize": 8, "fontweight": "bold"}
+    aside = 0.32 if heat and height * width <= MOST_NUMBERS else 0
+    for name, row, column, _ in view.objects:
+        colour = "w" if name == "pit" and not heat else "k"
+        letter = axes.text(column - aside, row - aside, LETTERS[name], color=colour, **middle)
+        if not heat:
+            axes.add_patch(_square(row, column, color=TINTS[name], alpha=0.8))
+        elif not aside:
+            letter.set_path_effects([withStroke(linewidth=2, foreground="w")])
+    for (row, column), letters in stacked(view.letters).items():
+        letter = axes.text(column - 0.3, row - 0.3, letters, color="k", **middle)
+        letter.set_bbox({"boxstyle": "circle,pad=0.15", "fc": "w", "ec": "k", "lw": 0.6})
+    if legend and view.words:
+        axes.set_xlabel(f"column\n{view.words}", fontsize=8)
+
+
+def _square(row: float, column: float, **style: Any) -> Rectangle:
+    return Rectangle((column - 0.5, row - 0.5), 1, 1, **style)
+
+
+def draw_potential(
+    axes: Axes,
+    task: Task,
+    values: npt.ArrayLike,
+    *,
+    label: str,
+    at: At | None = None,
+    limits: tuple[float, float] | None = None,
+    difference: bool = False,
+    bar: bool = True,
+    unit: str = "return",
+) -> AxesImage:
+    r"""Draw values of states, or of their best actions, as a heat map on a grid.
+
+    Colours diverge from white at 0 where the limits have both signs. Terminal states are hatched.
+
+    Parameters
+    ----------
+    axes : Axes
+    task : Task
+        A :class:`GridWorld`, or a task whose states have one cell that `at` leaves free.
+    values : (S,) or (S, A) float64
+        Values to draw; the maximum over actions is drawn of (S, A).
+    label, unit : str
+        Titles of the panel and of its bar of colours.
+    at : dict of str to int, str or (int, int), optional
+        Values of the other components, such as ``{"prey": (1, 2)}``; letters mark them.
+    limits : (float, float), optional
+        Values at the ends of the colours, to compare panels; by default of the drawn values.
+    difference : bool
+        Whether 0 is always the middle of the colours.
+    bar : bool
+        Whether to draw the bar; several panels can share the bar of a returned image.
+
+    Raises
+    ------
+    SettingError
+        When `values` have another shape or are not finite, or the states make no grid.
+
+    Examples
+    --------
+    >>> from curricle import Pursuit, solve
+    >>> hunt = Pursuit(3, 2, discount=0.9)
+    >>> axes = Figure().subplots()
+    >>> image = draw_potential(axes, hunt, solve(hunt).values, label="V* (return)",
+    ...                        at={"prey": (1, 2), "predator_2": (0, 0)})
+    >>> axes.get_title(), axes.get_xlabel(), image.get_cmap().name
+    ('V* (return)', 'column\ncells: where predator_1 is; P: prey, 2: predator_2', 'cividis')
+    """
+    view = GridView.of(task, at)
+    shown = _best(task, values)[view.states]
+    drawn = shown[~view.ended]
+    low, high = limits or ((drawn.min(), drawn.max()) if drawn.size else (0.0, 0.0))
+    low, high, palette = value_scale(float(low), float(high), difference=difference)
+    if low == high:
+        low, high = low - 1, high + 1
+    (top, left), (height, width) = view.origin, view.shape
+    grid = np.full((height, width), np.nan)
+    grid[tuple((view.cells - view.origin)[~view.ended].T)] = drawn
+    extent = (left - 0.5, left + width - 0.5, top + height - 0.5, top - 0.5)
+    image = axes.imshow(grid, extent=extent, cmap=palette, vmin=low, vmax=high)
+    digits = digits_of(low, high)
+    for (row, column), value, over in zip(view.cells, shown, view.ended, strict=True):
+        if over:
+            axes.add_patch(_square(row, column, fc="#eeeeee", ec="#bbbbbb", hatch="///", lw=0))
+        elif height * width <= MOST_NUMBERS:
+            red, green, blue, _ = image.to_rgba(value)
+            colour = "w" if 0.299 * red + 0.587 * green + 0.114 * blue < DARK else "k"
+            number = minus(f"{value:z.{digits}f}")
+            axes.text(column + 0.05, row + 0.2, number, color=colour, **MIDDLE, fontsize=7)
+    draw_view(axes, view, heat=True)
+    axes.set_title(label)
+    if bar:
+        axes.figure.colorbar(image, ax=axes, label=unit, shrink=0.8)
+    return image
+
+
+def _best(task: Task, values: npt.ArrayLike) -> FloatArray:
+    """Return the values of states, (S,), or raise SettingError."""
+    generative, table = generative_model(task), numbers("values", values, SettingError)
+    n_states, n_actions = generative.states.size, generative.actions.size
+    if table.shape not in ((n_states,), (n_states, n_actions)):
+        raise SettingError(
+            f"values must have shape ({n_states},) or ({n_states}, {n_actions}): got {table.shape}"
+        )
+    if not np.isfinite(table).all():
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(table))[0])
+        raise SettingError(f"values must be finite: entry {place} is {table[place]}")
+    return table if table.ndim == 1 else table.max(axis=1)

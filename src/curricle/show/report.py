@@ -407,7 +407,7 @@ class InterimReport:
         self._seen: Any = None
 
     def watch(self) -> None:
-        """Write the page until the run is over."""
+        """Write the page until the run is over; StoreError if the last page cannot be written."""
         try:
             pause = self.refresh()
             while not self.over:
@@ -428,6 +428,8 @@ class InterimReport:
             except Exception as error:  # whatever it is, the run goes on
                 text = " ".join(in_words(error).split())
                 sentence = f"the page of the run is not up to date. {text}"
+                if attempt == ATTEMPTS - 1 and self.over:
+                    raise StoreError(sentence) from error
                 if attempt == ATTEMPTS - 1 and sentence not in self._said:
                     self._said.add(sentence)
                     self._say(sentence)
@@ -442,7 +444,7 @@ class InterimReport:
         missing = {(k, s // per_unit) for k in keys for s in seeds if s not in kept.get(k, {})}
         units = len(keys) * len({seed // per_unit for seed in seeds})
         stored_units, running = units - len(missing), in_use(self.folder)
-        over = self._ended(study, not missing, running)
+        self.over = over = self._ended(study, not missing, running)
         stored = {key: len(done) for key, done in kept.items()}
         seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
         if seen == self._seen and not over:
@@ -463,13 +465,14 @@ class InterimReport:
         remark = _remark(study.record, study.failed, arms)
         pause = max(self._between, REST * (monotonic() - begun))
         self._write(f"{sentence} {remark}", 0 if over else pause)
-        self._seen, self.over = seen, over
+        self._seen = seen
         if is_first:
             self._opened(self.path)
 
     def _ended(self, study: StudyResults, whole: bool, running: bool | None) -> bool:
         """Return whether another process's run is over: its lock is gone, or all is stored."""
-        let_go, self._was_running = self._was_running and running is False, running is True
+        self._was_running |= running is True
+        let_go = self._was_running and running is False
         done = whole or bool(study.failed and running is False)
         return let_go or (done and not running and study.store.has(ANALYSIS))
 

@@ -222,18 +222,9 @@ def _check_names(fixed: At, known: Sequence[str]) -> None:
 
 def _value(component: Component, value: Any) -> int:
     """Return a component's value from a number, a label, or a cell's row and column."""
-    label, labels = value, component.labels or ()
     if isinstance(value, tuple | list | np.ndarray):
-        label = f"({','.join(str(int(part)) for part in value)})"
-    if isinstance(label, str) and label in labels:
-        return component.low + labels.index(label)
-    high = component.low + component.size - 1
-    if isinstance(value, int | np.integer) and component.low <= value <= high:
-        return int(value)
-    raise SettingError(
-        f"{component.name} runs from {component.label(component.low)} to {component.label(high)}: "
-        f"got {value!r}"
-    )
+        value = f"({','.join(str(int(part)) for part in value)})"
+    return component.value(value)
 
 
 def _lettered(places: Mapping[str, IntArray]) -> tuple[Letters, dict[str, str]]:

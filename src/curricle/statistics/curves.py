@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import number
-from curricle.display import block, curves, printed
+from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (
     CONFIDENCE,
@@ -21,9 +21,8 @@ from curricle.statistics.intervals import (
     check_confidence,
     check_each,
     mean_interval,
-    seed_line,
 )
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr
 
 SCRATCH = "scratch"  # the arm that learns the target alone, with which others are compared
 ROUNDING = 1e-7  # relative difference that rounding causes between two exact mean returns
@@ -55,11 +54,6 @@ class Curve(Frozen):
     source_steps: IntArray = field(default_factory=lambda: np.zeros((), dtype=np.int64))
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        line = seed_line("", self.steps, self.filled())
-        title = f"Curve of {counted(len(self.values), 'seed')}"
-        return block(title, curves([line], "target steps", "return"))
 
     def __post_init__(self) -> None:
         steps, source = (_whole(name, getattr(self, name)) for name in ("steps", "source_steps"))
@@ -130,7 +124,12 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
     then its value at x - source_steps_k target steps, interpolated between checkpoints.
     """
-    require_pair(baseline, transfer, strong=True)
+    require_pair(baseline, transfer)
+    if np.any(baseline.source_steps):
+        raise SettingError(
+            "the baseline of a strong comparison must have no source steps:"
+            f" got {baseline.source_steps.max()}"
+        )
     steps, alone = baseline.steps, baseline.filled()
     target = steps - transfer.source_steps[:, np.newaxis]
     training = target < transfer.steps[0]
@@ -147,8 +146,8 @@ def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     return Curve(steps, np.where(training, first, shifted))
 
 
-def require_pair(baseline: Curve, transfer: Curve, *, strong: bool = False) -> None:
-    """Raise SettingError unless two curves pair: a `strong` baseline has no source steps."""
+def require_pair(baseline: Curve, transfer: Curve) -> None:
+    """Raise SettingError unless two curves have the same seeds and checkpoints."""
     ours, theirs = len(baseline.values), len(transfer.values)
     if ours != theirs:
         raise SettingError(
@@ -160,52 +159,40 @@ def require_pair(baseline: Curve, transfer: Curve, *, strong: bool = False) -> N
         raise SettingError(
             f"baseline and transfer must share their checkpoints: got {' and '.join(ends)}"
         )
-    if strong and np.any(baseline.source_steps):
-        raise SettingError(
-            "the baseline of a strong comparison must have no source steps:"
-            f" got {baseline.source_steps.max()}"
-        )
 
 
-def jumpstart(baseline: Curve, transfer: Curve, *, strong: bool = False) -> FloatArray:
+def jumpstart(baseline: Curve, transfer: Curve) -> FloatArray:
     """Return how much better transfer starts than learning from scratch (Taylor and Stone 2009).
 
-    transfer_k(steps_0) - baseline_k(steps_0 + c_k), (K,), with c_k = 0 if weak and source_steps_k
-    if strong: the baseline, which then has no source steps, has learnt for as many. It is
-    interpolated; NaN beyond its end. SettingError unless both have the same seeds and checkpoints.
+    transfer_k(steps_0) - baseline_k(steps_0), (K,). SettingError unless both have the same seeds
+    and checkpoints.
 
     Examples
     --------
     >>> steps = np.array([0, 100, 200])
     >>> scratch = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
-    >>> helped = Curve(steps, np.array([[4.0, 5.0, 5.0]]), np.array([150]))
-    >>> jumpstart(scratch, helped), jumpstart(scratch, helped, strong=True)
-    (array([4.]), array([1.]))
+    >>> helped = Curve(steps, np.array([[4.0, 5.0, 5.0]]))
+    >>> jumpstart(scratch, helped)
+    array([4.])
     """
-    require_pair(baseline, transfer, strong=strong)
-    first, rows = transfer.filled()[:, 0], baseline.filled()
-    by_then: FloatArray = rows[:, 0]
-    if strong:
-        start = transfer.steps[0] + transfer.source_steps
-        pairs = zip(start, rows, strict=True)
-        by_then = np.array([np.interp(x, baseline.steps, row, right=np.nan) for x, row in pairs])
-    return np.subtract(first, by_then)
+    require_pair(baseline, transfer)
+    return np.subtract(transfer.filled()[:, 0], baseline.filled()[:, 0])
 
 
-def asymptotic_performance(curve: Curve, *, fraction: float = 0.1) -> FloatArray:
-    """Return the mean return over the last checkpoints, (K,) (Taylor and Stone 2009).
+LAST = 0.1  # of the checkpoints, over which asymptotic performance is the mean
 
-    mean(values_{T - n}, ..., values_{T - 1}), n = fraction T rounded, at least 1; SettingError
-    unless `fraction` is above 0 and at most 1.
+
+def asymptotic_performance(curve: Curve) -> FloatArray:
+    """Return the mean return over the last tenth of the checkpoints, (K,) (Taylor and Stone 2009).
+
+    mean(values_{T - n}, ..., values_{T - 1}), n = T / 10 rounded, at least 1.
 
     Examples
     --------
     >>> asymptotic_performance(Curve(np.array([0, 1, 2]), np.array([[0.0, 3.0, 5.0]])))
     array([5.])
     """
-    if not 0 < fraction <= 1:
-        raise SettingError(f"fraction must be above 0 and at most 1: got {fraction}")
-    last = max(1, round(fraction * curve.steps.size))
+    last = max(1, round(LAST * curve.steps.size))
     mean: FloatArray = curve.filled()[:, -last:].mean(axis=1)
     return mean
 
@@ -278,30 +265,13 @@ class Times(Frozen):
         for name, array in (("steps", steps), ("reached", reached)):
             object.__setattr__(self, name, frozen(array))
 
-    def survival(self) -> Any:
-        """Return the share of seeds not yet at the threshold, by ``scipy.stats.ecdf``.
-
-        share(t) = prod_{t_i <= t} (1 - d_i / n_i), where d_i seeds reach the threshold at t_i and
-        n_i are observed until then and have not reached it before (Kaplan and Meier 1958). The end
-        of observation must not depend on returns. From step ``quantiles`` (L,) on the share is
-        ``probabilities`` (L,).
-
-        Examples
-        --------
-        >>> reached = np.array([True, False, True, True])
-        >>> curve = Times(np.array([100.0, 200.0, 300.0, 300.0]), reached).survival()
-        >>> curve.quantiles, curve.probabilities
-        (array([100., 200., 300.]), array([0.75, 0.75, 0.  ]))
-        """
-        from scipy.stats import CensoredData, ecdf  # half a second that few need
-
-        return ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
-
     def median(self, *, confidence: float = CONFIDENCE) -> Interval:
         """Return the median time with the interval of the sign test, in steps.
 
-        min {t : share(t) <= 1/2} of :meth:`survival`, infinite if the share stays above. The bounds
-        are order statistics between which the median of any distribution lies with at least the
+        min {t : share(t) <= 1/2}, where share(t) = prod_{t_i <= t} (1 - d_i / n_i) is that of seeds
+        not yet at the threshold: d_i reach it at t_i, and n_i are observed until then and have not
+        reached it before (Kaplan and Meier 1958). Infinite if the share stays above. The bounds are
+        order statistics between which the median of any distribution lies with at least the
         stated probability (Thompson 1936); a censored time is infinite for the upper bound. Five
         seeds or fewer bound no median at 95 %: from 0 to infinity.
 
@@ -311,11 +281,11 @@ class Times(Frozen):
         >>> print(Times(np.arange(1.0, 9.0) * 100, reached).median())
         400 [100, inf], 8 seeds
         """
-        from scipy.stats import quantile_test  # half a second that few need
+        from scipy.stats import CensoredData, ecdf, quantile_test  # half a second that few need
 
         check_confidence(confidence)
-        k, curve = self.steps.size, self.survival()
-        half = curve.probabilities <= 0.5 + SHARE_ROUNDING
+        curve = ecdf(CensoredData.right_censored(self.steps, ~self.reached)).sf
+        half, k = curve.probabilities <= 0.5 + SHARE_ROUNDING, self.steps.size
         median = float(curve.quantiles[half.argmax()]) if half.any() else np.inf
         if k == 1:
             return Interval(median, np.nan, np.nan, confidence, 1)
@@ -331,10 +301,10 @@ class Times(Frozen):
     ) -> Interval:
         """Return the mean time within a horizon with Student's interval, in steps.
 
-        mean_k min(time_k, horizon), which is the area under :meth:`survival` up to the horizon
-        (Royston and Parmar 2013), with bounds clipped to 0 and the horizon. Arms are comparable
-        only at the same horizon. Without a horizon a seed counts with its observed steps: a lower
-        bound, with infinity as the upper bound, unless all seeds reached the threshold.
+        mean_k min(time_k, horizon) (Royston and Parmar 2013), with bounds clipped to 0 and the
+        horizon. Arms are comparable only at the same horizon. Without a horizon a seed counts with
+        its observed steps: a lower bound, with infinity as the upper bound, unless all seeds
+        reached the threshold.
         SettingError unless a horizon is above 0 and at most the steps of any censored seed.
 
         Examples
@@ -401,14 +371,12 @@ def fraction_of_optimum(optimum: float, worst: float, fraction: float) -> float:
     return float(optimum - (1 - fraction) * (optimum - worst))
 
 
-def time_to_threshold(
-    curve: Curve, threshold: float, *, window: int = 1, strong: bool = False
-) -> Times:
+def time_to_threshold(curve: Curve, threshold: float, *, window: int = 1) -> Times:
     """Return the steps of each seed until its smoothed value first reaches a threshold, a return.
 
-    min {steps_t : smooth_t >= threshold}, the mean of `window` checkpoints, plus the source steps
-    if strong. A seed that never reaches it is censored at the last checkpoint. SettingError if
-    `threshold` is not finite or `window` does not fit the curve.
+    min {steps_t : smooth_t >= threshold}, the mean of `window` checkpoints. A seed that never
+    reaches it is censored at the last checkpoint. SettingError if `threshold` is not finite or
+    `window` does not fit the curve.
 
     Examples
     --------
@@ -421,31 +389,28 @@ def time_to_threshold(
     above = smooth(curve.values, window) >= threshold
     reached = np.asarray(above.any(axis=1))
     place = np.where(reached, above.argmax(axis=1), curve.steps.size - 1)
-    steps = curve.steps[place] + (curve.source_steps if strong else 0)
-    return Times(steps.astype(np.float64), reached)
+    return Times(curve.steps[place].astype(np.float64), reached)
 
 
 def steps_saved(
-    baseline: Curve, transfer: Curve, threshold: float, *, window: int = 1, strong: bool = False
+    baseline: Curve, transfer: Curve, threshold: float, *, window: int = 1
 ) -> FloatArray:
     """Return the steps to threshold that transfer saves, (K,).
 
     ``time_to_threshold(baseline) - time_to_threshold(transfer)``, with its arguments and errors;
     SettingError also if the curves do not pair. Where only the baseline is censored the true saving
-    is at least this; where only transfer is, at most this. Where both are, it is 0, or minus the
-    source steps if strong.
+    is at least this; where only transfer is, at most this. Where both are, it is 0.
 
     Examples
     --------
     >>> steps = np.array([0, 100, 200])
     >>> scratch = Curve(steps, np.array([[0.0, 1.0, 5.0]]))
-    >>> helped = Curve(steps, np.array([[5.0, 5.0, 5.0]]), np.array([150]))
-    >>> steps_saved(scratch, helped, 5.0), steps_saved(scratch, helped, 5.0, strong=True)
-    (array([200.]), array([50.]))
+    >>> helped = Curve(steps, np.array([[5.0, 5.0, 5.0]]))
+    >>> steps_saved(scratch, helped, 5.0)
+    array([200.])
     """
     require_pair(baseline, transfer)
     without, with_transfer = (
-        time_to_threshold(curve, threshold, window=window, strong=strong).steps
-        for curve in (baseline, transfer)
+        time_to_threshold(curve, threshold, window=window).steps for curve in (baseline, transfer)
     )
     return without - with_transfer

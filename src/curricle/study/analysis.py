@@ -14,8 +14,7 @@ from curricle.comparison.comparison import OF_OPTIMUM, STATED, threshold_of_opti
 from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import plain_text, task_summary
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import OF_TARGETS, SETTINGS
+from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.deep.learner import DeepLearner, PolicyReuse
 from curricle.errors import CurricleError, StoreError

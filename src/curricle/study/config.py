@@ -34,11 +34,10 @@ from curricle.comparison.opponents import (
     from_scratch,
     scratch_curricula,
 )
-from curricle.curriculum.curriculum import Curriculum
-from curricle.curriculum.node import DEFAULT_STEPS
+from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
 from curricle.design.candidates import candidate_named
 from curricle.design.choice import FIRST_SEED
-from curricle.display import block, table as html_table
+from curricle.display import printed
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
@@ -343,20 +342,7 @@ class StudyConfig(RunTable):
         return shortened(f"StudyConfig({self.name!r}, {seeds}; arms: {arms})")
 
     __str__ = __repr__  # pydantic's own prints every setting
-
-    def _repr_html_(self) -> str:
-        tasks, transfers = list[Sequence[str]](), list[Sequence[str]]()
-        for arm, tables in self.arms.items():
-            for name, task in tables.tasks.items():
-                budget = "" if task.budget is None else str(task.budget)
-                tasks.append((arm, name, task.type, budget))
-            transfers += [(arm, e.source, e.target, str(e.mapping)) for e in tables.transfers]
-        heads = ["arm", "source", "target", "mapping"]
-        return block(
-            f"Study {self.name!r}, {counted(len(self.seeds), 'seed')}",
-            html_table(["arm", "task", "type", "budget"], tasks, wide=["budget"]),
-            transfers and html_table(heads, transfers, wide=["mapping"]),
-        )
+    _repr_html_ = printed
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import frozen
-from curricle.curriculum.node import Node
+from curricle.curriculum.curriculum import Node
 from curricle.planning.greedy import Values
+from curricle.planning.policy_evaluation import LARGEST_SOLVED
 from curricle.planning.rollouts import GreedyPolicy, UniformPolicy, simulate
-from curricle.planning.target import LARGEST_SOLVED
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
 from curricle.tasks.live import open_model

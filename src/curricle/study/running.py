@@ -4,11 +4,12 @@ import json
 import os
 import platform
 import subprocess
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from graphlib import TopologicalSorter
 from heapq import heappop, heappush
 from importlib import metadata
@@ -26,14 +27,11 @@ from curricle.errors import LostStoreError, SettingError, StoreError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of
 from curricle.learning.result import LearningResult
-from curricle.progress import check_progress, interruptible
+from curricle.progress import check_progress, interruptible, shown
 from curricle.study.analysis import analyse, study_record
-from curricle.study.arms import Arms, UnitInput, seeds_of, units_of
-from curricle.study.choosing import chosen_study, trial_study
+from curricle.study.arms import Arms, UnitInput, changes_of, replaced_keys, seeds_of, units_of
 from curricle.study.config import Study, StudyConfig, study_of
-from curricle.study.dependencies import changes_of, replaced_keys
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
-from curricle.study.progress import Progress, shown_units
 from curricle.study.record import FailureRecord, RunRecord, StudyRecord, plain
 from curricle.study.results import (
     ANALYSIS,
@@ -58,8 +56,110 @@ from curricle.study.store import (
     pack,
     stored_values,
 )
-from curricle.study.tuning import CHOICE, TRIALS, tuned_before, tuned_study
-from curricle.text import counted
+from curricle.study.tuning import (
+    CHOICE,
+    TRIALS,
+    chosen_study,
+    trial_study,
+    tuned_before,
+    tuned_study,
+)
+from curricle.text import brief_repr, counted
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    units : tuple of Unit
+        All units that the run trains; the same tuple each time.
+    stored : Unit or None
+        The unit that has just been stored; None at the beginning.
+    workers : int
+        Number of workers now.
+    tuning : str
+        The trials to which the units belong, as text; empty for units of the study itself.
+
+    Examples
+    --------
+    >>> unit = Unit("0f", "scratch", "maze", (0, 1), {}, {}, 0)
+    >>> progress = Progress((unit,), stored=unit, workers=2)
+    >>> progress.stored.label, progress.workers
+    ('scratch: maze, seeds 0-1', 2)
+    """
+
+    units: tuple[Unit, ...]
+    stored: Unit | None = None
+    workers: int = 1
+    tuning: str = ""
+
+    __repr__ = brief_repr
+
+
+class Pace:
+    """How many units are stored, and about how long the others take."""
+
+    def __init__(self, clock: Callable[[], float] = monotonic):
+        self.clock, self.stored, self.units = clock, 0, 0
+        self._workers, self._begun = 0, (clock(), 0)  # time, and units stored then
+
+    def note(self, progress: Progress) -> None:
+        """Record the beginning of a run, or a stored unit."""
+        self.units, self._workers = len(progress.units), progress.workers
+        self.stored = 0 if progress.stored is None else self.stored + 1
+        if progress.stored is None:  # or further units, after those of a tuning
+            self._begun = self.clock(), 0
+
+    def line_of(self, stored: int, units: int) -> str:
+        """Record the units that another process has stored in a folder, and return the line."""
+        if not self.units:
+            self._begun = self.clock(), stored
+        self.stored, self.units = stored, units
+        return self.line()
+
+    def line(self) -> str:
+        """Return a line on how far the run is, and when it ends at its pace since it began."""
+        parts = [f"{self.stored:,} of {counted(self.units, 'unit')}"] if self.units else []
+        if self._workers:
+            parts.append(counted(self._workers, "worker"))
+        begun, before = self._begun
+        if self.units > self.stored > before:
+            left = (self.units - self.stored) * (self.clock() - begun) / (self.stored - before)
+            parts.append(f"{timedelta(seconds=round(left))} left")
+        return ", ".join(parts)
+
+
+@contextmanager
+def shown_units(
+    progress: bool | Callable[[Progress], Any] | None,
+    pace: Pace | None = None,
+    line: Callable[[], str] | None = None,
+) -> Iterator[Callable[[Progress], None]]:
+    """Yield a function that shows each :class:`Progress` of a run as ``progress`` asks for."""
+    # Below the bars stands a `line`, by default how far the whole run is, its `pace`.
+    pace = pace or Pace()
+    grow: dict[str, Callable[[], None]] = {}
+    with shown(progress, line or pace.line) as bars:
+
+        def show(now: Progress) -> None:
+            pace.note(now)
+            if now.stored is None:
+                seeds = Counter[str]()
+                for unit in now.units:
+                    seeds[now.tuning or f"{unit.arm}: {unit.task}"] += len(unit.seeds)
+                for row, total in seeds.items():
+                    grow[row] = bars.bar(row, total)
+            else:
+                for _ in now.stored.seeds:
+                    grow[now.tuning or f"{now.stored.arm}: {now.stored.task}"]()
+                if pace.stored == len(now.units) and not now.tuning:
+                    bars.bar("forecasts and certificates")
+            bars.tell(now)
+
+        yield show
+
 
 # -- What a run finds in its folder: the units that it uses, and why it does not use others --------
 

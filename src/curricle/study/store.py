@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 from pydantic import TypeAdapter, ValidationError
 
 from curricle.comparison.plan import Unit, seed_ranges
-from curricle.curriculum.node import Node
+from curricle.curriculum.curriculum import Node
 from curricle.curriculum.result import StoredValues
 from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import (
@@ -41,7 +41,6 @@ from curricle.files import (
 )
 from curricle.learning.result import LearningResult, arrays_of, joined_results
 from curricle.learning.tabular_policy import Arrays, values_of
-from curricle.study.dependencies import differences, shown
 from curricle.study.record import (
     CurriculaRecord,
     Plain,
@@ -53,6 +52,32 @@ from curricle.study.record import (
 from curricle.study_file.schema import seeds_in_ranges
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
+
+# -- In what two descriptions of results differ, so that their results may too ---------------------
+
+MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")  # no result depends on it
+
+
+def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
+    """Yield the keys, with both values, by which two descriptions and so results may differ."""
+    if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        first, second = dict(enumerate(first)), dict(enumerate(second))
+    if not (isinstance(first, dict) and isinstance(second, dict)):
+        if first != second:
+            yield name, (first, second)
+        return
+    for key in sorted({*first, *second}):
+        place = f"{name}.{key}" if name and name != "configuration" else key
+        # The record follows from the configuration and the study's own functions.
+        if not (name == "configuration" and key in MAY_CHANGE) and place != "record":
+            yield from differences(first.get(key), second.get(key), place)
+
+
+def shown(value: Any) -> str:
+    """Return a value as text for a sentence, shortened if it is long."""
+    text = json.dumps(value)
+    return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
+
 
 # -- Folders of results: what they are called, which ones may be written to, and errors of writing
 
@@ -176,7 +201,7 @@ class DecisionRow(NamedTuple):
     lowest: float
     level: float
     rise: float
-    plateau: float
+    settled: float
     reason: str
 
 
@@ -291,8 +316,8 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 ROW_BYTES = 600  # of a decision in memory, about
 MOST_KEPT = 2**28
-"""Bytes of curves and decisions that are kept of files that were read as a whole: so a run of a
-finished study reads each once."""
+"""Bytes of curves and decisions that are kept in memory: so a run, a table and a report read each
+file once for them."""
 SCHEMA_VERSION = 4  # of the folder's layout; a folder of another version is refused
 LARGEST_JSON = 2**24
 """Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
@@ -416,7 +441,8 @@ class StudyStore:
 
     def __init__(self, path: str | Place, description: dict[str, Any] | None = None):
         self.path = place_at(path)
-        self._kept, self._room = dict[Place, tuple[NamedArrays, list[DecisionRow]]](), MOST_KEPT
+        self._curves, self._decisions = dict[Place, NamedArrays](), dict[Place, list[DecisionRow]]()
+        self._room = MOST_KEPT
         if description is not None:  # it has just been written
             self.description = description
             return
@@ -589,11 +615,8 @@ class StudyStore:
         try:
             with stored.opened(whole=True) as archive, suppress(ValueError):
                 # Whoever needs what is wrong there says so.
-                run, rows = groups_in(archive, (RUN,)), decisions_in(archive)
-                size = sum(array.nbytes for array in run.values()) + ROW_BYTES * len(rows)
-                if size <= self._room:
-                    self._room -= size
-                    self._kept[stored.path] = run, rows
+                self._keep_curves(stored, groups_in(archive, (RUN,)))
+                self._keep_decisions(stored, decisions_in(archive))
         except StoreError as error:
             if error.__cause__ is None:
                 return False
@@ -603,7 +626,8 @@ class StudyStore:
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return the stored unit."""
         stored = written_unit(self.path, unit, result)
-        self._kept.pop(stored.path, None)
+        self._curves.pop(stored.path, None)
+        self._decisions.pop(stored.path, None)
         remove_folder(self.checkpoints(unit))
         return stored
 
@@ -619,16 +643,33 @@ class StudyStore:
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
-        if groups == (RUN,) and stored.path in self._kept:
-            return self._kept[stored.path][0]
-        return stored.arrays(*groups, most=most)
+        if groups != (RUN,):
+            return stored.arrays(*groups, most=most)
+        if stored.path not in self._curves:
+            return self._keep_curves(stored, stored.arrays(RUN, most=most))
+        return self._curves[stored.path]
 
     def decisions(self, stored: StoredUnit) -> Sequence[DecisionRow]:
         """Return a unit's decisions."""
-        if stored.path in self._kept:
-            return self._kept[stored.path][1]
-        with stored.opened() as archive:
-            return decisions_in(archive)
+        if stored.path not in self._decisions:
+            with stored.opened() as archive:
+                return self._keep_decisions(stored, decisions_in(archive))
+        return self._decisions[stored.path]
+
+    def _keep_curves(self, stored: StoredUnit, curves: NamedArrays) -> NamedArrays:
+        """Keep a unit's curves where there is room for them; return them."""
+        size = sum(array.nbytes for array in curves.values())
+        if size <= self._room:
+            self._room -= size
+            self._curves[stored.path] = curves
+        return curves
+
+    def _keep_decisions(self, stored: StoredUnit, rows: list[DecisionRow]) -> list[DecisionRow]:
+        """Keep a unit's decisions where there is room for them; return them."""
+        if (size := ROW_BYTES * len(rows)) <= self._room:
+            self._room -= size
+            self._decisions[stored.path] = rows
+        return rows
 
 
 # -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------

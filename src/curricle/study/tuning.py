@@ -1,19 +1,29 @@
-"""Tuning: the trials of every arm as a study, and the best settings; main effects of sweeps."""
+"""What is settled before a study runs: the settings of its arms, or its arm, by trials.
+
+Trials are a study in a folder of their own, which goes on, fails and is stale as any study. Those
+of a study with ``choose = true`` are those of :func:`curricle.choose`: its rounds have fewer arms
+and further seeds.
+"""
 
 import math
+from collections.abc import Callable
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from curricle.comparison.opponents import OPPONENTS
+from curricle.design.candidates import source_candidates
+from curricle.design.choice import MOST, Choice, choose as choose_curriculum, options_of
 from curricle.statistics.intervals import mean_interval
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms, units_of
-from curricle.study.config import StudyConfig
+from curricle.study.config import RunTable, StudyConfig, configured, of_studies
 from curricle.study.record import TunedArm, TunedRecord
 from curricle.study.results import StudyResults
 from curricle.study.store import StudyStore, holds_study
-from curricle.study_file.vary import value_text
+from curricle.study_file.file import Positions, parsed, toml_text
+from curricle.study_file.vary import target_alone, value_text
 from curricle.text import counted
 
 # -- The trials of a study, and the study with the best of them ------------------------------------
@@ -125,3 +135,60 @@ def effects_of(results: StudyResults) -> list[Level]:
 def short(number: float) -> str:
     """Return a number in three significant digits, or as a whole number."""
     return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
+
+
+# -- the choice of an arm --------------------------------------------------------------------------
+
+NO_CURRICULUM = "no curriculum"  # the arm of a study in which none pays
+OF_BOTH = ("learner", "evaluation", "storage")  # settings that sources have as the target has them
+
+
+def trial_study(study: StudyConfig) -> StudyConfig:
+    """Return the study whose arms are those to choose from: the study's, and of candidates."""
+    arms = study.to_data()["arms"]
+    first = next(iter(arms))
+    curriculum, alone = study.curricula[first], target_alone(arms[first])
+    target, (*_, data) = curriculum.target, alone["tasks"].values()
+    found = source_candidates(study.address(first, target), most=MOST)
+    trials = {name: arm for name, arm in arms.items() if arm["transfers"]}
+    shared: dict[str, Any] = {key: data[key] for key in OF_BOTH if key in data}
+    for option in options_of(found.candidates, curriculum.node(target).most_steps):
+        name = option.candidate.name
+        source = {"type": "candidate", "of": target, "kind": option.candidate.kind, **shared}
+        source |= {"candidate": name, "budget": {"max_steps": option.steps}}
+        into = {**data, "aggregate": "minimum", "shaping": {"type": "QInitialisation"}}
+        edge = {"source": name, "target": target, "mapping": "candidate", "scale": option.scale}
+        tasks = {**alone["tasks"], target: into, name: source}
+        trials[option.name] = {"tasks": tasks, "transfers": [edge]}
+    plain: dict[str, Any] = {"choose": None, "controls": None, "scratch_learners": {}}
+    return study.varied(arms=trials, opponents=OPPONENTS, snapshots=0, **plain)
+
+
+def chosen_study(study: StudyConfig, trials: StudyConfig, choice: Choice) -> StudyConfig:
+    """Return a study with the chosen curriculum as its only arm; without sources if none pays."""
+    if choice.name:
+        arms = {choice.name: trials.to_data()["arms"][choice.name]}
+        return study.varied(arms=arms, choose=None, chosen=str(choice))
+    alone = target_alone(next(iter(study.to_data()["arms"].values())))
+    return study.varied(arms={NO_CURRICULUM: alone}, choose=None, controls=None, chosen=str(choice))
+
+
+def chosen_file(study: StudyConfig, choice: Choice, folder: Any) -> str:
+    """Return a study with its chosen arm as the text of a file in a folder."""
+    data = chosen_study(study, trial_study(study), choice).to_data()
+    (arm,) = data["arms"].values()
+    defaults = RunTable.model_validate({"name": study.name}).model_dump(mode="json")
+    run = {key: data[key] for key in defaults if key in data and data[key] != defaults[key]}
+    remark = "".join(f"# {line}\n" for line in str(choice).splitlines())
+    text = remark + toml_text({**run, "name": f"{study.name}, chosen", **arm})
+    configured(parsed(text), folder, Positions("the chosen study", text))
+    return text
+
+
+def _choosable(study: StudyConfig) -> tuple[Any, dict[str, Any]]:
+    curricula = trial_study(study).curricula
+    first = next(iter(curricula.values()))
+    return first.tasks[first.target], {"candidates": curricula, "kinds": ()}
+
+
+choose: Callable[..., Choice] = of_studies(cast(Any, choose_curriculum), _choosable)

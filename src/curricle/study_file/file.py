@@ -13,7 +13,7 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from curricle.curriculum.node import OF_TARGETS
+from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.errors import ConfigError, CurricleError
 from curricle.study_file.schema import (
     DEEP,

@@ -55,7 +55,7 @@ from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, cor
 
 from curricle.checks import BEYOND_64_BITS, LONGEST_NAME, unfit_name
 from curricle.deep.learner import DeepLearner, PolicyReuse, WeightTransfer
-from curricle.interop.encoders import FlatDict, MiniGridFullView, MiniGridView, StackedFrames
+from curricle.interop.encoders import MiniGridFullView, MiniGridView
 from curricle.learning.learners import (
     SARSA,
     DoubleQLearning,
@@ -453,24 +453,12 @@ def named(*tables: Any, function: bool = False) -> Any:
 # -- Encoders of observations: by name, as a table, or a function of the user's --------------------
 
 
-def _encoder_of(*tables: Any) -> Any:
-    return Annotated[Any, Choice(tables, simple=named(*tables, function=True))]
-
-
-_OF_A_FRAME = (
+_ENCODERS = (
     table_of(MiniGridView, tag="MiniGridView"),
     table_of(MiniGridFullView, tag="MiniGridFullView"),
-    table_of(FlatDict, tag="FlatDict", leave_out=tuple[str, ...]),
 )
-AnyEncoder: Any = _encoder_of(
-    *_OF_A_FRAME,
-    table_of(
-        StackedFrames,
-        tag="StackedFrames",
-        of=_encoder_of(*_OF_A_FRAME) | None,
-    ),
-)
-"""An encoder: ``"MiniGridView"``, ``{ type = "FlatDict", ... }`` or ``"module:function"``."""
+AnyEncoder: Any = Annotated[Any, Choice(_ENCODERS, simple=named(*_ENCODERS, function=True))]
+"""An encoder: ``"MiniGridView"``, a table of its settings or ``"module:function"``."""
 
 
 # -- Settings of learning: learner, budget, how potentials enter, evaluation, storage --------------

@@ -554,12 +554,8 @@ def _domain(makes: Any, tag: str, **types: Any) -> Any:
 
 
 _ENDS = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator(_in_order)]
-_NEEDS = _listed_or(
-    "be 'all' or a list of keys for each lock", tuple[tuple[Whole, ...], ...], "all"
-)
 _HALLWAY = _listed_or("be a hallway or a list of a row and a column", Pair, *MOVES)
 _PLACES = _listed_or("be 'uniform' or a list of positions", tuple[Whole, ...], "uniform")
-_ROWS = tuple[tuple[Number, ...], ...]
 _CAPTURES = ("all", "any", "as_published")
 MazeTask = _domain(GridWorld, "maze", ends=_ENDS)
 PursuitTask = _domain(
@@ -573,19 +569,9 @@ PursuitTask = _domain(
             other=whole_number,
         ),
     ],
-    prey=Annotated[
-        str | _ROWS,
-        word(
-            "be 'uniform', rows of probabilities, or a function as module:function",
-            ("uniform",),
-            function=True,
-            lists=_ROWS,
-        ),
-    ],
 )
 _WRITTEN: dict[str, dict[str, Any]] = {
     "four_rooms": {"goal": _HALLWAY},
-    "key_lock_pit": {"needs": _NEEDS},
     "block_dude": {"level": Annotated[int | str, BeforeValidator(_level)]},
     "river_swim": {"start": Annotated[_PLACES, AfterValidator(_in_order)]},
 }

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from curricle.curriculum.node import OF_TARGETS
+from curricle.curriculum.curriculum import OF_TARGETS
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.statistics.curves import SCRATCH
 from curricle.study_file.file import (

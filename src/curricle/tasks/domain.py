@@ -107,15 +107,15 @@ def name_of(domain: type[Domain]) -> str:
 def family_of(
     domain: type[Domain],
     factory: Callable[..., Any] | None = None,
-    *declared: Parameter,
+    *,
     mapping: Any = None,
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> TaskFamily:
-    """Return the family of a domain, named after it; `declared` parameters override annotations."""
-    name = name_of(domain)
+    """Return the family of a domain, named after it; a factory's own parameters come first."""
+    name, declared = name_of(domain), tuple[Parameter, ...]()
     if factory is not None:
         of_factory = {parameter.name for parameter in complete_parameters((), factory, name)}
-        of_domain = complete_parameters(declared, domain, name)
+        of_domain = complete_parameters((), domain, name)
         declared = tuple(parameter for parameter in of_domain if parameter.name not in of_factory)
     return TaskFamily(name, factory or domain, declared, mapping, constraint)
 

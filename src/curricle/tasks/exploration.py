@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import IntArray, frozen
+from curricle.arrays import frozen
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
@@ -20,14 +20,13 @@ from curricle.tasks.domain import (
     TimeLimit,
     family_of,
 )
-from curricle.tasks.family import FamilyMember, Parameter, Rule
+from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
-from curricle.tasks.spaces import Component, Decoded, Space, whole
+from curricle.tasks.spaces import Component, Space, whole
 
 # -- DeepSea: of the 2^N ways of a dive only one finds the treasure --------------------------------
 
 LARGEST_SEA = 1000  # rows at most: half a million states
-LARGEST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,8 @@ class DeepSea(GridDomain):
     Osband et al. 2020, "Behaviour suite for reinforcement learning" (bsuite, ``deep_sea.py``; first
     in Osband et al. 2019, "Deep exploration via randomized value functions"). A dive starts at the
     top left and goes down one row a step, one column to the left or to the right, but not past the
-    sides; it ends on the ground. A move that slips costs and pays as if it had not.
+    sides; it ends on the ground. A move that slips costs and pays as if it had not. Actions are the
+    same everywhere, as with bsuite's ``randomize_actions=False``, and rewards have no noise.
 
     Parameters
     ----------
@@ -47,12 +47,6 @@ class DeepSea(GridDomain):
         A move to the right costs ``move_cost / N``, and in the last column pays the treasure.
     slip : float
         Probability that a move to the right goes straight down; 1/N in bsuite's stochastic version.
-    noise : float
-        Added to or taken from rewards in the last row's first and last column, with probability 1/2
-        each. A noise of 1 has the mean and variance of bsuite's, N(0, 1), and tables stay exact.
-    mapping_seed : int, optional
-        Seed of bsuite's random choice, for each cell, of the action that moves right. By default it
-        is 1 everywhere and the moves have names, as with bsuite's ``randomize_actions=False``.
     start : "surface", "uniform" or cells
         At the top left, in any cell that a dive can reach, or in one of these ``(row, column)``.
     origin : int
@@ -70,8 +64,6 @@ class DeepSea(GridDomain):
     move_cost: float = 0.01
     treasure: float = 1.0
     slip: Annotated[float, Rule(0, 1, "larger")] = 0.0
-    noise: float = 0.0
-    mapping_seed: Annotated[int | None, Rule(0, LARGEST_SEED)] = None
     start: Annotated[Any, Rule(values=("surface", "uniform"))] = "surface"
     origin: Annotated[int, Rule(0, LARGEST_SEA, varies=False)] = 0
     discount: Discount = 0.99
@@ -107,62 +99,31 @@ class DeepSea(GridDomain):
         return self.origin, self.origin
 
     @cached_property
-    def actions(self) -> Space:
-        """Left and right; without names where the cells differ in which is which."""
-        return super().actions if self.mapping_seed is None else Space([Component("action", 2)])
-
-    @cached_property
-    def right(self) -> IntArray:
-        """The action that moves right in each state, (S,) int64; 1 on the ground."""
-        action = np.ones(len(self.cells), dtype=np.int64)
-        if self.mapping_seed is not None:
-            # bsuite's own generator, so that equal seeds give equal tasks.
-            sides = [self.origin + self.size] * 2
-            drawn = np.random.RandomState(self.mapping_seed).binomial(1, 0.5, sides)
-            action[~self._ends] = drawn[tuple(self.cells[~self._ends].T)]
-        return frozen(action)
-
-    @cached_property
     def mdp(self) -> FiniteMDP:
-        """The sea as tables: a row for each pair, its outcomes (moved, failed) x (plus, minus)."""
+        """The sea as tables: a row for each pair, O = moved and, where moves slip, failed."""
         row, column = (self.cells - self.origin).T[:, :, None]
         last, ways = self.size - 1, 2 if self.slip else 1
-        moves_right = np.arange(2) == self.right[:, None]
+        moves_right = np.arange(2) == 1
         to = np.clip(column + np.where(moves_right, 1, -1), 0, last)
         to = np.stack([to, np.broadcast_to(column, to.shape)], axis=-1)[..., :ways]
         below = np.minimum(row + 1, self.size)[..., None]
-        after = self.states.encode(row=below + self.origin, column=to + self.origin)
         fails = np.where(moves_right, self.slip, 0.0)
-        chance = np.stack([1 - fails, fails], axis=-1)[..., :ways]
         paid = self.treasure * (moves_right & (column == last))
         paid = paid - self.move_cost / self.size * moves_right
-        noise = np.where((row == last) & np.isin(column, (0, last)), self.noise, 0.0)
-        pays = [paid + noise, paid - noise] if self.noise else [paid]
         return self._tables(
-            np.repeat(chance / len(pays), len(pays), axis=-1),
-            np.repeat(after, len(pays), axis=-1),
-            np.stack(pays * ways, axis=-1),
+            np.stack([1 - fails, fails], axis=-1)[..., :ways],
+            self.states.encode(row=below + self.origin, column=to + self.origin),
+            np.stack([paid] * ways, axis=-1),
         )
 
 
 def _from_the_ground(target: FamilyMember, source: FamilyMember) -> Any:
-    """Return how a sea reads another: cells counted from the ground and the right, by move."""
+    """Return how a sea reads another: cells counted from the ground and the right."""
     down = target["size"] - source["size"]
-    sea, part = target.task, source.task
-
-    def function(states: Decoded, actions: Decoded) -> tuple[Decoded, Decoded]:
-        (action,) = actions.values()
-        read = {name: value - down for name, value in states.items()}
-        is_right = action == sea.right[sea.states.encode(**states)]
-        right = part.right[np.maximum(part.states.encode(**read), 0)]
-        return read, {part.actions.names[0]: np.where(is_right, right, 1 - right)}
-
-    return function
+    return lambda states, moves: ({name: value - down for name, value in states.items()}, moves)
 
 
-deep_sea_family = family_of(
-    DeepSea, None, Parameter("noise", low=0, harder="larger"), mapping=_from_the_ground
-)
+deep_sea_family = family_of(DeepSea, mapping=_from_the_ground)
 """Deep seas (:class:`DeepSea`); members map cell by cell, counted from the ground and the right."""
 
 

@@ -3,7 +3,7 @@
 import importlib
 import inspect
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -130,16 +130,6 @@ class Parameter:
             value = whole_number(name, value, int(low), TaskError)
             number(name, value, TaskError, low, high)
         return value
-
-    def choices(self, family: str) -> tuple[Any, ...]:
-        """Return all values in order; TaskError where they are too many to be listed."""
-        known = self._between(self.low, self.high)
-        if known is None:
-            raise TaskError(
-                f"{self.name} of {family} has too many values to list, {self.listed()}: give the "
-                "values"
-            )
-        return (*known, None) if self.optional else tuple(known)
 
     def _between(self, first: float | None, last: float | None) -> Any:
         """Return all values, or whole numbers from first to last; None where they are too many."""
@@ -343,8 +333,8 @@ class TaskFamily(Frozen):
     ...     Parameter("capture", values=["any", "all"])])
     >>> hunts(size=4, predators=1)
     hunt(predators=1)
-    >>> [member["size"] for member in hunts.members(size=range(3, 6), predators=2)]
-    [3, 4, 5]
+    >>> list(hunts.easier(hunts(size=3, predators=1)))
+    [hunt(size=2, predators=1)]
     """
 
     name: str
@@ -392,26 +382,6 @@ class TaskFamily(Frozen):
             raise TaskError(f"{refused}: got {member}")
         return member
 
-    def members(self, /, **values: Any) -> Iterator["FamilyMember"]:
-        """Yield the members of all combinations of values that the constraint does not refuse.
-
-        A parameter has one value or several in an iterable; one that is left out has its default,
-        or all its values if it has none.
-        """
-        for name in values:
-            self.parameter(name)
-        columns = list[tuple[Any, ...]]()
-        for parameter in self.parameters:
-            if parameter.name in values:
-                chosen = values[parameter.name]
-                several = isinstance(chosen, Iterable) and not isinstance(chosen, str)
-                listed = chosen if several else (chosen,)
-                columns.append(tuple(parameter.checked(value, self.name) for value in listed))
-            else:
-                required, default = parameter.required, parameter.default
-                columns.append(parameter.choices(self.name) if required else (default,))
-        yield from self._allowed(columns)
-
     def easier(self, member: "FamilyMember") -> Iterator["FamilyMember"]:
         """Yield the members that are easier in at least one parameter and harder in none.
 
@@ -422,11 +392,10 @@ class TaskFamily(Frozen):
             raise TaskError(f"{self.name}.easier needs a member of {self.name}: got {member}")
         pairs = zip(self.parameters, member.values, strict=True)
         columns = [(*parameter.easier_than(value), value) for parameter, value in pairs]
-        yield from (easier for easier in self._allowed(columns) if easier.values != member.values)
-
-    def _allowed(self, columns: list[tuple[Any, ...]]) -> Iterator["FamilyMember"]:
-        members = (FamilyMember(self, values) for values in product(*columns))
-        yield from (member for member in members if not member.refusal())
+        for values in product(*columns):
+            easier = FamilyMember(self, values)
+            if values != member.values and not easier.refusal():
+                yield easier
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter of that name; TaskError lists the names otherwise."""

@@ -319,10 +319,7 @@ class ComputedMDP:
         )
 
     def __repr__(self) -> str:
-        return (
-            f"ComputedMDP({counted(self.states.size, 'state')}, "
-            f"{counted(self.actions.size, 'action')}, discount {self.discount:g})"
-        )
+        return described(self)
 
 
 def _compiled(name: str, function: Callable[..., Any], kinds: Any, wanted: str) -> Any:

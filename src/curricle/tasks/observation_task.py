@@ -27,7 +27,7 @@ class EnvironmentMaker:
 
     def __post_init__(self) -> None:
         if self.encode is not None and not callable(self.encode):
-            raise TaskError(f"encode must be an encoder, such as FlatDict(): got {self.encode!r}")
+            raise TaskError(f"encode must be a wrapper of environments: got {self.encode!r}")
 
     def __call__(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment."""
@@ -43,7 +43,7 @@ class EnvironmentMaker:
         except Exception as error:
             raise TaskError(
                 f"{rule}: {_text(self.encode)} failed with {type(error).__name__}: {error}; "
-                "FunctionEncoder makes an encoder of a function of observations"
+                "gymnasium.wrappers.TransformObservation applies a function to observations"
             ) from error
         if not isinstance(encoded, gymnasium.Env):
             raise TaskError(f"{rule}: {_text(self.encode)} returned {encoded!r}")
@@ -158,7 +158,7 @@ class ObservationTask:
     def shapes(self) -> str:
         """The spaces of observations and actions, such as ``Box(2,) -> Discrete(3)``."""
         return " -> ".join(
-            f"Box{space.shape}" if isinstance(space, Box) else space_text(space)
+            f"Box{space.shape}" if isinstance(space, Box) else stable_text(space)
             for space in self._inspected[:2]
         )
 
@@ -186,14 +186,17 @@ def named(function: Callable[..., Any]) -> str:
 
 
 def _text(function: Callable[..., Any]) -> str:
-    """Return a function as text: a dataclass, such as an encoder, with its settings."""
-    return str(function) if is_dataclass(type(function)) else named(function)
+    """Return a function as text: a dataclass (an encoder) or a partial with its settings."""
+    settings = is_dataclass(type(function)) or isinstance(function, partial)
+    return stable_text(function) if settings else named(function)
 
 
 def _alike(left: Any, right: Any) -> bool:
     """Return whether two arguments are equal, including arrays in them."""
     if isinstance(left, EnvSpec) and isinstance(right, EnvSpec):
         left, right = vars(left), vars(right)
+    if isinstance(left, partial) and isinstance(right, partial):
+        left, right = ((part.func, part.args, part.keywords) for part in (left, right))
     if isinstance(left, Mapping) and isinstance(right, Mapping):
         return left.keys() == right.keys() and all(_alike(left[key], right[key]) for key in left)
     if isinstance(left, list | tuple) and isinstance(right, list | tuple):
@@ -203,9 +206,9 @@ def _alike(left: Any, right: Any) -> bool:
     return bool(left == right)
 
 
-def space_text(space: gymnasium.Space[Any]) -> str:
-    """Return a space as text that is the same in every process."""
-    return re.sub(r" at 0x[0-9a-f]+", "", str(space))
+def stable_text(value: Any) -> str:
+    """Return a space, or a function with arguments, as text that is the same in every process."""
+    return re.sub(r" at 0x[0-9a-f]+", "", str(value))
 
 
 def is_observation_task(task: Any) -> bool:

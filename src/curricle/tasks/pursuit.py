@@ -8,13 +8,13 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, IntArray, adopted, frozen
-from curricle.checks import check_memory, numbers
+from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
+from curricle.checks import check_memory
 from curricle.errors import TaskError
 from curricle.tasks.domain import Discount, Domain, TimeLimit, family_of, numbered_names
 from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
 from curricle.tasks.kernel import inverse_of, quotient, splitmix64, uniform
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, normalised
+from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import (
     FactoredModel,
     cumulated,
@@ -44,22 +44,20 @@ class Pursuit(Domain):
     """Predators and a prey on a `size` x `size` grid; a step costs 1 until the prey is caught.
 
     A state holds the cells of the prey and of each predator, which may share a cell. An action is a
-    move for each predator. Episodes start uniformly in the states without a caught prey.
+    move for each predator; the prey's moves are equally likely. Episodes start uniformly in the
+    states without a caught prey.
 
     Parameters
     ----------
     size, predators : int
         Cells per side, 2 to 1000, and how many chase the prey, 1 to 100.
     moves : {4, 5}
-        North, east, south, west; 5 adds staying (for predators and prey).
+        North, east, south, west; 5 adds staying.
     torus : bool
         Whether the grid wraps round; otherwise a move beyond its edge is staying.
     capture : {"all", "any", "as_published"} or int
         How many predators on the prey's cell end the episode with the capture reward. By
         "as_published" the first predator ends it, but only all of them earn the reward.
-    prey : "uniform", array or callable
-        The prey's policy: (cells, moves) probabilities by its own cell, (S, moves) by state, or a
-        function from the decoded states (name -> (S,) cells) to (S, moves).
     step_reward, capture_reward : float
         Rewards of a step that does not / does catch the prey.
     discount, time_limit
@@ -77,7 +75,6 @@ class Pursuit(Domain):
     moves: Literal[4, 5] = 5
     torus: bool = False
     capture: Capture = "all"
-    prey: Any = "uniform"
     step_reward: float = -1.0
     capture_reward: float = 0.0
     discount: Discount = 0.99
@@ -91,17 +88,6 @@ class Pursuit(Domain):
                 "capture must be 'all', 'any', 'as_published' or a number of predators from 1 to "
                 f"{self.predators}: got {capture!r}"
             )
-        prey: Any = self.prey
-        if not callable(prey) and not (isinstance(prey, str) and prey == "uniform"):
-            policy = numbers("the prey's policy", [] if isinstance(prey, str) else prey, TaskError)
-            if policy.ndim != 2:
-                raise TaskError(
-                    "prey must be 'uniform', a table (cells, moves) or (S, moves), or a function: "
-                    f"got {prey!r}"
-                )
-            # Nested tuples keep the task a value that compares and hashes.
-            object.__setattr__(self, "prey", tuple(map(tuple, policy.tolist())))
-            self._prey_policy()
 
     @property
     def cells(self) -> int:
@@ -145,15 +131,12 @@ class Pursuit(Domain):
             )
         joint = self.actions.decode()
         single = np.stack([joint[name] for name in reversed(self.predator_names)], axis=1)
-        chances = cumulated(self._prey_policy())
-        if (chances == chances[0]).all():
-            chances = chances[:1]
         return PursuitModel(
             (None,) * self.predators,
             np.uint64(self.cells),
             inverse_of(self.cells, self.states.size),
             padded_moves(self.landing.astype(np.int32), 0),
-            padded_moves(chances, 1.0),
+            padded_moves(cumulated(np.full((1, self.moves), 1 / self.moves)), 1.0),
             frozen(single.astype(np.int32).ravel()),
             np.uint64(self.cells**self.predators),
             np.uint64(self._needed[0]),
@@ -170,15 +153,12 @@ class Pursuit(Domain):
 
     @cached_property
     def factored_model(self) -> FactoredModel | None:
-        """The rules without tables, for exact planning; None if too large or the prey reacts."""
+        """The rules without tables, for exact planning; None if too large."""
         if self.states.size > LARGEST_SPACE:
-            return None
-        policy = self._prey_policy()
-        if len(policy) != self.cells:
             return None
         return FactoredModel(
             landing=frozen(self.landing.astype(np.int32)),
-            prey_policy=adopted(policy, np.float64),
+            prey_policy=frozen(np.full((self.cells, self.moves), 1 / self.moves)),
             predators=self.predators,
             rewards=frozen(self._rewards),
             ends=frozen(self._ends),
@@ -194,7 +174,7 @@ class Pursuit(Domain):
                 f"a task's tables may hold at most {LARGEST_TABLE:,} state-action pairs: this "
                 f"pursuit has {n_states:,} states x {n_actions} actions"
             )
-        policy, positions = self._prey_policy(), np.int32(self.cells**self.predators)
+        positions = np.int32(self.cells**self.predators)
         landing = self.landing.astype(np.int32)
         # States are (prey, predators): `positions` of them for each cell of the prey.
         base = np.arange(self.cells, dtype=np.int32) * positions
@@ -202,15 +182,9 @@ class Pursuit(Domain):
         next_state = base[landing][:, None, :] + np.arange(positions, dtype=np.int32)[:, None]
         outcome_row = outcome_row.reshape(n_states, n_actions)
         next_state = next_state.reshape(n_states, self.moves)
-        if len(policy) == self.cells:
-            probability = np.repeat(policy, positions, axis=0)
-        else:  # the prey reacts to the predators: every pair has a row of its own
-            probability = np.repeat(policy, n_actions, axis=0)
-            next_state = next_state[outcome_row.ravel()]
-            outcome_row = np.arange(outcome_row.size, dtype=np.int32).reshape(outcome_row.shape)
         rewards = self._rewards[predators_on_prey(self.cells, self.predators)]
         return self._tables(
-            frozen(probability),
+            frozen(np.full(next_state.shape, 1 / self.moves)),
             frozen(next_state),
             frozen(rewards[next_state]),
             terminal=self.terminal,
@@ -236,28 +210,6 @@ class Pursuit(Domain):
         caught = np.arange(self.predators + 1) >= self._needed[1]
         return np.where(caught, float(self.capture_reward), float(self.step_reward))
 
-    def _prey_policy(self) -> FloatArray:
-        """The prey's move probabilities, (cells, moves) or (S, moves)."""
-        prey: Any = self.prey
-        if prey == "uniform":
-            return np.full((self.cells, self.moves), 1 / self.moves)
-        decided = prey(self.states.decode()) if callable(prey) else prey
-        policy = normalised(np.asarray(decided, dtype=np.float64))
-        if policy.shape not in ((self.cells, self.moves), (self.states.size, self.moves)):
-            raise TaskError(
-                f"the prey's policy must have shape ({self.cells}, {self.moves}) or "
-                f"({self.states.size}, {self.moves}): got {policy.shape}"
-            )
-        with np.errstate(over="ignore"):
-            wrong_sum = ~(abs(policy.sum(1) - 1) < PROBABILITY_TOLERANCE)
-        bad = np.flatnonzero((policy < 0).any(1) | wrong_sum)
-        if bad.size:
-            raise TaskError(
-                "the prey's probabilities must not be negative and sum to 1: row "
-                f"{bad[0]} is {policy[bad[0]].tolist()}"
-            )
-        return policy
-
 
 # -- sampling, compiled ----------------------------------------------------------------------------
 
@@ -272,7 +224,7 @@ class PursuitModel(NamedTuple):
     cells: np.uint64
     inverse: np.uint64  # 2^64 / cells
     landing: npt.NDArray[np.int32]  # (cells * MOVE_ENTRIES,)
-    prey_cumulative: FloatArray  # (rows * MOVE_ENTRIES,) probabilities of the prey's moves
+    prey_cumulative: FloatArray  # (MOVE_ENTRIES,) probabilities of the prey's moves
     single_moves: npt.NDArray[np.int32]  # (A * predators,) of each joint action, last one first
     positions: np.uint64  # joint positions of the predators: cells^predators
     to_end: np.uint64  # predators on the prey's cell that end the episode
@@ -304,18 +256,14 @@ def _start(model, bits):
 
 @transitions.body(PursuitModel)
 def _step(model, state, action, bits):
-    """Move the prey by its policy and the predators by the joint action."""
+    """Move the prey at random and the predators by the joint action."""
     cells, predators = model.cells, np.uint64(len(model.predators))
     prey = state
     for _ in range(predators):  # the last predator's cell varies fastest in a state's number
         prey = quotient(prey, model.inverse)
-    rows, chance = np.uint64(model.prey_cumulative.shape[0]), uniform(bits)
-    row = np.uint64(0)
-    if rows > np.uint64(MOVE_ENTRIES):
-        row = prey if rows == cells * np.uint64(MOVE_ENTRIES) else state
-    move = np.uint64(0)
+    chance, move = uniform(bits), np.uint64(0)
     for i in range(np.uint64(MOVE_ENTRIES - 1)):
-        move += np.uint64(chance >= model.prey_cumulative[row * np.uint64(MOVE_ENTRIES) + i])
+        move += np.uint64(chance >= model.prey_cumulative[i])
     prey = np.uint64(model.landing[prey * np.uint64(MOVE_ENTRIES) + move])
 
     next_state, weight, together = prey * model.positions, np.uint64(1), np.uint64(0)

@@ -28,7 +28,7 @@ from curricle.tasks.domain import (
 )
 from curricle.tasks.family import FamilyMember, Rule
 from curricle.tasks.mdp import FiniteMDP
-from curricle.tasks.spaces import MISSING, Component, Decoded, Space, whole
+from curricle.tasks.spaces import MISSING, Component, Decoded, Space
 
 # -- four rooms ------------------------------------------------------------------------------------
 
@@ -221,17 +221,14 @@ class KeyLockPit(MapDomain):
     reinforcement learning"); their beacons are features and have no counterpart in a table.
 
     The agent moves one cell; a wall or the edge leaves it where it is. In a cell with a key it can
-    pick the key up, in a cell with a lock it can open the lock if it holds the keys that the lock
-    depends on. The episode ends in a pit, or when all locks are open; without locks, when all keys
-    are held.
+    pick the key up, in a cell with a lock it can open the lock if it holds all keys. The episode
+    ends in a pit, or when all locks are open; without locks, when all keys are held.
 
     Parameters
     ----------
     map : str or sequence of str
         One line a row, north first. ``S`` start, ``K`` key, ``L`` lock, ``P`` pit, ``#`` wall,
         ``.`` free; at least one key or lock.
-    needs : "all" or lists of int
-        For each lock the keys that it depends on, both in reading order, numbered from 1.
     key_reward, lock_reward, pit_reward, step_reward : float
         Of picking up a key, of opening a lock, of falling into a pit and of every other action.
     start : "map", "uniform" or cells
@@ -250,7 +247,6 @@ class KeyLockPit(MapDomain):
     """
 
     map: Any = ROOM
-    needs: Any = "all"
     key_reward: float = 500.0
     lock_reward: float = 1000.0
     pit_reward: float = -200.0
@@ -269,21 +265,6 @@ class KeyLockPit(MapDomain):
     def _check(self) -> None:
         self._read_map(self.map, "KL", "a map needs a key K or a lock L")
         keys, locks = len(self._keys), len(self._locks)
-        if self.needs != "all":
-            needs: list[Any] = [*self.needs] if isinstance(self.needs, list | tuple) else []
-            if len(needs) != locks or not all(isinstance(needed, list | tuple) for needed in needs):
-                raise TaskError(
-                    f"needs must be 'all' or a list of keys for each of the {locks} locks: got "
-                    f"{self.needs!r}"
-                )
-            for i, needed in enumerate(needs):
-                numbers = whole(needed, "the keys of a lock")
-                if numbers.ndim != 1 or ((numbers < 1) | (numbers > keys)).any():
-                    raise TaskError(
-                        f"the keys of a lock must be numbers from 1 to {keys}: got {needed!r}"
-                    )
-                needs[i] = tuple(sorted(set(numbers.tolist())))
-            object.__setattr__(self, "needs", tuple(needs))
         objects = keys + locks
         if 2**objects * len(self.cells) > LARGEST_SPACE:
             raise TaskError(
@@ -307,18 +288,7 @@ class KeyLockPit(MapDomain):
         Objects outside are removed, keys outside count as held. A key or a lock must be left.
         """
         part = cut(self.map, self.origin, rows, columns)
-
-        def remaining(cells: IntArray) -> list[int]:
-            inside = (cells >= (rows[0], columns[0])) & (cells < (rows[1], columns[1]))
-            return np.flatnonzero(inside.all(axis=1)).tolist()
-
-        keys, needs = remaining(self._keys), self.needs
-        if needs != "all":
-            needs = tuple(
-                tuple(keys.index(key - 1) + 1 for key in needs[lock] if key - 1 in keys)
-                for lock in remaining(self._locks)
-            )
-        return replace(self, map=part, needs=needs, start=start, origin=(rows[0], columns[0]))
+        return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
 
     @cached_property
     def states(self) -> Space:
@@ -332,9 +302,7 @@ class KeyLockPit(MapDomain):
         keys, last = len(self._keys), self._locks if len(self._locks) else self._keys
         points = list[IntArray]()
         for status in product((0, 1), repeat=keys + len(self._locks)):
-            # Open locks have their keys held.
-            locks = zip(status[keys:], self._keys_of, strict=True)
-            if all(not opened or all(status[key] for key in needed) for opened, needed in locks):
+            if all(status[:keys]) or not any(status[keys:]):  # open locks have all keys held
                 cells = last if all(status) else self.cells
                 points.append(np.column_stack([cells, np.tile(status, (len(cells), 1))]))
         return Space(axes, np.concatenate(points))
@@ -353,13 +321,6 @@ class KeyLockPit(MapDomain):
     def _locks(self) -> IntArray:
         return self.cells[self._holds("L")]
 
-    @property
-    def _keys_of(self) -> list[set[int]]:
-        """The keys of each lock, numbered from 0."""
-        if self.needs == "all":
-            return [set(range(len(self._keys)))] * len(self._locks)
-        return [{key - 1 for key in keys} for keys in self.needs]
-
     @cached_property
     def mdp(self) -> FiniteMDP:
         """The task as tables: a row for entering each state by a move, one for using its object."""
@@ -371,10 +332,9 @@ class KeyLockPit(MapDomain):
         used, paid = here.copy(), np.full(len(here), self.step_reward)
         picks, opens = np.zeros((2, len(here)), bool)
         held, keys = states.points[:, 2:] == 1, len(self._keys)
-        needs = [set[int]()] * keys + self._keys_of
         for i, (row, column) in enumerate([*self._keys, *self._locks]):
             can = (values["row"] == row) & (values["column"] == column) & ~held[:, i]
-            can &= held[:, sorted(needs[i])].all(axis=1)
+            can &= (i < keys) | held[:, :keys].all(axis=1)  # a lock needs all keys
             changed = {**values, states.names[2 + i]: np.ones_like(here)}
             used[can] = states.encode(**{name: value[can] for name, value in changed.items()})
             paid[can] = self.key_reward if i < keys else self.lock_reward

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from operator import index
 from typing import Any
 
@@ -100,6 +101,16 @@ class Component:
     def label(self, value: int) -> str:
         """Return how `value` prints."""
         return str(value) if self.labels is None else self.labels[value - self.low]
+
+    def value(self, wanted: Any) -> int:
+        """Return the value that a number or a label names; TaskError if there is none."""
+        if isinstance(wanted, str) and wanted in (self.labels or ()):
+            return self.low + (self.labels or ()).index(wanted)
+        is_number = isinstance(wanted, Real) and not isinstance(wanted, bool)
+        if is_number and self.low <= wanted <= self.high and wanted == int(wanted):
+            return int(wanted)
+        ends = f"{self.label(self.low)} to {self.label(self.high)}"
+        raise TaskError(f"{self.name} runs from {ends}: got {wanted!r}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.mdp import FiniteMDP, edges_of, reachable_states, tables
-from curricle.tasks.spaces import MISSING, Component, Space
+from curricle.tasks.mdp import FiniteMDP, reachable_states, steps_to, tables
+from curricle.tasks.spaces import MISSING, Space
 from curricle.text import counted
 
 Goal = npt.ArrayLike | Mapping[str, Any] | None
@@ -198,18 +198,9 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     >>> goal_distance(GridWorld(["S.PT", ".#.."]))  # a wall between south-west and south-east
     array([-1, -1, -1,  0, -1,  2,  1])
     """
-    # Imported here: every task imports this module's neighbours, and SciPy's import takes time.
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
-
     mdp = tables(task)
     wanted = goal_states(mdp, goal)
-    nodes = len(mdp.terminal) + len(mdp.probability)
-    source, target = edges_of(mdp)
-    backwards = np.ones(len(source), np.bool_), (target, source)
-    graph = csr_array(backwards, shape=(nodes, nodes))
-    edges = dijkstra(graph, indices=np.flatnonzero(wanted), unweighted=True, min_only=True)
-    far = edges[: len(mdp.terminal)] / 2  # a step is an edge to a row and one from it
+    far = steps_to(mdp, wanted, wanted | ~mdp.terminal)
     return np.where(np.isfinite(far), far, -1).astype(np.int64)
 
 
@@ -228,7 +219,7 @@ def goal_states(task: Any, goal: Goal = None) -> BoolArray:
         for name, wanted in goal.items():
             component = mdp.states.component(name)
             several = isinstance(wanted, Iterable) and not isinstance(wanted, str)
-            listed = [_value(component, value) for value in (wanted if several else [wanted])]
+            listed = [component.value(value) for value in (wanted if several else [wanted])]
             states &= np.isin(values[name], listed)
     elif states.dtype != np.bool_:
         states = _flags(n_states, indices("the states of a goal", goal, n_states, TaskError))
@@ -247,17 +238,3 @@ def _flags(n_states: int, states: Any) -> BoolArray:
     flags = np.zeros(n_states, dtype=bool)
     flags[states] = True
     return flags
-
-
-def _value(component: Component, wanted: Any) -> int:
-    """Return the value of a component that a number or a label names."""
-    labels, name = component.labels or (), f"{component.name} of a goal"
-    if isinstance(wanted, str):
-        if wanted not in labels:
-            known = ", ".join(labels) or "numbers"
-            raise TaskError(f"{name} must be one of {known}: got {wanted!r}")
-        return component.low + labels.index(wanted)
-    value = whole_number(name, wanted, component.low, TaskError)
-    if value > component.high:
-        raise TaskError(f"{name} must lie in {component.low}..{component.high}: got {value}")
-    return value

@@ -1,5 +1,4 @@
 from .teachers import (
-    TSCL as TSCL,
     Episode as Episode,
     Learnability as Learnability,
     PrioritizedLevelReplay as PrioritizedLevelReplay,

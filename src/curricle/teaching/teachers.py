@@ -113,53 +113,6 @@ class Uniform:
         return memory
 
 
-class Progress(NamedTuple):
-    """The memory of :class:`TSCL`."""
-
-    progress: FloatArray  # (M,) Q_i
-    last: FloatArray  # (M,) the latest return in a task; NaN before the first
-
-
-@dataclass(frozen=True)
-class TSCL:
-    """Teacher-student curriculum learning, algorithm "Online" (Matiisen et al. 2017).
-
-    After an episode with discounted return x in task i, where the episode before returned x':
-    Q_i += learning_rate ((x - x') - Q_i). The next task has the largest learning progress
-    ``|Q_i|``, ties at random, and is any task with probability epsilon. The first return in a task
-    only sets x': the paper's scores begin at 0, returns need not. Both settings are in [0, 1].
-
-    Examples
-    --------
-    >>> teacher = TSCL(epsilon=0.2)
-    >>> teacher.probabilities(Progress(np.array([0.5, -2.0]), np.zeros(2)))
-    array([0.1, 0.9])
-    """
-
-    learning_rate: float = 0.1
-    epsilon: float = 0.1
-
-    def __post_init__(self) -> None:
-        _check_shares(self, "learning_rate", "epsilon")
-
-    def start(self, n_tasks: int) -> Progress:
-        """Return the memory without progress."""
-        return Progress(np.zeros(n_tasks), np.full(n_tasks, np.nan))
-
-    def update(self, memory: Progress, episode: Episode) -> Progress:
-        """Return the memory with the change of return since the last episode in this task."""
-        progress, last, i = memory.progress.copy(), memory.last.copy(), episode.task
-        before, last[i] = last[i], episode.discounted_return
-        if not np.isnan(before):
-            progress[i] += self.learning_rate * ((last[i] - before) - progress[i])
-        return Progress(progress, last)
-
-    def probabilities(self, memory: Progress) -> FloatArray:
-        """Return epsilon / M for all tasks, and the rest for tasks of the largest progress."""
-        size = np.abs(memory.progress)
-        return mixed(equally(size == size.max()), self.epsilon)
-
-
 class Outcomes(NamedTuple):
     """The last `n` successes and failures in a task, the oldest first."""
 

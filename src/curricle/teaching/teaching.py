@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
 from curricle.checks import text
-from curricle.display import block, table
+from curricle.display import printed
 from curricle.errors import SettingError, TaskError
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
-from curricle.learning.result import LearningResult, learning_result, learnt_curve, learnt_table
+from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.run import Run, given_or_default, stopping_kernel, train_all
 from curricle.learning.seeds import SeedSettings, seed_settings, threads_for
 from curricle.learning.stopping import Budget, limits, longest_run, spacing
@@ -94,14 +94,7 @@ class TeachingResult(Frozen):
         tasks, learning = counted(len(self.tasks), "task"), repr(self.learning)
         return f"TeachingResult({brief_value(self.teacher)}, {tasks}, {learning})"
 
-    def _repr_html_(self) -> str:
-        episodes, steps = self.counts[:, -1].mean(axis=0), self.steps_per_task.mean(axis=0)
-        head = ["task", "episodes a seed", "steps a seed", "probability in the end"]
-        last = self.probabilities[:, -1].mean(axis=0)
-        rows = zip(self.tasks, episodes, steps, (f"{share:.0%}" for share in last), strict=True)
-        title = f"Tasks chosen by {brief_value(self.teacher)}"
-        learnt = learnt_table({"target": self.learning}, {})
-        return block(title, learnt_curve(self.learning), learnt, table(head, rows))
+    _repr_html_ = printed
 
 
 def teach(

@@ -2,7 +2,6 @@ from .aggregate import maximum as maximum, mean as mean, minimum as minimum, tot
 from .bisimulation import (
     by_homomorphism as by_homomorphism,
     by_lax_bisimulation as by_lax_bisimulation,
-    lax_bisimulation as lax_bisimulation,
 )
 from .by_components import (
     ComponentMapping as ComponentMapping,
@@ -33,7 +32,11 @@ from .potential import (
     MappedPotential as MappedPotential,
     ObservationPotential as ObservationPotential,
 )
-from .scores import fitted_unmapped_value as fitted_unmapped_value, score_mapping as score_mapping
-from .search import auto_mapping as auto_mapping, find_mappings as find_mappings
+from .search import (
+    auto_mapping as auto_mapping,
+    find_mappings as find_mappings,
+    fitted_unmapped_value as fitted_unmapped_value,
+    score_mapping as score_mapping,
+)
 from .transfer import Calibrate as Calibrate, Transfer as Transfer
 from .warping import by_component_warping as by_component_warping

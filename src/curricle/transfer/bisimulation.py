@@ -6,23 +6,19 @@ actions of a state may be relabelled: each action of two equivalent states has o
 the same expected reward and chance of each block. Equivalent pairs then have the same Q*, also in
 several tasks that are refined jointly.
 
-Lax bisimulation needs no exact correspondence: it gives distances between the states of two tasks
-that bound how far their values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
+Lax bisimulation needs no exact correspondence: each pair reads the nearest pair, by distances that
+bound how far values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import MappingError
-from curricle.progress import SILENT, Bars, Progress, shown
 from curricle.tasks.kernel import compiled_once
-from curricle.tasks.mdp import Task, tables
-from curricle.text import brief_repr
 from curricle.transfer.mapping import ENDED, UNMAPPED
 from curricle.transfer.pair import Proposal, TaskPair, apart
 
@@ -41,8 +37,7 @@ class Model(NamedTuple):
     terminal: BoolArray  # (S,)
 
 
-@dataclass(frozen=True, eq=False)
-class Blocks:
+class Blocks(NamedTuple):
     """The blocks of one task; equal numbers mean equivalent, also in tasks refined with it."""
 
     states: IntArray  # (S,) all terminal states are one block
@@ -383,10 +378,11 @@ class Quotient(NamedTuple):
     after: Numbers  # (Y, O) blocks
     width: Numbers  # (Y,) outcomes
     best: FloatArray  # (B,) V*
+    blocks: Blocks  # the block of each state, and the kind of each pair
 
 
-def quotient(model: Model, values: FloatArray) -> tuple[Quotient, Blocks]:
-    """Return a task up to bisimulation, and the block and kind of each of its states and pairs."""
+def quotient(model: Model, values: FloatArray) -> Quotient:
+    """Return a task up to bisimulation."""
     (blocks,) = refined([model])
     live = np.flatnonzero(blocks.pairs.ravel() >= 0)
     of_live = blocks.pairs.ravel()[live]
@@ -413,15 +409,15 @@ def quotient(model: Model, values: FloatArray) -> tuple[Quotient, Blocks]:
     reached = np.ascontiguousarray(after[:, :kept], np.int32)
     chance = np.ascontiguousarray(chance[:, :kept])
     kinds_of = Blocks(blocks.states, pairs)
-    return Quotient(listed, reward, chance, reached, width, values[state]), kinds_of
+    return Quotient(listed, reward, chance, reached, width, values[state], kinds_of)
 
 
 def fixed_point(
-    target: Quotient, source: Quotient, discount: float, tolerance: float, bars: Bars = SILENT
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return d of states (B, B') and of pairs (Y, Y'), and how far they may be off."""
+    target: Quotient, source: Quotient, discount: float, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return d of states (B, B') and of pairs (Y, Y')."""
     # Iteration ends where the error is at most `tolerance` times the largest distance, or after the
-    # most rounds: the distances are then further off, by no more than is said.
+    # most rounds.
     nodes = target.chance.shape[1] + source.chance.shape[1]
     random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
     pairs = np.empty((len(target.reward), len(source.reward)))
@@ -437,8 +433,6 @@ def fixed_point(
         change = back_up_states(target.pairs, source.pairs, pairs, states, rests_on)
         error = discount / (1 - discount) * change
         most = max(most, float(states.max()))
-        bars.at("rounds", rounds - left)
-        bars.tell(error)
         if error <= tolerance * most or left == 0:
             break
         helps, last = helps and change < last, change
@@ -452,7 +446,7 @@ def fixed_point(
             fill_couplings(target, source, tree, rests_on, states.shape[1], couplings)
             difference = abs(target.reward[y] - source.reward[z])
             follow(couplings, difference, states.reshape(-1), discount, SWEEPS)
-    return states, pairs, error
+    return states, pairs
 
 
 @compiled_once
@@ -573,58 +567,18 @@ LARGEST_ROUND = MOST_WORK // 10
 """Pairs of their outcomes, so that there is time for ten rounds at least."""
 
 
-@dataclass(frozen=True, eq=False)
-class LaxBisimulation(Frozen):
-    """Distances between two tasks that bound the difference of their values, in return units."""
+def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
+    """Yield the mappings to the nearest pair, and to the nearest pair of the nearest state.
 
-    states: FloatArray  # (S, S') abs(V*(s) - V*(u)) is at most this
-    nearest: IntArray  # (S, A) source pair s' * A' + a', `ENDED` at its end and in terminal states
-    pairs: FloatArray  # (S, A) abs(Q*(s, a) - Q*(nearest pair)) is at most this, 0 in terminal ones
-    error: float  # how far the distances may be above those of the fixed point: a part of them
-
-    __repr__ = brief_repr
-
-
-def lax_bisimulation(
-    target: Task, source: Task, *, tolerance: float = TOLERANCE, progress: Progress = None
-) -> LaxBisimulation:
-    """Return the distances of lax bisimulation between two tasks with tables.
-
-    The fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is the
-    Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
+    Distances are the fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is
+    the Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
     nothing for ever. Where discounts differ, the source's rewards are rewritten so that its V*
     solves the equation of the target's discount.
 
-    Iteration ends at most `tolerance` below the fixed point, in units of the largest distance, and
-    after some minutes at most; the remaining error is added, so that the bounds hold in any case.
-    `progress` counts the rounds if it is True; a function is called after each with the error.
-
     Raises
     ------
-    TaskError
-        When a task has no tables.
     MappingError
-        When a discount is 1, the tasks are too large, or a pair has more than 120 outcomes.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> distances = lax_bisimulation(GridWorld("S.T"), GridWorld("T.S"))
-    >>> float(distances.pairs.max()) < 1e-6
-    True
-    """
-    tasks = TaskPair(target, source)
-    if 1 in (tables(target).discount, tables(source).discount):
-        raise MappingError(
-            "distances are bounded only at a discount below 1 in both tasks: got 1; "
-            "FoundMapping.bound of find_mappings holds at 1 too"
-        )
-    with shown(progress) as bars:
-        return _nearest(tasks, tolerance, bars)[0]
-
-
-def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mappings to the nearest pair, and to the nearest pair of the nearest state.
+        When the tasks are too large, or a pair has more than 120 outcomes.
 
     Examples
     --------
@@ -633,19 +587,30 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     >>> [proposal.how for proposal in by_lax_bisimulation(tasks)]
     ['lax bisimulation: nearest pair', 'lax bisimulation: nearest pair of the nearest state']
     """
-    lax, by_state = _nearest(tasks, TOLERANCE)
-    yield tasks.proposal(lax.nearest, "lax bisimulation: nearest pair")
-    yield tasks.proposal(by_state, "lax bisimulation: nearest pair of the nearest state")
+    target, source, of_states, of_pairs = distances(tasks)
+    known, at = np.unique(source.blocks.pairs.ravel(), return_index=True)
+    first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's
+    first[known[known >= 0]] = at[known >= 0]
+    live, pairs = target.blocks.pairs >= 0, np.maximum(target.blocks.pairs, 0)
+    index = np.where(live, first[of_pairs.argmin(axis=1)[pairs]], ENDED)
+    yield tasks.proposal(index, "lax bisimulation: nearest pair")
+    choices = source.pairs[of_states.argmin(axis=1)[target.blocks.states]]  # (S, A'')
+    far = of_pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
+    far = np.where(choices[:, None, :] >= 0, far, np.inf)
+    index = first[np.take_along_axis(choices, far.argmin(axis=2), axis=1)]
+    index = np.where(live, index, ENDED)
+    yield tasks.proposal(index, "lax bisimulation: nearest pair of the nearest state")
 
 
-def _nearest(
-    tasks: TaskPair, tolerance: float, bars: Bars = SILENT
-) -> tuple[LaxBisimulation, IntArray]:
-    """Return the distances between two tasks, and the nearest pair of the nearest state, (S, A)."""
-    solutions, discount = (tasks.target_solution, tasks.source_solution), tasks.target_mdp.discount
-    (target, blocks), (source, source_blocks) = (
+def distances(
+    tasks: TaskPair, tolerance: float = TOLERANCE
+) -> tuple[Quotient, Quotient, FloatArray, FloatArray]:
+    """Return both tasks up to bisimulation, and d of their blocks and of their kinds of pairs."""
+    target, source = (
         quotient(model, solution.values)
-        for model, solution in zip(joint_models(tasks), solutions, strict=True)
+        for model, solution in zip(
+            joint_models(tasks), (tasks.target_solution, tasks.source_solution), strict=True
+        )
     )
     if (size := len(target.reward) * len(source.reward)) > LARGEST_PAIRS:
         raise MappingError(
@@ -661,24 +626,4 @@ def _nearest(
         raise MappingError(
             f"lax bisimulation takes up to {WIDEST} outcomes of a pair: got {widest}"
         )
-    of_states, of_pairs, error = fixed_point(target, source, discount, tolerance, bars)
-    error += sum(solution.error_bound for solution in solutions)  # a source is rewritten by its V*
-    known, at = np.unique(source_blocks.pairs.ravel(), return_index=True)
-    first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's
-    first[known[known >= 0]] = at[known >= 0]
-    live, pairs = blocks.pairs >= 0, np.maximum(blocks.pairs, 0)
-
-    kind, distance = of_pairs.argmin(axis=1), of_pairs.min(axis=1)
-    index = np.where(live, first[kind[pairs]], ENDED)
-    bound = np.where(live, distance[pairs] + error, 0.0)
-    bound = np.maximum(bound, np.where(live, apart(index, *solutions) + error, 0.0))
-    states = of_states[blocks.states][:, source_blocks.states]
-    apart_at_least = np.subtract.outer(*(solution.values for solution in solutions))
-    states = np.maximum(states, abs(apart_at_least)) + error
-
-    choices = source.pairs[of_states.argmin(axis=1)[blocks.states]]  # (S, A'')
-    distances = of_pairs[pairs[:, :, None], np.maximum(choices, 0)[:, None, :]]
-    distances = np.where(choices[:, None, :] >= 0, distances, np.inf)
-    by_state = first[np.take_along_axis(choices, distances.argmin(axis=2), axis=1)]
-    lax = LaxBisimulation(frozen(states), frozen(index), frozen(bound), error)
-    return lax, np.where(live, by_state, ENDED)
+    return target, source, *fixed_point(target, source, tasks.target_mdp.discount, tolerance)

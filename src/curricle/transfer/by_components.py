@@ -9,14 +9,15 @@ from typing import Any, overload
 
 import gymnasium as gym
 import numpy as np
+import numpy.typing as npt
 
-from curricle.arrays import IntArray
+from curricle.arrays import BoolArray, IntArray
 from curricle.checks import brief, instance, one_of
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import Task, generative_model, tables
-from curricle.tasks.observation_task import ObservationTask, space_text
+from curricle.tasks.mdp import FiniteMDP, Task, generative_model, tables
+from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.text import brief_repr
 from curricle.transfer.mapping import (
@@ -28,7 +29,6 @@ from curricle.transfer.mapping import (
     pair_mapping,
 )
 from curricle.transfer.pair import Proposal, TaskPair
-from curricle.transfer.scores import total_variation
 
 LARGEST_INDEX = 500_000_000  # target pairs for which an index array is made (4 GB)
 UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
@@ -299,8 +299,8 @@ def check_same_observations(target: ObservationTask, source: Any) -> None:
     target_space, source_space = target.observations, source.observations
     if _form(target_space) != _form(source_space):
         raise MappingError(
-            f"{IDENTITY}: the target's observations are {space_text(target_space)}, the source's "
-            f"{space_text(source_space)}; a function of observations maps others"
+            f"{IDENTITY}: the target's observations are {stable_text(target_space)}, the source's "
+            f"{stable_text(source_space)}; a function of observations maps others"
         )
 
 
@@ -512,6 +512,20 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
         mapping = pair_mapping(target, source, state[:, None], action).knowing_target()
         projections.append(Projection(states, actions, error, mapping))
     return tuple(sorted(projections, key=lambda tried: (np.isnan(tried.error), tried.error)))
+
+
+def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
+    """Return the mean total variation distance of the next states of n rows of two tasks.
+
+    Next states that count as the same have the same number in the last array of both, (S,).
+    """
+    outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
+    (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
+    masses = np.concatenate([p, -q], axis=1)
+    # Equal outcomes add up before their difference counts, once.
+    same: BoolArray = joined[:, :, None] == joined[:, None, :]
+    totals = (same * masses[:, None, :]).sum(axis=2)
+    return float(((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2).mean())
 
 
 # -- searches by name ------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import brief, instance, number, numbers
-from curricle.display import block, table
+from curricle.display import block, printed, table
 from curricle.errors import MappingError, PotentialError
 from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
@@ -160,7 +160,6 @@ class TaskMapping(ABC):
     target: Any
     source: Any
     unmapped_value: float | None
-    steps: int = 0  # of the search for it in tasks without tables, charged as those of sources are
     knows_target: bool = False  # whether a search read the target's model for it, without a charge
 
     @abstractmethod
@@ -202,8 +201,6 @@ class StateActionMapping(Frozen, TaskMapping):
         optimistic where rewards are negative.
     how : str
         How a search found the mapping.
-    steps : int
-        Steps that the search took in tasks without tables.
     knows_target : bool
         Whether a search read the dynamics or the values of the target's model for it. No step is
         charged for that, so that what the mapping gains is not the source's alone.
@@ -226,7 +223,6 @@ class StateActionMapping(Frozen, TaskMapping):
     index: IntArray
     unmapped_value: float | None = None
     how: str = ""
-    steps: int = 0
     knows_target: bool = False
 
     def __post_init__(self) -> None:
@@ -431,8 +427,8 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
     The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
-    unmapped, with the value of `first`. It took the steps of both, and knows the target if either
-    mapping knows its own. MappingError if the tasks do not fit.
+    unmapped, with the value of `first`. It knows the target if either mapping knows its own.
+    MappingError if the tasks do not fit.
 
     Examples
     --------
@@ -454,8 +450,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
     # A task between may be a copy of the target, so that the second mapping's knowledge counts too.
     knows_target = first.knows_target or second.knows_target
     ends, unmapped_value = (first.target, second.source), first.unmapped_value
-    steps = first.steps + second.steps
-    return StateActionMapping(*ends, index, unmapped_value, steps=steps, knows_target=knows_target)
+    return StateActionMapping(*ends, index, unmapped_value, knows_target=knows_target)
 
 
 def terminal_states(task: Task) -> BoolArray:
@@ -737,6 +732,8 @@ class Coverage:
     most_readers: int  # target pairs that read one source pair
     mean_readers: float  # over the source pairs that are read
 
+    _repr_html_ = printed
+
     def __str__(self) -> str:
         return (
             f"{self.mapped:.1%} of {counted(self.target_pairs, 'target pair')} mapped, "
@@ -745,11 +742,6 @@ class Coverage:
             f"each of the others by {self.mean_readers:.1f} target pairs on average, by "
             f"{self.most_readers:,} at most"
         )
-
-    def _repr_html_(self) -> str:
-        head = ["source pairs", "never used", "read on average by", "at most by"]
-        readers = (self.source_pairs, self.never_used, self.mean_readers, self.most_readers)
-        return block("Coverage", coverage_table({"": self}), table(head, [readers]))
 
 
 @dataclass(frozen=True)
@@ -764,6 +756,8 @@ class ObservationCoverage:
     # values are extrapolated; NaN where nothing is mapped, or the source has numbered states.
     outside: float
 
+    _repr_html_ = printed
+
     def __str__(self) -> str:
         text = (
             f"{self.mapped:.1%} of the pairs of "
@@ -773,9 +767,6 @@ class ObservationCoverage:
         if math.isnan(self.outside):
             return text
         return f"{text}; {self.outside:.1%} of the counterparts outside the source's space"
-
-    def _repr_html_(self) -> str:
-        return block("Coverage", coverage_table({"": self}))
 
 
 def coverage_table(covers: Mapping[str, Any]) -> Markup:

@@ -26,10 +26,14 @@ from curricle.planning.greedy import (
     greedy_actions,
     highest,
 )
-from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
+from curricle.planning.policy_evaluation import (
+    ROLLOUTS,
+    STANDARD_ERRORS,
+    GreedyEvaluation,
+    Target,
+    greedy_policy_return,
+)
 from curricle.planning.rollouts import EpisodeEnds, GreedyPolicy, StepRecord, simulate
-from curricle.planning.solution import right_choices
-from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
 from curricle.tasks.mdp import generative_model, reachable_states, tables
@@ -414,7 +418,6 @@ class PotentialQuality:
     excess: float  # mean of phi - Q*
     mean_absolute_value: float  # of V*, to compare an excess with
     rank: float  # Spearman's correlation of phi and Q*; NaN where one of them does not vary
-    greedy_agreement: float = NAN  # share of states whose greedy actions are all optimal, if exact
     # The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
     # lies below both the truth and an initial value of 0. Such a state is avoided, so learning does
     # not correct its value. NaN unless exact.
@@ -460,7 +463,6 @@ def potential_quality(
         excess=float((phi - q).mean()),
         mean_absolute_value=float(abs(solution.values[alive]).mean()),
         rank=_rank_correlation(phi.ravel(), q.ravel(), seed),
-        greedy_agreement=float(right_choices(phi, solution.optimal[alive]).mean()),
         largest_underestimate=underestimate,
         most_underestimated_state=state,
         exact=True,

@@ -107,26 +107,3 @@ def run_episode(env, seed=0, action=0):
         _, _, terminated, truncated, info = env.step(action)
         over = terminated or truncated
     return info
-
-
-class SomeEnvs:
-    """Sub-environments whose episodes end together, stepped like one."""
-
-    def __init__(self, envs):
-        self.envs = envs
-        self.reset = envs.reset
-
-    def step(self, action):
-        *rest, terminated, truncated, info = self.envs.step(np.full(self.envs.num_envs, action))
-        return *rest, terminated.all(), truncated.all(), info
-
-
-def vector_steps(envs, actions):
-    """Step the sub-environments, resetting ended ones where they do not do so themselves."""
-    envs.reset(seed=10)
-    for row in actions:
-        _, rewards, terminated, truncated, infos = envs.step(row)
-        yield rewards, infos
-        ended = terminated | truncated
-        if envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED and ended.any():
-            envs.reset(options={"reset_mask": ended})

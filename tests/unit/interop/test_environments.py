@@ -159,11 +159,12 @@ def test_wrong_values_are_refused():
         {"state": 2},
         {"state": -1},
         {"state": 3},
-        {"state": {"row": 0, "column": 9}},
     ]
     for options in starts:
         with pytest.raises(SettingError, match=r"hold only 'state'|not terminal|at least 0"):
             to_gymnasium(GridWorld("S.T")).reset(options=options)
+    with pytest.raises(TaskError, match="column runs from 0 to 2: got 9"):
+        to_gymnasium(GridWorld("S.T")).reset(options={"state": {"row": 0, "column": 9}})
     for form, actions in (("index", [25, [1, 2]]), ("components", [[1, 5], [1, 2, 3]])):
         environment = to_gymnasium(Pursuit(3, 2), action=form)
         environment.reset()

@@ -6,7 +6,7 @@ import pytest
 
 import curricle as cr
 from curricle.errors import SettingError, TaskError
-from curricle.interop import FlatDict, MiniGridFullView, MiniGridView
+from curricle.interop import MiniGridFullView, MiniGridView
 
 minigrid = pytest.importorskip("minigrid", reason="the extra minigrid is not installed")
 CROSSING = "MiniGrid-SimpleCrossingS9N1-v0"
@@ -110,7 +110,6 @@ def test_what_is_carried_is_seen():
         (MiniGridView(mission=True), (984 + 59,)),
         (MiniGridFullView(9, 11), (9 * 11 * 20 + 4,)),
         (MiniGridFullView(9, 11, picture=True), (24, 11, 9)),
-        (FlatDict(["mission"]), (151,)),
     ],
 )
 def test_tables_of_a_level_have_the_observations_of_the_networks_task(encode, shape):

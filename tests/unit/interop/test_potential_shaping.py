@@ -1,4 +1,4 @@
-"""Shaping of environments, one or many, beside oracles that write gamma Phi(s') - Phi(s) out."""
+"""Shaping of environments, beside oracles that write gamma Phi(s') - Phi(s) out."""
 
 import copy
 import pickle
@@ -9,12 +9,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import Autoreset
 
 import curricle as cr
-from curricle.errors import PotentialError, SettingError
-from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+from curricle.errors import PotentialError
+from curricle.interop.potential_shaping import PotentialShaping
 
 from .shaping import (
     DISCOUNT,
@@ -26,16 +26,16 @@ from .shaping import (
     PICTURE,
     RNG,
     SOME,
-    SomeEnvs,
     World,
     actions_of,
     as_picture,
+    by_function,
     episodes_of,
+    paid,
     run_episode,
     shaped_steps,
     table,
     task,
-    vector_steps,
     world,
 )
 
@@ -124,157 +124,68 @@ def test_a_copy_goes_on_where_the_original_is(clone):
     assert followed(twin, [2, 2, 1]) == followed(env, [2, 2, 1])
 
 
-@pytest.mark.parametrize("batched", [False, True])
-@pytest.mark.parametrize("mode", MODES)
-def test_ends_have_potential_0_under_any_aggregate(mode, batched):
-    runs = []
-    for potential, aggregate in ((lambda s: np.exp(PHI[s]), lambda p: 1 / p[0]), (None, None)):
-        envs = VectorPotentialShaping(
-            SyncVectorEnv([world] * 2, autoreset_mode=mode),
-            potential or (lambda s: 1 / np.exp(PHI[s])),
-            aggregate=aggregate,
-            discount=DISCOUNT,
-            batched=batched,
-        )
-        runs.append([rewards for rewards, _ in vector_steps(envs, actions_of(60, 2))])
-    np.testing.assert_array_equal(*runs)
+def test_ends_have_potential_0_under_any_aggregate():
+    shaped = partial(PotentialShaping, world(), discount=DISCOUNT)
+    inverted = shaped(lambda s: np.exp(PHI[s]), aggregate=lambda p: 1 / p[0])
+    expected = paid(shaped(lambda s: 1 / np.exp(PHI[s])))
+    np.testing.assert_allclose(paid(inverted), expected, rtol=1e-12)
 
 
-def vector_oracle(mode, actions, terminal, limit):
-    """Step one by one, F written out: reward, F, Phi(s'), stepped, ended, original return."""
-    n = actions.shape[1]
-    envs = [world(terminal, limit) for _ in range(n)]
-    states = [env.reset(seed=10 + i)[0] for i, env in enumerate(envs)]
-    over, totals = [False] * n, [0.0] * n
-    for row in actions.tolist():
-        residuals = []
-        for i, env in enumerate(envs):
-            if mode is AutoresetMode.NEXT_STEP and over[i]:
-                states[i], over[i], totals[i] = env.reset()[0], False, 0.0
-                residuals.append((0.0, 0.0, 0.0, False, False, 0.0))
-                continue
-            following, reward, terminated, truncated, _ = env.step(row[i])
-            after = 0.0 if terminated else PHI[following]
-            shaping = DISCOUNT * after - PHI[states[i]]
-            over[i], states[i] = terminated or truncated, following
-            totals[i] += reward
-            total = totals[i] if over[i] else 0.0
-            residuals.append((reward + shaping, shaping, after, True, over[i], total))
-            if over[i] and mode is not AutoresetMode.NEXT_STEP:
-                states[i], totals[i] = env.reset()[0], 0.0
-        yield tuple(np.array(column) for column in zip(*residuals, strict=True))
-
-
-ENDS = [(SOME, LIMIT), (SOME, 10**6), (NONE, LIMIT)]
-
-
-@pytest.mark.parametrize("batched", [False, True])
-@pytest.mark.parametrize("n", [1, 4])
-@pytest.mark.parametrize(("terminal", "limit"), ENDS)
-@pytest.mark.parametrize("mode", MODES)
-def test_each_sub_environment_gets_what_the_oracle_writes_out(mode, terminal, limit, n, batched):
-    actions = actions_of(120, n)
-    made = SyncVectorEnv([partial(world, terminal, limit)] * n, autoreset_mode=mode)
-    envs = VectorPotentialShaping(made, table, discount=DISCOUNT, batched=batched)
-    oracle, n_ended = vector_oracle(mode, actions, terminal, limit), 0
-    for (rewards, infos), expected in zip(vector_steps(envs, actions), oracle, strict=True):
-        reward, shaping, after, stepped, ended, total = expected
-        n_ended += ended.sum()
-        np.testing.assert_array_equal(rewards, reward)
-        np.testing.assert_array_equal(infos["shaping"], shaping)
-        np.testing.assert_array_equal(infos["potential"], after)
-        np.testing.assert_allclose(infos["original_reward"], reward - shaping, atol=1e-12)
-        np.testing.assert_array_equal(infos["shaping_terms"]["potential"], shaping)
-        for name in ("shaping", "potential", "original_reward", "shaping_terms"):
-            np.testing.assert_array_equal(infos[f"_{name}"], stepped)
-        assert ("original_return" in infos) == ended.any()
-        if ended.any():
-            np.testing.assert_array_equal(infos["_original_return"], ended)
-            np.testing.assert_array_equal(infos["_telescoping_residual"], ended)
-            np.testing.assert_allclose(infos["original_return"], total, atol=1e-12)
-            assert abs(infos["telescoping_residual"]).max() < 1e-12
-    assert n_ended > 5
-
-
-@pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(
     ("potential", "settings"),
     [
-        (lambda s: np.where(SOME[s], np.nan, PHI[s]), {}),
-        (cr.StatePotential(task(), PHI), {"encode": lambda s: np.where(SOME[s], 99, s)}),
+        (lambda s: np.where(SOME[s], np.nan, PHI[s]), {"discount": DISCOUNT}),
+        (cr.StatePotential(task(), PHI), {"encode": lambda s: 99 if SOME[s] else s}),
     ],
 )
-def test_potentials_may_be_invalid_at_ends(mode, potential, settings):
-    runs = []
-    for arguments in ({"potential": potential, "batched": True, **settings}, {"potential": table}):
-        made = SyncVectorEnv([world] * 2, autoreset_mode=mode)
-        envs = VectorPotentialShaping(made, discount=DISCOUNT, **arguments)
-        runs.append([rewards for rewards, _ in vector_steps(envs, actions_of(60, 2))])
-    np.testing.assert_array_equal(*runs)
+def test_potentials_may_be_invalid_at_ends(potential, settings):
+    assert paid(PotentialShaping(world(), potential, **settings)) == by_function()
 
 
-@pytest.mark.parametrize("batched", [False, True])
-def test_time_is_counted_over_all_sub_environments(batched):
+@pytest.mark.parametrize("mode", MODES)
+def test_sub_environments_of_a_vector_are_shaped_one_by_one(mode):
+    def made(*wrappers):
+        make = partial(gym.make_vec, "World-v0", 2, "sync", {"autoreset_mode": mode})
+        return make(wrappers=wrappers, terminal=SOME)
+
+    gym.register("World-v0", world)
+    try:
+        plain = made()
+        shaped = made(partial(PotentialShaping, potential=table, discount=DISCOUNT))
+    finally:
+        del gym.registry["World-v0"]
+    shaped.reset(seed=10)
+    states, _ = plain.reset(seed=10)
+    over, n_ended = np.zeros(2, bool), 0
+    for row in actions_of(60, 2):
+        stepped = ~over if mode is AutoresetMode.NEXT_STEP else ~np.zeros(2, bool)
+        following, rewards, terminated, truncated, infos = plain.step(row)
+        paid_more, over = shaped.step(row)[1] - rewards, terminated | truncated
+        arrived = following.copy()
+        if mode is AutoresetMode.SAME_STEP and over.any():
+            arrived[over] = infos["final_obs"][over].astype(int)
+        shaping = DISCOUNT * np.where(terminated, 0.0, PHI[arrived]) - PHI[states]
+        np.testing.assert_allclose(paid_more, np.where(stepped, shaping, 0.0), atol=1e-12)
+        n_ended, states = n_ended + over.sum(), following
+        if mode is AutoresetMode.DISABLED and over.any():
+            shaped.reset(options={"reset_mask": over.copy()})
+            states, _ = plain.reset(options={"reset_mask": over.copy()})
+    assert n_ended > 5
+
+
+def test_time_is_counted_in_steps_of_the_environment():
     frames = RNG.normal(size=(2, N_STATES))
     weight = cr.learning.linear(1.0, 0.0, steps=200)
     phi = cr.StatePotential(task(), frames, frame_steps=[0, 20], weight=weight)
-    shaped = VectorPotentialShaping(
-        SyncVectorEnv([world] * 2),
-        phi,
-        batched=batched,
-        weight=cr.learning.linear(1.0, 2.0, steps=90),
-    )
-    states, _ = shaped.reset(seed=0)
-    taken, n_ended = 0, 0
-    for row in actions_of(60, 2):
-        following, _, terminated, _, infos = shaped.step(row)
-        stepped = infos["_shaping"]
-        now, then = taken, taken + stepped.sum()
-        after = np.where(terminated, 0.0, (1 + min(1, then / 90)) * phi.at(then)[following])
-        expected = DISCOUNT * after - (1 + min(1, now / 90)) * phi.at(now)[states]
-        np.testing.assert_allclose(infos["shaping"], np.where(stepped, expected, 0.0), atol=1e-12)
-        states, taken = following, then
-        n_ended += infos.get("_telescoping_residual", np.zeros(2)).sum()
-    assert n_ended > 10
-    assert taken == 120 - n_ended  # each reset takes a step
-
-
-def test_masked_resets_leave_the_others_where_they_are():
-    envs = SyncVectorEnv([partial(world, NONE)] * 3, autoreset_mode=AutoresetMode.DISABLED)
-    shaped = VectorPotentialShaping(envs, table, discount=DISCOUNT)
-    states, _ = shaped.reset(seed=0)
-    shaped.step(np.zeros(3, int))
-    options = {"reset_mask": np.array([False, True, False])}
-    states, _ = shaped.reset(options=options)
-    assert list(options) == ["reset_mask"]
-    following, _, _, _, infos = shaped.step(np.zeros(3, int))
-    np.testing.assert_array_equal(infos["shaping"], DISCOUNT * PHI[following] - PHI[states])
-    for length in (3, 4, 5, 6, 7):
-        *_, truncated, infos = shaped.step(np.zeros(3, int))
-        np.testing.assert_array_equal(truncated, [length == 7, False, length == 7])
-    assert abs(infos["telescoping_residual"]).max() < 1e-12
-
-
-class Forgetful(gym.vector.VectorWrapper):
-    """A vector environment that does not hand over final observations."""
-
-    def step(self, actions):
-        *rest, infos = super().step(actions)
-        return *rest, {key: value for key, value in infos.items() if "final" not in key}
-
-
-def test_missing_final_observations_are_refused():
-    made = SyncVectorEnv([partial(world, NONE)], autoreset_mode=AutoresetMode.SAME_STEP)
-    envs = VectorPotentialShaping(Forgetful(made), table, discount=DISCOUNT)
-    with pytest.raises(SettingError, match=re.escape("infos['final_obs']: sub-environment 0 did")):
-        run_episode(SomeEnvs(envs))
-
-
-def test_a_vector_environment_must_say_how_it_resets():
-    envs = SyncVectorEnv([world])
-    del envs.metadata["autoreset_mode"]
-    with pytest.raises(SettingError, match="must say how it resets"):
-        VectorPotentialShaping(envs, table, discount=DISCOUNT)
+    env = PotentialShaping(world(), phi, weight=cr.learning.linear(1.0, 2.0, steps=90))
+    state, _ = env.reset(seed=0)
+    for taken, action in enumerate(actions_of(60)):
+        following, _, terminated, truncated, info = env.step(action)
+        after = (1 + min(1, (taken + 1) / 90)) * phi.at(taken + 1)[following]
+        after = 0.0 if terminated else after
+        expected = DISCOUNT * after - (1 + min(1, taken / 90)) * phi.at(taken)[state]
+        assert info["shaping"] == pytest.approx(expected, abs=1e-12)
+        state = env.reset()[0] if terminated or truncated else following
 
 
 class Clock:
@@ -286,9 +197,6 @@ class Clock:
         self.calls += 1
         return float(self.calls)
 
-    def batch(self, observations):
-        return np.full(len(observations), self(observations))
-
 
 def test_a_potential_of_something_else_is_refused_at_the_end():
     env = PotentialShaping(world(NONE), Clock(), discount=DISCOUNT)
@@ -296,11 +204,6 @@ def test_a_potential_of_something_else_is_refused_at_the_end():
     said = "Phi depends on the observation alone: it is off by 8 after 7 steps"
     with pytest.raises(PotentialError, match=re.escape(said)):
         run_episode(env)
-    envs = VectorPotentialShaping(
-        SyncVectorEnv([partial(world, NONE)] * 2), Clock().batch, discount=DISCOUNT, batched=True
-    )
-    with pytest.raises(PotentialError, match="is off by 7 at the end of an episode of sub-env"):
-        run_episode(SomeEnvs(envs))
 
 
 def test_rounding_is_allowed_where_the_start_has_potential_0():
@@ -310,8 +213,6 @@ def test_rounding_is_allowed_where_the_start_has_potential_0():
     long = partial(world, NONE, limit=3000)
     env = PotentialShaping(long(), values.__getitem__, **settings)
     assert run_episode(env)["telescoping_residual"] != 0.0
-    envs = VectorPotentialShaping(SyncVectorEnv([long]), values.__getitem__, **settings)
-    assert run_episode(SomeEnvs(envs))["telescoping_residual"][0] != 0.0
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -325,6 +226,3 @@ def test_observations_may_be_written_over(seed):
     single = world(NONE, observe=observe, space=PICTURE)
     env = PotentialShaping(single, lambda picture: picture @ PHI, discount=DISCOUNT)
     assert abs(run_episode(env, seed)["telescoping_residual"]) < 1e-12
-    many = SyncVectorEnv([partial(world, NONE, observe=as_picture, space=PICTURE)] * 2, copy=False)
-    envs = VectorPotentialShaping(many, lambda o: o @ PHI, discount=DISCOUNT, batched=True)
-    assert (abs(run_episode(SomeEnvs(envs), seed)["telescoping_residual"]) < 1e-12).all()

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Text, Tuple
 from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import concatenate, create_empty_array
 from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.errors import CurriculumError, PotentialError, SettingError
 from curricle.interop.gymnasium import observation_task
-from curricle.interop.potential_shaping import PotentialShaping, VectorPotentialShaping
+from curricle.interop.potential_shaping import PotentialShaping
 from curricle.learning.value_lookup import no_sources
 from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregate import aggregate, aggregate_numbers
@@ -39,7 +38,6 @@ from .shaping import (
     shaped_steps,
     table,
     task,
-    vector_steps,
     world,
 )
 
@@ -98,15 +96,10 @@ def test_components_number_the_states(layout, kind):
     }[kind]()
     phi = potential.to_state().at()
     env = PotentialShaping(Positions(*LAYOUTS[layout]), potential)
-    envs = VectorPotentialShaping(
-        SyncVectorEnv([partial(Positions, *LAYOUTS[layout])] * 3), potential, batched=True
-    )
     env.reset(seed=0)
-    envs.reset(seed=0)
     for _ in range(20):
-        info, infos = env.step(0)[4], envs.step(np.zeros(3, int))[4]
+        info = env.step(0)[4]
         assert info["potential"] == phi[info["state"]]
-        np.testing.assert_array_equal(infos["potential"], phi[infos["state"]])
 
 
 def pair_potential_of_hunt():
@@ -192,7 +185,6 @@ def test_observations_that_number_other_states_are_refused(space):
         PotentialShaping(Positions(space, np.array), pair_potential_of_hunt())
 
 
-@pytest.mark.parametrize("wrap", ["one", "many"])
 @pytest.mark.parametrize(
     ("potential", "settings", "said"),
     [
@@ -202,31 +194,16 @@ def test_observations_that_number_other_states_are_refused(space):
         ({"a": table}, {"aggregate": always(np.zeros(2))}, "must return shape (1, 1)"),
     ],
 )
-def test_values_that_cannot_be_used_are_named_with_their_observation(
-    wrap, potential, settings, said
-):
-    if wrap == "one":
-        env = PotentialShaping(world(), potential, discount=DISCOUNT, **settings)
-    else:
-        envs = SyncVectorEnv([world])
-        env = VectorPotentialShaping(envs, potential, discount=DISCOUNT, **settings)
+def test_values_that_cannot_be_used_are_named_with_their_observation(potential, settings, said):
+    env = PotentialShaping(world(), potential, discount=DISCOUNT, **settings)
     with pytest.raises((PotentialError, SettingError, CurriculumError), match=re.escape(said)):
         env.reset(seed=0)
 
 
-@pytest.mark.parametrize(
-    ("potential", "settings", "said"),
-    [
-        (always(0.0), {}, "must have shape (2,): got ()"),
-        (cr.StatePotential(task(), PHI), {"encode": always([0, 9])}, "9 for observation 1 of 2"),
-    ],
-)
-def test_batches_that_cannot_be_used_are_named(potential, settings, said):
-    envs = VectorPotentialShaping(
-        SyncVectorEnv([world] * 2), potential, discount=DISCOUNT, batched=True, **settings
-    )
-    with pytest.raises(cr.CurricleError, match=re.escape(said)):
-        envs.reset(seed=0)
+def test_values_of_another_shape_are_refused():
+    phi = FunctionValues(state_values=always(np.zeros(3)))
+    with pytest.raises(cr.CurricleError, match=re.escape("(1,)")):
+        PotentialShaping(world(), phi, discount=DISCOUNT).reset(seed=0)
 
 
 def test_an_environment_is_shaped_once():
@@ -235,18 +212,10 @@ def test_an_environment_is_shaped_once():
     twice.reset(seed=0)
     with pytest.raises(SettingError, match="must be shaped once"):
         twice.step(0)
-    envs = VectorPotentialShaping(SyncVectorEnv([lambda: env]), table, discount=DISCOUNT)
-    envs.reset(seed=0)
-    with pytest.raises(SettingError, match="must be shaped once"):
-        envs.step(np.array([0]))
 
 
 KNOWN = np.where(SOME, np.nan, PHI)  # the value of the end is never read
 PAIRS = np.stack([PHI - 2, PHI - 1, PHI], axis=1)
-
-
-def paid_in_vectors(envs, steps=100):
-    return np.array([rewards for rewards, _ in vector_steps(envs, actions_of(steps, 3))])
 
 
 def in_parts(state):
@@ -269,16 +238,12 @@ SEEN = {
 }
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("seen", SEEN)
-def test_values_of_observations_pay_what_their_numbers_do(seen, mode):
+def test_values_of_observations_pay_what_their_numbers_do(seen):
     space, observe, read = SEEN[seen]
-    envs = SyncVectorEnv([lambda: world(observe=observe, space=space)] * 3, autoreset_mode=mode)
-    values = FunctionValues(state_values=read)
-    shaped = VectorPotentialShaping(envs, values, discount=DISCOUNT)
-    envs = SyncVectorEnv([world] * 3, autoreset_mode=mode)
-    plain = VectorPotentialShaping(envs, KNOWN.__getitem__, discount=DISCOUNT)
-    np.testing.assert_array_equal(paid_in_vectors(shaped), paid_in_vectors(plain))
+    seeing = world(observe=observe, space=space)
+    shaped = PotentialShaping(seeing, FunctionValues(state_values=read), discount=DISCOUNT)
+    assert paid(shaped) == by_function()
 
 
 def test_a_potential_over_observations_states_the_discount_and_the_space():

@@ -9,9 +9,14 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.comparison.comparison import Arm, Comparison
-from curricle.errors import CurriculumError, SettingError
-from curricle.show.grids import draw_potential, draw_sources, shared_limits
-from curricle.show.plots import draw_comparison, draw_forecast, draw_learning_curves, plot, save
+from curricle.errors import SettingError, TaskError
+from curricle.show.plots import (
+    draw_comparison,
+    draw_forecast,
+    draw_learning_curves,
+    draw_potential,
+    plot,
+)
 from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
 from curricle.study.results import StudyResults
@@ -175,9 +180,11 @@ def test_a_view_of_a_pursuit_is_one_predator_s_cell(hunt):
 
 def test_what_makes_no_grid_is_refused(hunt):
     all_fixed = {"prey": 0, "predator_1": 0, "predator_2": 0}
-    for at in (None, {"wolf": 0}, {"prey": (1, 3), "predator_1": 0}, [("prey", 0)], all_fixed):
-        with pytest.raises(SettingError, match=r"leaves|got 'wolf'|got \(1, 3\)|be a Mapping"):
+    for at in (None, {"wolf": 0}, [("prey", 0)], all_fixed):
+        with pytest.raises(SettingError, match=r"leaves|got 'wolf'|be a Mapping"):
             GridView.of(hunt, at)
+    with pytest.raises(TaskError, match=r"prey runs from \(0,0\) to \(2,2\): got '\(1,3\)'"):
+        GridView.of(hunt, {"prey": (1, 3), "predator_1": 0})
 
 
 def test_a_maze_s_values_lie_in_their_cells():
@@ -212,49 +219,14 @@ def test_colours_diverge_around_zero_only_where_there_are_two_sides(
     assert (image.get_clim(), image.get_cmap().name) == (limits, colours)
 
 
-def test_limits_are_shared_over_what_is_shown(hunt):
-    here, there = {"prey": 0, "predator_1": 1}, {"prey": 8, "predator_1": 1}
-    values = hunt.states.decode()["prey"].astype(float)
-    assert shared_limits(hunt, values, 2 * values + 1, at=there) == (8, 17)
-    assert shared_limits(hunt, values, at=here) == (0, 0)
+@pytest.mark.parametrize(("prey", "limits"), [(0, (-1, 1)), (8, (7, 9))])
+def test_limits_are_of_what_is_shown(hunt, prey, limits):
+    values, at = hunt.states.decode()["prey"].astype(float), {"prey": prey, "predator_1": 1}
+    image = draw_potential(Figure().subplots(), hunt, values, label="", at=at, bar=False)
+    assert image.get_clim() == limits
 
 
 @pytest.mark.parametrize("values", [np.zeros(4), [0.0, np.nan, 0.0], "no numbers"])
 def test_values_that_are_none_of_the_task_are_refused(values):
     with pytest.raises(SettingError, match=r"got \(4,\)|entry \(1,\) is nan|array of numbers"):
         draw_potential(Figure().subplots(), cr.GridWorld("S.T"), values, label="")
-
-
-def test_sources_are_drawn_one_by_one_and_against_the_truth(plan, trained, hunt, tmp_path):
-    at = {"prey": (1, 1), "predator_2": (0, 0)}
-    figure = draw_sources(trained, seed=1, at=at)
-    panels = [axes for axes in figure.axes if axes.get_title()]
-    titles = ["φ₁: chase -> hunt [1]", "φ₂: chase -> hunt [2]", "φ: mean", "V* = max Q*"]
-    assert [axes.get_title() for axes in panels] == [*titles, "φ(s, a*) − V*(s)"]
-    images = [axes.images[0] for axes in panels]
-    assert len({image.get_clim() for image in images[:4]}) == 1
-    shown = GridView.of(hunt, at).states
-    phi, truth = trained.potentials["hunt"][1].values, cr.solve(hunt).values
-    drawn = [image.get_array().filled(np.nan).ravel() for image in images]
-    assert drawn[2] == pytest.approx(phi.max(axis=1)[shown])
-    assert drawn[3] == pytest.approx(truth[shown], abs=1e-5)
-    assert drawn[4] == pytest.approx((phi.max(axis=1) - truth)[shown], abs=1e-5)
-    assert images[4].get_cmap().name == "PuOr"
-    first = plan.potentials("hunt", trained.nodes, transfers=plan.transfers[:1])[1]
-    assert drawn[0] == pytest.approx(first.values.max(axis=1)[shown])
-    save(figure, tmp_path / "sources.png")
-
-
-def test_sources_that_cannot_be_drawn_are_refused(trained):
-    for how, rule in (
-        ({"seed": 2, "at": {"prey": 0, "predator_1": 0}}, "seed must be one of 0, 1: got 2"),
-        ({}, "leaves prey, predator_1, predator_2"),
-        ({"target": "chase"}, "'chase' has none"),
-    ):
-        with pytest.raises((SettingError, CurriculumError), match=rule):
-            draw_sources(trained, **how)
-
-
-def test_sources_alone_are_drawn_before_the_target_is_learnt(plan):
-    figure = draw_sources(plan.train(only=["chase"]), at={"prey": 0, "predator_1": 4})
-    assert "φ: mean" in [axes.get_title() for axes in figure.axes]

@@ -196,6 +196,24 @@ def test_watching_ends_when_the_run_lets_go_of_the_folder(live):
     assert live.banner[1] == 0
 
 
+@pytest.mark.usefixtures("hasty")
+@pytest.mark.parametrize("whole", [True, False])
+def test_watching_ends_where_no_page_can_be_made(live, monkeypatch, whole):
+    monkeypatch.setattr(module, "arms_so_far", Mock(side_effect=ValueError("no page")))
+    monkeypatch.setattr(module, "page_of", Mock(side_effect=ValueError("no page")))
+    with ThreadPoolExecutor(1) as other:
+        with locked(live.folder):
+            watching = other.submit(live.report().watch)
+            until = monotonic() + 60
+            while not live.said and monotonic() < until:
+                sleep(0.01)
+            if whole:
+                live.store_all()
+        with pytest.raises(StoreError, match=r"not up to date\. ValueError: no page"):
+            watching.result(60)
+    assert len(live.said) == 1
+
+
 @pytest.mark.parametrize("locks", [True, False])
 def test_a_run_that_has_not_begun_is_waited_for_and_watching_ends(live, monkeypatch, locks):
     if not locks:  # where they cannot be read only the end is known

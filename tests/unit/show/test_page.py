@@ -122,7 +122,7 @@ def test_a_study_of_one_seed_without_snapshots_or_reasons_has_a_page():
     comparison = cr.compare({"mean": plan}, seeds=1)
     reader = Reader(study_page("alone", comparison, {"mean": plan.train(1)}))
     assert reader.problems == []
-    assert "One seed allows neither intervals nor tests." in reader.words
+    assert "Too few seeds for a verdict (1; 6 or more)." in reader.words
     assert "This study kept no snapshots" in reader.words
     assert "nan" not in reader.words.lower().split()
 
