@@ -43,7 +43,7 @@ SETTINGS = [
     *({"learner": learner, "seeds": [2, 7], "stream": "x"} for learner in LEARNERS),
     {"evaluation": ROLLOUTS},
     {"budget": cr.Episodes(40)},
-    {"budget": cr.StoppingRule(3000, plateau=1e-9, patience=3)},
+    {"budget": cr.StoppingRule(3000, threshold=0.5, patience=3)},
 ]
 
 
