@@ -27,7 +27,7 @@ def test_equal_arms_seldom_pay():
         for name in plan.arms:
             flat = rng.normal(size=(len(seeds), 1)) + np.zeros(len(steps))
             curve = Curve(steps, flat, np.zeros(len(seeds), np.int64))
-            arms[name] = Arm(curve, flat, flat, scratch=name == SCRATCH)
+            arms[name] = Arm(curve, scratch=name == SCRATCH)
         return Comparison(plan.target, arms, *plan.steps, 0.0, 1)
 
     pay = sum(bool(choice.chosen(of_all, play).name) for _ in range(REPEATS))

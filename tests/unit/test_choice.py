@@ -88,7 +88,7 @@ def played(heights, opponents, noise=0.0):
             flat = heights[name] + noise * rng.normal(size=(len(seeds), 1)) + np.zeros(3)
             source = np.zeros(len(seeds), np.int64)
             curve = Curve(np.array([0, 10, 20]), flat, source)
-            arms[name] = Arm(curve, flat, flat, scratch=name in opponents)
+            arms[name] = Arm(curve, scratch=name in opponents)
         return Comparison(plan.target, arms, 20, 20, 0.0, 1)
 
     alone = cr.Curriculum({"maze": MAZE}, budget=20)

@@ -184,7 +184,6 @@ def test_the_comparison_is_that_of_compare(study_file, finished):
         np.testing.assert_array_equal(results[name].curve.steps, arm.curve.steps)
         np.testing.assert_array_equal(results[name].curve.values, arm.curve.values)
         np.testing.assert_array_equal(results[name].curve.source_steps, arm.curve.source_steps)
-        np.testing.assert_array_equal(results[name].training_return, arm.training_return)
     for name in ("total", "budget", "window", "threshold"):
         assert getattr(results, name) == getattr(wanted, name)
     assert results.threshold_from == wanted.threshold_from != ""

@@ -86,8 +86,6 @@ class Arm:
     ----------
     curve : Curve
         Greedy return (K, T), with the source steps of each seed.
-    training_return, source_share : (K, T) float64
-        As in :class:`LearningResult`.
     scratch : bool
         Whether it is an opponent: it learns the target without sources, for all steps.
     curriculum : str
@@ -102,14 +100,12 @@ class Arm:
     Examples
     --------
     >>> flat, steps = np.zeros((2, 3)), np.array([0, 10, 20])
-    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])), flat, flat)
-    >>> arm.strong_gain(Arm(Curve(steps, flat), flat, flat))
+    >>> arm = Arm(Curve(steps, flat + 4, np.array([10, 10])))
+    >>> arm.strong_gain(Arm(Curve(steps, flat)))
     array([3., 3.])
     """
 
     curve: Curve
-    training_return: FloatArray = field(repr=False)
-    source_share: FloatArray = field(repr=False)
     scratch: bool = False
     curriculum: str = ""
     initial_values: FloatArray | None = field(default=None, repr=False)
@@ -133,12 +129,8 @@ class Arm:
         n = total // eval_freq + 1
         last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
         place = np.minimum(np.arange(n), last[:, None])
-        greedy, training, source_share = (
-            np.take_along_axis(curves, place, axis=1)
-            for curves in (result.greedy_return, result.training_return, result.source_share)
-        )
-        curve = Curve(np.arange(n) * eval_freq, greedy, spent)
-        return cls(curve, training, source_share, **kind)
+        greedy = np.take_along_axis(result.greedy_return, place, axis=1)
+        return cls(Curve(np.arange(n) * eval_freq, greedy, spent), **kind)
 
     @property
     def control(self) -> bool:
@@ -171,8 +163,6 @@ def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate
     return replace(
         first,
         curve=Curve(first.curve.steps, values, spent),
-        training_return=join([arm.training_return for arm in arms]),
-        source_share=join([arm.source_share for arm in arms]),
         initial_values=join(initial) if initial else None,
         unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
     )

@@ -125,6 +125,9 @@ def changes_of(units: Mapping[int, Any], here: Dependencies) -> Iterator[str]:
             yield f"{place.removeprefix('task.')} was {shown(old)} and is {shown(new)}"
 
 
+# -- The plan of a study, and its units as they are sent to workers --------------------------------
+
+
 class Arms(Plan):
     """The plan of a study, whose keys are hashes of plain data."""
 

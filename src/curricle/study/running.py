@@ -66,6 +66,8 @@ from curricle.study.tuning import (
 )
 from curricle.text import brief_repr, counted
 
+# -- How far a run is, and how long the remaining units will take ----------------------------------
+
 
 @dataclass(frozen=True)
 class Progress:

@@ -29,8 +29,7 @@ STEPS = np.arange(0, 101, 10)
 def arm(values, source_steps=0, curriculum="", seeds=4, spread=1.0):
     """An arm whose seeds lie 0, 1, 2, ... times the spread above the given curve."""
     rows = np.broadcast_to(values, STEPS.shape) + spread * np.arange(seeds)[:, np.newaxis]
-    flat = np.zeros(rows.shape)
-    return Arm(Curve(STEPS, rows, np.full(seeds, source_steps)), flat, flat, curriculum=curriculum)
+    return Arm(Curve(STEPS, rows, np.full(seeds, source_steps)), curriculum=curriculum)
 
 
 def comparison(seeds=4, **more):

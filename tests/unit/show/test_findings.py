@@ -17,7 +17,7 @@ def line(height, source=0, seeds=8, curriculum=""):
     steps = np.arange(0, 101, 10)
     values = np.full((seeds, 11), float(height)) + 0.01 * (height + np.arange(seeds)[:, None])
     values += 0.001 * height * np.arange(seeds)[:, None]
-    return Arm(Curve(steps, values, np.full(seeds, source)), values, values, curriculum=curriculum)
+    return Arm(Curve(steps, values, np.full(seeds, source)), curriculum=curriculum)
 
 
 def compared(seeds=8, threshold=5.0, **arms):
@@ -83,7 +83,7 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
     assert table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
     # Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps.
     steps, values = np.arange(0, 101, 10), np.repeat([[0.0] * 7 + [10.0] * 4], 8, axis=0)
-    late = Arm(Curve(steps, values, np.full(8, 40)), values, values, False)
+    late = Arm(Curve(steps, values, np.full(8, 40)))
     cells = table(compared(late=late))["late"]
     assert cells["weak_steps_saved"] == ("10.0", "")
     assert cells["strong_steps_saved"] == ("–", "never reached")

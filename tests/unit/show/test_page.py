@@ -85,7 +85,7 @@ def test_a_page_is_small_and_the_same_every_time_and_of_much_below_a_megabyte(pa
     def arm(control):
         values = -100 + np.cumsum(rng.normal(size=(seeds, checkpoints)), axis=1)
         spent = rng.integers(1000, 9000, seeds)
-        return Arm(Curve(steps, values, spent), values, values, control)
+        return Arm(Curve(steps, values, spent), control)
 
     first = arm(False)
     first = replace(first, curve=replace(first.curve, source_steps=np.zeros(seeds, dtype=int)))
