@@ -37,7 +37,7 @@ def renumbered_crop(seed):
     return target, source, truth
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_renumbered_crop_is_found_in_its_maze(seed):
     target, source, truth = renumbered_crop(seed)
     best = auto_mapping(target, source)
@@ -115,7 +115,7 @@ def test_no_way_that_never_turns_back_is_cheaper_than_the_warp(seed, n, m):
     assert cost(warp(costs, step)) == pytest.approx(min(cost(np.array(way)) for way in ways))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_nameless_room_reads_a_smaller_one_by_its_key_lock_and_pits(seed):
     rng = np.random.default_rng(seed)
     (target, new, moved), (source, there, moves) = (
@@ -141,7 +141,7 @@ def test_a_nameless_room_reads_a_smaller_one_by_its_key_lock_and_pits(seed):
     assert set(read["column"][beside].ravel()) == {2, 4}  # of the pits' column, 4 and there 3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_nameless_part_of_a_random_task_is_found(seed):
     lake = cr.tasks.FrozenLake("8x8")
     part = lake.crop(rows=(3, 8), columns=(3, 8))
