@@ -9,8 +9,8 @@ from curricle import GridWorld, Pursuit, project, run_study, solve
 from curricle.errors import ConfigError
 from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
+from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import FourRooms, GoalDistance, maze_family, taxi_family, with_start
-from curricle.tasks.built_in import BUILT_IN
 from tests.studies import OBSERVED_HUNT, reader
 
 NAMES = ", ".join(BUILT_IN)

@@ -8,6 +8,7 @@ from gymnasium.envs.toy_text.frozen_lake import generate_random_map
 
 from curricle import Component, FiniteMDP, Pursuit, Space, project, solve
 from curricle.errors import MappingError
+from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import (
     ComponentsByName,
     FrozenLake,
@@ -25,7 +26,6 @@ from curricle.tasks import (
     taxi_family,
 )
 from curricle.tasks.block_dude import PARTS, part_of_level
-from curricle.tasks.built_in import BUILT_IN
 from curricle.tasks.mdp import generative_model
 from curricle.transfer import (
     ENDED,

@@ -9,6 +9,7 @@ import pytest
 
 from curricle import GridWorld, Pursuit, solve
 from curricle.errors import TaskError
+from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import (
     ComponentsByName,
     Parameter,
@@ -17,7 +18,6 @@ from curricle.tasks import (
     pursuit_family,
     task_family,
 )
-from curricle.tasks.built_in import BUILT_IN
 from tests.refusals import check_refusal, check_values
 
 BUILT = list[int]()

@@ -90,7 +90,8 @@ class TrainedPolicy:
     def save(self, path: str | Path) -> Path:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
 
-        It holds pickles: load your own files only. StoreError when it cannot be written.
+        It holds pickles: load your own files only, by ``PPO.load`` for instance. StoreError when it
+        cannot be written.
         """
         file = local_file(path)
         if not file.name.endswith(".zip"):
@@ -99,32 +100,6 @@ class TrainedPolicy:
         self.model.save(content)
         write_in_folder(file, content.getvalue(), "a policy")
         return file
-
-    @classmethod
-    def load(cls, path: str | Path, task: ObservationTask, learner: DeepLearner) -> Self:
-        """Return the policy in a file of Stable-Baselines3.
-
-        SettingError when another algorithm wrote it, or the task has other spaces.
-        """
-        instance("task of a policy", task, ObservationTask, SettingError)
-        instance("learner of a policy", learner, DeepLearner, SettingError)
-        algorithm = learner.algorithm_class()
-        try:
-            model = algorithm.load(path)
-        except Exception as error:  # of the file system, of zip files, or of another algorithm
-            raise SettingError(
-                f"a policy must be in a file that {learner.algorithm} saved: {path} failed with "
-                f"{type(error).__name__}: {error}"
-            ) from error
-        for which, wanted in {"observation": task.observations, "action": task.actions}.items():
-            space = getattr(model, f"{which}_space")
-            # Pictures with channels last are kept with channels first.
-            if space != wanted and sorted(space.shape or ()) != sorted(wanted.shape or ()):
-                raise SettingError(
-                    f"a policy must have its task's {which}s, {stable_text(wanted)}: that in "
-                    f"{path} has {stable_text(space)}"
-                )
-        return cls(task, model)
 
     def episode(
         self, *, seed: int = 0, deterministic: bool = True, max_steps: int | None = None

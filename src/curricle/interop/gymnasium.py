@@ -143,7 +143,7 @@ def from_gymnasium(
         if outcomes is not None:
             space = Space([Component("state", len(outcomes))])
         else:
-            if make.what is None:
+            if make.recipe is None:
                 raise TaskError(
                     "an environment without a specification cannot be made again for each seed; "
                     f"give a function that makes it: got {environment}"
@@ -253,7 +253,7 @@ def refusals_of_make(source: Any) -> Iterator[None]:
     except CurricleError:
         raise
     except Exception as error:
-        source = source.what if isinstance(source, EnvironmentMaker) else source
+        source = source.recipe if isinstance(source, EnvironmentMaker) else source
         if not isinstance(source, str | EnvSpec):
             raise
         name = source if isinstance(source, str) else source.id
@@ -270,7 +270,7 @@ def maker_of(
     arguments = deepcopy(arguments)
     if isinstance(environment, EnvironmentMaker) and environment.encode is None:
         arguments = {**deepcopy(dict(environment.arguments)), **arguments}
-        environment = environment.what
+        environment = environment.recipe
     if isinstance(environment, gym.Env) and arguments:
         raise TaskError(
             f"an environment that is already made takes no arguments: got {', '.join(arguments)}"

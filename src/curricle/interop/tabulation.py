@@ -311,7 +311,7 @@ def tabulate(
                 "an environment with stacked frames cannot be tabulated, as each history of frames "
                 f"would be a state: tabulate it without them, got {env}"
             )
-        name = str(make) if make.what is not None else type(env.unwrapped).__name__
+        name = str(make) if make.recipe is not None else type(env.unwrapped).__name__
         named = names_of(env.unwrapped)[1] or named_actions(env)
         act, moves = actions_of(env.action_space, actions, named)
         tables, record = plan.carried_out(env, act, moves.size, name)

@@ -6,16 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle import (
-    Curriculum,
-    Pursuit,
-    evaluate,
-    maximum,
-    mean,
-    minimum,
-    solve,
-    total,
-)
+import curricle as cr
 from curricle.arrays import FloatArray
 from curricle.learning import LearningResult
 from curricle.paper.mazes import (
@@ -36,7 +27,7 @@ from curricle.transfer import find_projections
 Arms = Mapping[str, LearningResult]
 PAPER_SEEDS = 5
 SCALES = ("scale 0.5", "scale 1", "scale 2")
-AGGREGATES = {"max": maximum, "mean": mean, "min": minimum, "total": total}
+AGGREGATES = {"max": cr.maximum, "mean": cr.mean, "min": cr.minimum, "total": cr.total}
 FROM_10, OPTIMISTIC = "scratch, Q from -10", "scratch, OptimisticQLearning"
 LOWEST, LOW_5X5 = "scratch, initial_value=-100", "scratch, Q from -12, rate 0.3"
 COLOURS = {
@@ -63,7 +54,7 @@ class Setting(NamedTuple):
     study: str  # the file
     changes: tuple[str, ...] = ()  # of its settings
 
-    def curriculum(self, studies: Studies) -> Curriculum:
+    def curriculum(self, studies: Studies) -> cr.Curriculum:
         """Return the curriculum of the first arm."""
         study = studies.read(self.study, *self.changes)
         return next(iter(study.curricula.values()))
@@ -214,7 +205,7 @@ def _end_minus_start(arms: Arms) -> dict[str, Interval]:
 
 def _exact_values() -> Claim:
     means = {
-        (size, rule): float(solve(Pursuit(size, 2, capture=rule)).values.mean())
+        (size, rule): float(cr.solve(cr.Pursuit(size, 2, capture=rule)).values.mean())
         for size, rule in VALUES
     }
     return Claim(
@@ -305,7 +296,7 @@ def _as_stated(arms: Arms) -> Iterator[Claim]:
     )
 
 
-def _collapse(results: Mapping[str, Arms], curriculum: Curriculum) -> Iterator[Claim]:
+def _collapse(results: Mapping[str, Arms], curriculum: cr.Curriculum) -> Iterator[Claim]:
     """Answer whether the collapse is optimism, and whether scaling or a low start cures it."""
     hunt, arms, lower = curriculum.tasks["hunt"], results["epsilon-greedy"], dict[str, Interval]()
     change = dict[str, Interval]()
@@ -314,11 +305,11 @@ def _collapse(results: Mapping[str, Arms], curriculum: Curriculum) -> Iterator[C
             parts = (slice(-AVERAGED, None), slice(1, AVERAGED + 1))
             last, first = (np.nanmean(of[scale].training_return[:, part], axis=1) for part in parts)
             changes[scale] = paired_difference(last, first)
-    best = solve(hunt).action_values
+    best = cr.solve(hunt).action_values
     alive = ~hunt.mdp.terminal
     learnt: Any = arms["source"].values
     read = [edge.mapping.read(learnt.mean(axis=0)) for edge in curriculum.transfers]
-    phi = mean(np.stack(read))
+    phi = cr.mean(np.stack(read))
     optimistic = {c: float((c * phi > best)[alive].mean()) for c in (0.5, 1.0, 2.0)}
     where = (
         "5x5, both must catch, epsilon-greedy 0.1, discount 0.95, truncated at 100, 400,000 steps"
@@ -387,12 +378,12 @@ def _why_max(studies: Studies, results: Mapping[str, Arms]) -> Claim:
     exact = dict[str, dict[str, float]]()
     for name in ("as published", "as published, all mapped", "as stated"):
         curriculum = SETTINGS[name].curriculum(studies)
-        source = solve(curriculum.tasks["chase"]).action_values
+        source = cr.solve(curriculum.tasks["chase"]).action_values
         read = np.stack([edge.mapping.read(source) for edge in curriculum.transfers])
         exact[name] = {}
         for g in AGGREGATES.values():
             policy = greedy_policy(np.nan_to_num(g(read)), tolerance=1e-7)
-            values = evaluate(curriculum.tasks["hunt"], policy).values
+            values = cr.evaluate(curriculum.tasks["hunt"], policy).values
             exact[name][g.__name__] = float(values.mean())
     stated, mapped = exact["as stated"], exact["as published, all mapped"]
     holds = stated["minimum"] > stated["mean"] > stated["maximum"]
@@ -411,7 +402,7 @@ def _why_max(studies: Studies, results: Mapping[str, Arms]) -> Claim:
     )
 
 
-def _mapping_found(curriculum: Curriculum) -> Claim:
+def _mapping_found(curriculum: cr.Curriculum) -> Claim:
     """Search for the mappings instead of writing them."""
     hand_made = [edge.mapping for edge in curriculum.transfers]
     hunt, chase = curriculum.tasks["hunt"], curriculum.tasks["chase"]
@@ -421,10 +412,10 @@ def _mapping_found(curriculum: Curriculum) -> Claim:
     recovered = len(exact) == len(hand_made) and all(
         any(np.array_equal(p.mapping.index, f.index) for p in exact) for f in hand_made
     )
-    source, starts = solve(chase).action_values, {}
+    source, starts = cr.solve(chase).action_values, {}
     for name, pair in (("the two found", exact), ("control: the next best two", inexact[:2])):
-        aggregate = minimum(np.stack([p.mapping.read(source) for p in pair]))
-        starts[name] = evaluate(hunt, greedy_policy(aggregate, tolerance=1e-7)).start_value
+        aggregate = cr.minimum(np.stack([p.mapping.read(source) for p in pair]))
+        starts[name] = cr.evaluate(hunt, greedy_policy(aggregate, tolerance=1e-7)).start_value
     return Claim(
         "f4.mapping-found",
         "Open question: can transfer work without a hand-made mapping? Here it can: of all "

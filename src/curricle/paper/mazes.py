@@ -14,17 +14,7 @@ import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from curricle import (
-    GreedyEvaluation,
-    GridWorld,
-    QLearning,
-    Rewards,
-    StateActionPotential,
-    learn,
-    read_study,
-    run_study,
-    solve,
-)
+import curricle as cr
 from curricle.arrays import FloatArray, IntArray
 from curricle.files import as_json
 from curricle.learning import RewardBonus, StateShaping
@@ -58,7 +48,7 @@ class Studies:
 
     def read(self, file: str, *changes: str) -> StudyConfig:
         """Return a study of the paper, with changes as `curricle run --set` takes them."""
-        return read_study(HERE / f"{file}.toml", set=[f"seeds={self.seeds}", *changes])
+        return cr.read_study(HERE / f"{file}.toml", set=[f"seeds={self.seeds}", *changes])
 
     def run(self, name: str, file: str, *changes: str) -> StudyResults:
         """Return the results of a study with changes, stored as `name`."""
@@ -66,7 +56,7 @@ class Studies:
             study = self.read(file, *changes)
             place = self.folder / f"{len(study.seeds)} seeds" / name
             how: Any = {"workers": self.workers, "progress": partial(self._show, name)}
-            self._run[name] = run_study(study, place, resume=True, **how)
+            self._run[name] = cr.run_study(study, place, resume=True, **how)
             self.say(name)
         return self._run[name]
 
@@ -130,9 +120,9 @@ class FigureResult:
         return files, section
 
 
-def maze(step: float) -> GridWorld:
+def maze(step: float) -> cr.GridWorld:
     """Return the paper's 10x10 maze; `step` is -1 in its text and -5 in its runs."""
-    return GridWorld(MAP, rewards=Rewards(step=step), discount=0.99, time_limit=200)
+    return cr.GridWorld(MAP, rewards=cr.Rewards(step=step), discount=0.99, time_limit=200)
 
 
 def verdict(holds: Any) -> Verdict:
@@ -259,13 +249,13 @@ TARGETS = {
 
 def figure1(studies: Studies) -> FigureResult:
     """Return figure 1, which needs no learning."""
-    source = GridWorld(SOURCE, start="uniform", representation="relative")
+    source = cr.GridWorld(SOURCE, start="uniform", representation="relative")
     figure, axes = new_figure(1, 3, width=9, height=3.4)
     draw_maze(axes[0, 0], source)
     axes[0, 0].set_title("source")
     parts, coverage = [], {}
     for panel, (name, text) in zip(axes[0, 1:], TARGETS.items(), strict=True):
-        target = GridWorld(text, representation="relative")
+        target = cr.GridWorld(text, representation="relative")
         mapping = relative_objects(target, source)
         matched, coverage[name] = mapping.mapped_states(), mapping.coverage()
         draw_maze(panel, target, marked=matched)
@@ -306,7 +296,7 @@ OPTIMUM = {-1.0: 114.6014, -5.0: -1.1773}  # v*(start) by step reward, computed 
 def figure2(studies: Studies) -> FigureResult:
     """Return figure 2."""
     arena = maze(-5)
-    optimal = {step: solve(maze(step)) for step in OPTIMUM}
+    optimal = {step: cr.solve(maze(step)) for step in OPTIMUM}
     path = rollout(arena, optimal[-5.0].policy)
     scratch = Maze.learnt(studies, -5)
     curve = scratch.arm(SIZE).curve
@@ -386,7 +376,7 @@ def figure3(studies: Studies) -> FigureResult:
     for panel, (step, shown) in zip(axes[0], results.items(), strict=True):
         _draw_saved(panel, shown, seeds, f"step reward {step:g} ({STEP_REWARDS[step]})")
     arena = maze(-5)
-    path = arena.cells[rollout(arena, solve(arena).policy).states]
+    path = arena.cells[rollout(arena, cr.solve(arena).policy).states]
     source = arena.crop(rows=(0, 3), columns=(7, 10), start="uniform")
     title = "the 3x3 source, and the target's optimal path"
     unit = "max Q of the source (return)"
@@ -539,20 +529,20 @@ def _claims(step: float, arms: Arms) -> list[Claim]:
 # -- reward hacking, which the paper describes: a bonus that makes the agent loop for ever -------
 
 CAP = 100
-GRID = GridWorld(
+GRID = cr.GridWorld(
     ["S....", "..#..", "..#.T", ".....", "....."],
-    rewards=Rewards(step=-1, treasure=20),
+    rewards=cr.Rewards(step=-1, treasure=20),
     discount=0.95,
     time_limit=CAP,
 )
 STEPS = 30_000
 
 
-def nearness() -> StateActionPotential:
+def nearness() -> cr.StateActionPotential:
     """Return a hint of nearness: 4 at the treasure, half a point less with each cell."""
     treasure = next((row, column) for name, row, column in GRID.objects if name == "treasure")
     hint = 4 - abs(GRID.cells - treasure).sum(axis=1) / 2
-    return StateActionPotential(GRID, np.repeat(hint[:, None], GRID.actions.size, axis=1))
+    return cr.StateActionPotential(GRID, np.repeat(hint[:, None], GRID.actions.size, axis=1))
 
 
 def hacking(studies: Studies) -> FigureResult:
@@ -563,11 +553,11 @@ def hacking(studies: Studies) -> FigureResult:
         "as a bonus": (RewardBonus(hint), "vermillion"),
         "as a potential": (StateShaping(hint), "green"),
     }
-    summed = GreedyEvaluation(discounted=False)
+    summed = cr.GreedyEvaluation(discounted=False)
     how: Any = {"seeds": studies.seeds, "evaluation": summed, "workers": studies.workers}
     results = {}
     for name, (shaping, _) in arms.items():
-        results[name] = learn(GRID, QLearning(epsilon=0.1), STEPS, shaping=shaping, **how)
+        results[name] = cr.learn(GRID, cr.QLearning(epsilon=0.1), STEPS, shaping=shaping, **how)
         studies.say(f"reward hacking: {name}")
     figure, axes = new_figure(1, 3, width=11, height=3.6)
     for panel, name in zip(axes[0], ("as a bonus", "as a potential"), strict=False):

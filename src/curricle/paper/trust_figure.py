@@ -8,16 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle import (
-    QInitialisation,
-    RewardBonus,
-    StateShaping,
-    calibrate,
-    certify,
-    compare,
-    forecast,
-    solve,
-)
+import curricle as cr
 from curricle.arrays import FloatArray
 from curricle.comparison import Comparison, Forecast
 from curricle.errors import CalibrationError
@@ -71,7 +62,7 @@ def hunts_of(studies: Studies) -> Hunts:
 
 def wrong_choices_added(study: StudyResults) -> FloatArray:
     """Return the share of seeds in which the source makes a state's greedy choice wrong, (S,)."""
-    optimal, wrong = solve(maze(-5)).optimal, list[FloatArray]()
+    optimal, wrong = cr.solve(maze(-5)).optimal, list[FloatArray]()
     for arm in ("at first", "at first, without it"):
         values: Any = study.result(arm, "target", values=True).values
         greedy = values == values.max(axis=-1, keepdims=True)
@@ -88,7 +79,7 @@ def refused_calibrations(studies: Studies, step: float) -> dict[int, float]:
         sources, refusals = results.trained(str(size), curriculum), 0
         for seed, phi in enumerate(curriculum.potentials("target", sources)):
             try:
-                calibrate(phi, seed=seed)
+                cr.calibrate(phi, seed=seed)
             except CalibrationError:
                 refusals += 1
         refused[size] = refusals / studies.seeds
@@ -120,9 +111,9 @@ def trust(studies: Studies) -> FigureResult:
     """Return the trust figure."""
     seeds, how = studies.seeds, dict[str, Any](workers=studies.workers)
     study = studies.read("trust")
-    predicted = forecast(study.curriculum("mean"), seeds=FORECAST_SEEDS, trial=False, **how)
+    predicted = cr.forecast(study.curriculum("mean"), seeds=FORECAST_SEEDS, trial=False, **how)
     studies.say("pursuit 5x5, forecast")
-    controls = compare(
+    controls = cr.compare(
         {"mean, calibrated": studies.read("trust", *CHARGED).curriculum("mean, calibrated")},
         controls=("placebo", "scaled", "negated", "random_start", "pretraining"),
         progress=lambda sentence: studies.say(f"5x5, controls: {sentence}"),
@@ -257,8 +248,10 @@ def _change(result: LearningResult) -> Interval:
 def _forecast_claims(predicted: Forecast, hunts: Hunts) -> Iterator[Claim]:
     """Yield the claims about forecasts before training."""
     fitted = predicted["mean"].calibrations[0].potential
-    safe, hint = certify(fitted.task, QInitialisation(fitted)), mazes.nearness()
-    bonus, control = (certify(mazes.GRID, shaping(hint)) for shaping in (RewardBonus, StateShaping))
+    safe, hint = cr.certify(fitted.task, cr.QInitialisation(fitted)), mazes.nearness()
+    bonus, control = (
+        cr.certify(mazes.GRID, shaping(hint)) for shaping in (cr.RewardBonus, cr.StateShaping)
+    )
     yield Claim(
         "trust.certified",
         "Whether a shaping keeps the optimal policy can be proven: the calibrated potential does, "

@@ -219,9 +219,9 @@ PICTURES = "rgb_array"
 def with_pictures(make: Callable[[], Any]) -> Callable[[], Any]:
     """Return a function that makes the same environments, with pictures where they have any."""
     maker = make if isinstance(make, EnvironmentMaker) else EnvironmentMaker(make, {})
-    if isinstance(maker.what, EnvironmentMaker):
-        return replace(maker, what=with_pictures(maker.what))
-    if callable(maker.what) and "render_mode" not in signature(maker.what).parameters:
+    if isinstance(maker.recipe, EnvironmentMaker):
+        return replace(maker, recipe=with_pictures(maker.recipe))
+    if callable(maker.recipe) and "render_mode" not in signature(maker.recipe).parameters:
         return make
     return replace(maker, arguments={**maker.arguments, "render_mode": PICTURES})
 

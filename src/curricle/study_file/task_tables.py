@@ -16,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from curricle import tasks
 from curricle.deep.miniature import miniatures
 from curricle.design.candidates import KINDS
 from curricle.errors import ConfigError, TaskError
@@ -39,6 +40,7 @@ from curricle.study_file.schema import (
     Settings,
     Table,
     Whole,
+    as_table,
     built,
     shown,
     table_of,
@@ -48,10 +50,9 @@ from curricle.study_file.schema import (
     wrong,
     wrong_at,
 )
-from curricle.tasks.built_in import BUILT_IN, DOMAINS
-from curricle.tasks.domain import MOVES, GridDomain, MapDomain
+from curricle.tasks.domain import MOVES, Domain, GridDomain, MapDomain, name_of
 from curricle.tasks.family import FamilyMember, TaskFamily, rules_of
-from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.gridworld import LEGENDS, GridWorld
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
@@ -325,6 +326,13 @@ DistilledTask = table_of(
 
 # -- Task families: tables that name one, and tasks that are members of one ------------------------
 
+BUILT_IN = {
+    family.name: family
+    for name in dir(tasks)
+    if isinstance(family := getattr(tasks, name), TaskFamily)
+}
+"""Name -> family that comes with the library, one of its public names."""
+
 
 class FamilyTable(Table):
     """A family of tasks with defaults of yours; its other keys are parameters."""
@@ -557,7 +565,11 @@ _ENDS = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator
 _HALLWAY = _listed_or("be a hallway or a list of a row and a column", Pair, *MOVES)
 _PLACES = _listed_or("be 'uniform' or a list of positions", tuple[Whole, ...], "uniform")
 _CAPTURES = ("all", "any", "as_published")
-MazeTask = _domain(GridWorld, "maze", ends=_ENDS)
+_LEGEND = Annotated[
+    str | dict[str, str],
+    word(f"be {', '.join(map(repr, LEGENDS))} or a table of characters", LEGENDS, other=as_table),
+]
+MazeTask = _domain(GridWorld, "maze", ends=_ENDS, legend=_LEGEND)
 PursuitTask = _domain(
     Pursuit,
     "pursuit",
@@ -579,9 +591,10 @@ _WRITTEN: dict[str, dict[str, Any]] = {
 # GridWorld and Pursuit are above; the others are Gymnasium's, and members of families.
 _OTHERWISE = (GridWorld, Pursuit, FrozenLake, CliffWalking, Taxi)
 DOMAIN_TASKS = tuple(
-    _domain(kind, name, **_WRITTEN.get(name, {}))
-    for name, kind in DOMAINS.items()
-    if kind not in _OTHERWISE
+    _domain(kind, name_of(kind), **_WRITTEN.get(name_of(kind), {}))
+    for name in dir(tasks)
+    if isinstance(kind := getattr(tasks, name), type)
+    if issubclass(kind, Domain) and kind not in _OTHERWISE
 )
 TASKS = (
     MazeTask,

@@ -21,7 +21,7 @@ from curricle.tasks.models import check_horizon
 class EnvironmentMaker:
     """Makes an environment; two makers of the same environment are equal."""
 
-    what: Any = field(hash=False)  # what ``gymnasium.make`` takes, or a function that makes one
+    recipe: Any = field(hash=False)  # what ``gymnasium.make`` takes, or a function that makes one
     arguments: Mapping[str, Any] = field(default_factory=dict, hash=False)  # copied for each
     encode: Callable[[Any], Any] | None = field(default=None, hash=False)  # wraps what is made
 
@@ -31,7 +31,7 @@ class EnvironmentMaker:
 
     def __call__(self) -> gymnasium.Env[Any, Any]:
         """Return a new environment."""
-        make = self.what if callable(self.what) else partial(gymnasium.make, self.what)
+        make = self.recipe if callable(self.recipe) else partial(gymnasium.make, self.recipe)
         environment: Any = make(**deepcopy(dict(self.arguments)))
         if self.encode is None:
             return environment  # type: ignore[no-any-return]
@@ -52,14 +52,15 @@ class EnvironmentMaker:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, EnvironmentMaker):
             return NotImplemented
-        left, right = ((maker.what, maker.arguments, maker.encode) for maker in (self, other))
+        left, right = ((maker.recipe, maker.arguments, maker.encode) for maker in (self, other))
         return _alike(left, right)
 
     def __str__(self) -> str:
-        what = _text(self.what) if callable(self.what) else getattr(self.what, "id", self.what)
+        recipe = self.recipe
+        name = _text(recipe) if callable(recipe) else getattr(recipe, "id", recipe)
         parts = [f"{n}={getattr(v, '__qualname__', repr(v))}" for n, v in self.arguments.items()]
         parts += [] if self.encode is None else [f"encode={_text(self.encode)}"]
-        return f"{what}({', '.join(parts)})" if parts else str(what)
+        return f"{name}({', '.join(parts)})" if parts else str(name)
 
 
 def check_spaces(environment: gymnasium.Env[Any, Any]) -> None:

@@ -20,7 +20,6 @@ from curricle.tasks.domain import (
     MapStart,
     TimeLimit,
     cell_of,
-    cut,
     family_of,
     in_proportion,
     numbered_names,
@@ -236,7 +235,8 @@ class KeyLockPit(MapDomain):
     keys_held : bool
         Whether episodes start with all keys held, as in the second half of a task.
     origin : (int, int)
-        Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
+        Row and column of the top-left cell. A crop keeps the coordinates of the whole map; keys
+        outside it count as held, and a key or a lock must be left.
     discount, time_limit
         As in :class:`FiniteMDP`.
 
@@ -279,16 +279,6 @@ class KeyLockPit(MapDomain):
         side = whole_number("size", size, SMALLEST_ROOM, TaskError)
         side = int(number("size", side, TaskError, SMALLEST_ROOM, LARGEST_ROOM))
         return cls(map=_room(side), **rules)
-
-    def crop(
-        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
-    ) -> Self:
-        """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
-
-        Objects outside are removed, keys outside count as held. A key or a lock must be left.
-        """
-        part = cut(self.map, self.origin, rows, columns)
-        return replace(self, map=part, start=start, origin=(rows[0], columns[0]))
 
     @cached_property
     def states(self) -> Space:
