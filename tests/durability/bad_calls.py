@@ -189,7 +189,7 @@ CALLS = {name: (getattr(cr, name), good) for name, good in ARGUMENTS.items()} | 
         cr.FiniteMDP.from_outcomes,
         lambda: {"outcomes": [[[(1.0, 1, 2.0, True)]], [[]]], "start": 0, "discount": 1.0},
     ),
-    "Pursuit rules": (cr.Pursuit, lambda: {"capture": "all", "prey": "uniform", "discount": 0.9}),
+    "Pursuit rules": (cr.Pursuit, lambda: {"capture": "all", "discount": 0.9}),
     "learn pursuit": (
         lambda **f: cr.learn(cr.Pursuit(**f), budget=50, evaluation=OFF),
         lambda: {"size": 3, "predators": 1, "step_reward": -1.0, "time_limit": 9},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle import Component, FiniteMDP, GridWorld, Pursuit, Rewards, Space
+from curricle import Component, FiniteMDP, GridWorld, Pursuit, Space
 from curricle.errors import TaskError
 from curricle.tasks import (
     BlockDude,
@@ -77,9 +77,7 @@ TASKS = [
     (lambda: dense(start=[2, -1]), "not negative"),
     (lambda: dense(start=[1]), r"shape \(2,\): got \(1,\)"),
     (lambda: dense(discount=1.01), r"\[0, 1\]: got 1.01"),
-    (lambda: dense(discount=NAN), "discount must be finite: got nan"),
     (lambda: dense(ROUND, discount=1), "discount 1 needs .*from state 0"),
-    (lambda: dense(time_limit=0), "time_limit in steps must be a whole number, at least 1: got 0"),
     (lambda: Component("row", 0), "of component 'row' must be a whole number, at least 1: got 0"),
     (lambda: Component("row", 2, labels=("a",)), "'row' has 2 values and 1 labels"),
     (lambda: Space([Component("a", 1)] * 2), r"different names.*\['a', 'a'\]"),
@@ -98,29 +96,22 @@ TASKS = [
     (lambda: GridWorld("S.T", start=[(0, 3)]), r"free cell that does not end it: got \(0, 3\)"),
     (lambda: GridWorld("S.T", combine="max"), "combine must be one of sum, worst: got 'max'"),
     (lambda: GridWorld("S.T", ends=["lava"]), "one of treasure, fire, pit: got 'lava'"),
-    (lambda: GridWorld("S.T", representation="polar"), "absolute, relative: got 'polar'"),
     (lambda: GridWorld("S.O"), "column 2 has 'O'; legend={'O': 'wall'} makes it a wall"),
     (lambda: GridWorld("S.T", legend={"O": "hole"}), "which of start, .* they are.*: got {'O'"),
     (lambda: GridWorld("S.T", legend={"OO": "pit"}), "single characters"),
     (lambda: GridWorld("S.T", legend="lake"), "or be one of frozen_lake: got 'lake'"),
-    (lambda: Rewards(pit=NAN), "reward pit must be finite: got nan"),
     (lambda: LINE.crop(rows=(0, 2), columns=(0, 3)), r"rows 0\.\.1: got 0\.\.2"),
     (lambda: LINE.crop(rows=(0, 1), columns=(-1, 3)), r"columns 0\.\.3: got -1"),
     (lambda: LINE.crop(rows=(0, 1), columns=(2, 2)), r"got 2\.\.2"),
-    (lambda: Pursuit(moves=6), "moves must be one of 4, 5: got 6"),
     (lambda: Pursuit(capture="some"), "'any', 'as_published' or .* 1 to 2: got 'some'"),
     (lambda: Pursuit(capture=3), "from 1 to 2: got 3"),
     (lambda: Pursuit(size=1e308), "size must be a whole number below 2.63"),
-    (lambda: Pursuit(capture=True), "got True"),
     (lambda: Component(None, 2), "name of a component must be text, not empty"),
-    (lambda: Component("a", 2, low=2**63), "lowest value of component 'a' must be"),
     (lambda: Component("a", 2, low=2**63 - 1), "highest value of component 'a' must be"),
     (lambda: Component("a", 2, labels=(1, 2)), "label .* must be text"),
-    (lambda: Component("a", 2, labels="ab"), "must be a list of text: got 'ab'"),
     (lambda: Space(["a"]), "components must be a list of Component"),
     (lambda: Space([Component("a", 2)], np.zeros((0, 1), int)), "S at least 1"),
     (lambda: HUGE.encode(**ORIGIN), r"fewer than 2\^63: this one has 2\^100"),
-    (lambda: len(HUGE), r"fewer than 2\^63"),
     (WIDE.states.decode, "all points of a space must fit half of the machine's"),
     (lambda: WIDE.terminal, "a flag for each state of a pursuit must fit half"),
     (lambda: cr.GridWorld("S.T", ends=5), "ends must be names of objects: got 5"),
@@ -128,14 +119,9 @@ TASKS = [
     (lambda: dense(terminal=[0.5, 1]), "terminal must be flags"),
     # Domains, in the order of their modules.
     (lambda: random_maze(size=1), "size of a maze must be a whole number, at least 2: got 1"),
-    (lambda: random_maze(walls=1.5), r"walls of a maze must lie in \[0, 1\]: got 1.5"),
-    (lambda: random_maze(pits="many"), "pits of a maze must be a number: got 'many'"),
     (lambda: random_maze(walls=0.9, fires=0.2), "sum to at most 1: got 0.9, 0.05 and 0.2"),
-    (lambda: random_maze(seed=-1), "seed of a maze must be a whole number, at least 0: got -1"),
     (lambda: random_maze(corner="north"), "corner of a maze must be one of north-west"),
-    (lambda: random_maze(start="near"), "start of a maze must be one of far, uniform"),
     (lambda: BlockDude(4), "level must be one of 1, 2, 3: got 4"),
-    (lambda: BlockDude(True), "got True"),
     (lambda: BlockDude("E<>"), "one agent < or >: there are 2"),
     (lambda: BlockDude("<.."), "one exit E: there are none"),
     (lambda: BlockDude("<.T"), "drawn with < > E B # .: row 0, column 2 has 'T'"),
@@ -149,7 +135,6 @@ TASKS = [
     (lambda: DeepSea(start=[1, 2]), r"cells such as"),
     (lambda: DeepSea(start=[(2, 3)]), r"free cell .*got \(2, 3\)"),
     (lambda: DeepSea(4).bottom(5), r"part of a sea must lie in \[1, 4\]"),
-    (lambda: DeepSea(4).bottom(0), "rows of a part of a sea .*at least 1"),
     (lambda: RiverSwim(forward=0.7, back=0.4), "at most 1 together: got 0.7 and 0.4"),
     (lambda: RiverSwim().crop(positions=(4, 7)), r"positions 0..6: got \(4, 7\)"),
     (lambda: RiverSwim(discount=1, time_limit=None).mdp, "needs a time limit"),
@@ -183,7 +168,6 @@ TASKS = [
     (lambda: GoalDistance(3, 2), "the highest distance to the goal must be .* at least 3: got 2"),
     (lambda: goal_distance(CHASE, {"prey": "(9,9)"}), r"prey runs from \(0,0\) to .*'\(9,9\)'"),
     (lambda: goal_distance(MAZE, {"row": 9}), "row runs from 0 to 2: got 9"),
-    (lambda: goal_distance(MAZE, {"row": "a"}), "row runs from 0 to 2: got 'a'"),
 ]
 VALUES = [
     (FrozenLake, {"map": ["5x5", 3, ["SF", "G"]], "origin": [(1, 2, 3)]}),

@@ -210,7 +210,7 @@ def test_a_command_line_that_makes_no_sense(refused, study_file, tmp_path, argum
 
 
 def test_tracking_is_passed_on(curricle, study_file, tmp_path):
-    pytest.importorskip("tensorboardX")
+    pytest.importorskip("tensorboard")
     code, _, complaint = curricle("run", study_file, "--seeds", "1", "--track", "tensorboard")
     assert code == 0, complaint
     assert list((tmp_path / "chain-results").rglob("events.out.tfevents*"))

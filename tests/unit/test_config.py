@@ -13,7 +13,6 @@ from curricle.errors import SettingError
 from curricle.learning import (
     Learner,
     OptimisticQLearning,
-    exponential,
     harmonic,
     linear,
 )
@@ -205,36 +204,23 @@ def test_a_task_is_the_one_described(read, table, made):
     assert only(read(f"name = 'x'\n[tasks.it]\n{table}")).tasks["it"] == made
 
 
-LEARNER, SHAPING = "tasks.hunt.learner", "tasks.hunt.shaping"
+LEARNER = "tasks.hunt.learner"
 STORAGE = cr.Storage(dtype="float32", memory_limit="1 GiB")
 FALLING = "{ type = 'linear', first = 1, last = 0, steps = 1e3 }"
-HALVED = "{ type = 'exponential', first = 1, half_life = 9.5 }"
 SAID = [
     (LEARNER, "{ type = 'SARSA', epsilon = 0.3 }", cr.SARSA(0.2, 0.3)),
     (LEARNER, f"{{ epsilon = {FALLING} }}", cr.QLearning(0.2, linear(1, 0, steps=1000))),
-    (LEARNER, f"{{ epsilon = {HALVED} }}", cr.QLearning(0.2, exponential(1, half_life=9.5))),
     (LEARNER, "{ learning_rate = { type = 'harmonic' } }", cr.QLearning(harmonic(), 0.1)),
     (
         LEARNER,
         "{ type = 'OptimisticQLearning', value_range = [-3, 2.5], learning_rate = 0.5 }",
         OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
     ),
-    (SHAPING, "'StateShaping'", cr.StateShaping()),
     ("shaping", "{ portfolio = true }", cr.QInitialisation(portfolio=cr.Portfolio())),
     (
         "shaping",
         "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
         cr.DecayingAdvice(weight=harmonic(half=9)),
-    ),
-    (
-        SHAPING,
-        "{ type = 'LookAheadAdvice', portfolio = { memory = 9 } }",
-        cr.LookAheadAdvice(portfolio=cr.Portfolio(memory=9)),
-    ),
-    (
-        "tasks.hunt.evaluation",
-        "{ method = 'rollouts', episodes = 7, discounted = false }",
-        cr.GreedyEvaluation("rollouts", 7, False),
     ),
     ("storage", "{ dtype = 'float32', memory_limit = '1 GiB' }", STORAGE),
     ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
@@ -243,7 +229,6 @@ SAID = [
         "{ max_steps = 5000, min_steps = 10, threshold = -3.5 }",
         cr.StoppingRule(5000, min_steps=10, threshold=-3.5),
     ),
-    ("tasks.hunt.eval_freq", "50", 50),
 ]
 
 

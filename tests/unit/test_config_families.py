@@ -141,13 +141,6 @@ def test_plain_data_hold_every_parameter(read_family, text):
         assert (task["family"], task["moves"], task["time_limit"]) == ("pursuit", 5, "none")
 
 
-def test_two_ways_to_write_a_member_are_one_study(read_family):
-    settings = "torus = true, discount = 0.95"
-    assert read_family(
-        HUNT.replace('{ family = "ring"', f'{{ family = "pursuit", {settings}')
-    ) == read_family(HUNT)
-
-
 def test_arms_change_parameters_and_families(read_family):
     text = (
         HUNT
@@ -269,29 +262,6 @@ def test_tasks_of_every_type_start_where_they_are_told(read, kind, said, expecte
 def test_tables_of_gymnasium_start_in_a_ring(read):
     text = 'type = "gymnasium", id = "FrozenLake-v1", start_states = { distance = [1, 2] }'
     assert np.flatnonzero(task_of(read, text).start).tolist() == [10, 13, 14]
-
-
-def test_a_crop_of_a_task_that_starts_elsewhere(read):
-    text = """
-        name = "parts"
-        budget = 100
-        [tasks.rooms]
-        type = "four_rooms"
-        start_states = { distance = 1 }
-        [tasks.room]
-        type = "crop"
-        of = "rooms"
-        rows = [7, 12]
-        columns = [7, 12]
-        start_states = { distance = [1, 2] }
-        [[transfers]]
-        source = "room"
-        target = "rooms"
-        project = {}
-    """
-    tasks = read(text).curriculum("transfer").tasks
-    room = FourRooms().crop(rows=(7, 12), columns=(7, 12))
-    assert tasks["room"] == with_start(room, GoalDistance(1, 2))
 
 
 def test_rings_are_a_curriculum(read, tmp_path):

@@ -190,14 +190,6 @@ def test_state_shaping_uses_the_largest_action_value_of_a_state():
     assert not same(build([("near", "far")]).train()["far"], result["far"])
 
 
-def test_look_back_advice_shapes_the_target_and_leaves_the_source_alone():
-    learner = cr.SARSA()
-    result = build([("near", "far")], learner=learner, shaping=cr.LookBackAdvice()).train()
-    shaping = one_each(cr.LookBackAdvice, result, "far")
-    assert same(cr.learn(MAZE, learner, 300, shaping=shaping, stream="far"), result["far"])
-    assert same(result["near"], cr.learn(TASKS["near"], learner, 300, stream="near"))
-
-
 def test_a_curriculum_does_not_change_with_the_callers_containers():
     tasks, transfers = {"near": TASKS["near"], "far": MAZE}, edges([("near", "far")])
     curriculum = cr.Curriculum(tasks, transfers, budget=10)
@@ -263,11 +255,3 @@ def test_values_that_contain_what_shaping_added_are_not_handed_on(kind, learner)
         alone.train(trained={"left": shaped})
     with pytest.raises(CurriculumError, match="own rewards"):
         cr.forecast(alone, seeds=1, trained={"left": shaped})
-
-
-def test_a_chain_hands_on_what_was_learnt_under_advice():
-    result = build(CHAIN, shaping={"left": cr.DecayingAdvice()}).train()
-    (edge,) = result.curriculum.in_edges("far")
-    phi = np.nan_to_num(edge.potential(result["left"].values[0]))
-    np.testing.assert_array_equal(result.potentials["far"][0].values, phi)
-    assert result["left"].own_rewards.all()

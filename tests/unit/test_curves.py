@@ -82,12 +82,6 @@ def test_time_is_the_first_checkpoint_at_or_above_the_threshold():
     assert smooth(made.values, 10).min() == 0.1
 
 
-def test_a_seed_that_never_reaches_is_censored_at_the_last_checkpoint():
-    weak = time_to_threshold(HELPED, 4.0)
-    assert weak.steps.tolist() == [200, 400]
-    assert weak.reached.tolist() == [True, False]
-
-
 def test_steps_saved_is_paired_by_seed():
     assert steps_saved(SCRATCH, HELPED, 2.0).tolist() == [200, 400]
     assert steps_saved(SCRATCH, HELPED, 99.0).tolist() == [0, 0]

@@ -121,18 +121,6 @@ def test_goals_are_treasures_or_named_by_components():
     assert cr.tasks.goal_distance(corridor).tolist() == [-1, -1, -1, 1, 0]
 
 
-def test_mappings_fit_a_task_that_starts_elsewhere():
-    hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    near = cr.tasks.with_start(chase, cr.tasks.GoalDistance(1))
-    mapping = cr.project(hunt, near, predator="predator_1")
-    curriculum = cr.Curriculum(
-        {"near": near, "hunt": hunt}, [cr.Transfer("near", "hunt", mapping)], budget=300
-    )
-    assert curriculum.train(seeds=[0])["hunt"].steps_used == [300]
-    part = cr.tasks.with_start(MAZE, cr.tasks.GoalDistance(1, 2))
-    assert cr.same_position(MAZE, part).coverage().mapped == 1
-
-
 def test_it_is_learnt_solved_and_drawn():
     near = cr.tasks.with_start(TASKS["pursuit"], cr.tasks.GoalDistance(1))
     assert cr.solve(near).start_value == pytest.approx(

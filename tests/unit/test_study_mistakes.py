@@ -74,7 +74,6 @@ MISTAKES = r"""
 + | [arms]\na = 3 | line 22: arms.a must be a table: got 3
 + | [arms.a]\n[arms.b]\nTURNED | line 21: arms must all have the same target: a has hunt
 tasks.chse.budget=3 | as set: tasks.chse is unknown, did you mean 'chase'?
-tasks.chase.size=x | as set: tasks.chase.size must be a whole number: got 'x'
 arms.a.budget=3 | as set: arms.a is unknown
 transfers.4.scale=3 | as set: transfers[4] is unknown: known are 0
 tasks.chase.time_limit=0 | line 7, as set: tasks.chase is refused: time_limit in
@@ -82,21 +81,16 @@ snapshots=-1 | as set: snapshots must be at least 0: got -1
 KIND | type = "persuit"\npred | line 8: tasks.chase.type must be one of maze, crop,
 PROJECT | mapping = 'same_positon' | line 20: transfers[0].mapping must be 'identity',
 SIZE | torus = 1\npred | line 9: tasks.chase.torus must be true or false: got 1
-SIZE | moves = 6\npred | line 9: tasks.chase.moves must be 4 or 5: got 6
 LEARNER | shaping.portfolio = 3 | line 4: shaping.portfolio must be true, false or a table: got
-LEARNER | seeds_per_unit = 0 | line 4: seeds_per_unit must be at least 1: got 0
 epsilon = 0.1 | epsilon = nan | line 5: learner.epsilon must be finite: got nan
 LEARNER | [storage]\nqqq = 1 | line 5: storage.qqq is unknown: known are … save_values
 SIZE | capture = 'al'\npred | line 9: tasks.chase.capture must be … mean 'all'?
-KIND | pred | line 7: tasks.chase.type is missing … observation_task, distilled
-LEARNER | aggregate = 'minmum' | line 4: aggregate must be one of … mean 'minimum'?
 source = "chase" | source = "chse" | line 18: transfers[0].source must … 'chase'?
 PROJECT | mapping = 'identity'\nPROJECT | line 17: transfers[0] … project, mapping
 PROJECT | function = 'cart' | line 20: transfers[0].function must name … got 'cart'
 [mazes]
 of = "maze" | of = 'mze' | line 12: tasks.corner.of must name a task: got 'mze', did
 of = "maze" | of = 'corner' | line 12: tasks.corner.of must lead to a whole task: got
-rows = [0, 2] |  | line 10: tasks.corner.rows is missing
 rows = [0, 2] | rows = [0, 2]\nstart = 'here' | line 14: tasks.corner.start must be
 map = ''' | file = 'm.txt'\nmap = ''' | line 3: tasks.maze has both map and file: one
 ...T\nS... | ...T\nS.. | line 3: tasks.maze is refused: all lines of a map must be
@@ -104,9 +98,7 @@ mapping = "same_position" | project.row = 'raw' | component (row, column): got '
 mapping = "same_position" | factory = 'own:f'\nunmapped_value = 3 | line 16: transfers[0] has
 mapping = "same_position" | mapping = 'identity'\nunmapped_value = 3 | line 16: transfers[0] has
 [members]
-torus = true | tors = true | line 8: families.ring.tors is unknown, did you mean
 torus = true | torus = 1 | line 8: families.ring.torus must be True or False: got 1
-family = "pursuit"\n |  | line 6: families.ring.family is missing
 size = 3, predators = 1 | size = 2000 | line 12: tasks.chase.size must lie in [2
 predators = 1 | predators = 1, capture = 2 | line 12: tasks.chase is refused: capture
 RING | type = "pursuit", size = 3, torus = true | line 18: transfers[0].mapping must map members of
@@ -125,27 +117,20 @@ START | { visits = "random", goal = { row = 1 } } | line 12: tasks.near.start_st
 factory = "own:Room" | id = "own:Room" | ; a class or function of your own is named by
 factory = "own:Room" | id = "a", factory = "own:Room" | id or factory: got both
 own:Room | owm:Room | owm is neither beside the study file nor on Python's
-own:Room | own:Rom | own has no Rom to call, did you mean 'Room'?
 time_limit | arguments = { sise = 3 }, time_limit | own:Room failed: TypeError:
 , "column" |  | in the order of state_1, state_2: got 1, row
-["row", "column"] | "row" | tasks.room.names must be a list: got 'row'
 "column" | "" | tasks.room.names[1] must have 1 to 100 characters: got ''
-names | nmaes | tasks.room.nmaes is unknown, did you mean 'names'?
 [level]
 VIEW | 'MiniGridVew' | line 7: tasks.level.encode must be one of MiniGridView
 VIEW | 'MiniGridFullView' | must be a table, as MiniGridFullView needs width and height
-VIEW | { type = VIEW, pictur = 1 } | encode.pictur is unknown, did you mean
 VIEW | { type = 'MiniGridFullView', width = 4, height = 9 } | must fit into its encoder's 4 x
-VIEW | { type = 'MiniGridFullView', width = 9 } | encode.height is missing
 VIEW | 'own:half' | own:half failed with TypeError
 [network]
 DEEP |  | line 4: learner must be { type = "deep", ... } for hunt, which is seen
 aggr | GUARD 'QInitialisation' }\naggr | a portfolio is for learners with tables: got
 aggr | GUARD 'PolicyReuse' }\naggr | shaping.portfolio is unknown
 budget = 3_000 | learner = { type = "deep" } | line 10: tasks.chase.learner must be
-settings = | setings = | line 17: tasks.hunt.learner.setings is unknown, did you mean
 "deep",  | "deep", envs = 0,  | line 17: tasks.hunt.learner is refused: envs of a
-"deep" | "depe" | OptimisticQLearning, deep: got 'depe', did you mean 'deep'?
 aggregate = "minimum" | shaping = "RewardBonus" | line 5: shaping must be one of
 FIRST | mapping = "same_position" | line 21: transfers[0].mapping must be left out, or
 FIRST | project = {} | line 21: transfers[0].project must be left out: hunt is seen
@@ -157,28 +142,20 @@ learning_rate = 1e-3 | policy_kwargs = 8 | policy_kwargs of a deep learner must 
 [tasks.chase] | [tasks.x]\ntype = 'observation_task'\n[tasks.chase] | line 6: tasks.x
 [cart]
 id = "CartPole-v1" | id = "CratPole-v1" | tasks.short is refused: an environment must
-id = "CartPole-v1" |  | tasks.short must have id or factory: got neither
 id = "CartPole-v1" | factory = "own:no_environment" | tasks.short is refused: make
-id = "CartPole-v1" | factory = "own:corridor" | own:corridor failed: TypeError
 SEEN | TABLE | transfers[0].source must have tables as its target has: short is seen through
 [swept]
-sweep={} | sweep must name a setting to sweep: got none
 sweep.tasks.corner.rows=[[0, 9]] | sweep.tasks.corner.rows is refused: a crop must lie
 sweep.learner.epsilon=[1, 1] | must be a list of different values: 1 is there twice
 sweep.learner.epsilon=[3.0] | sweep.learner.epsilon is refused: epsilon must
-sweep.learner=[{ epslon = 1 }, {}] | sweep.learner.epslon is unknown, did you mean
 sweep.budget=[1, 2] | changes nothing: each task or arm that it could apply to sets it
 sweep.tasks.maze.budget=[1, 2] | must leave the target maze as it is
 sweep.tasks=[1] | a key of one of the tasks, such as tasks.maze.budget
-sweep.transfers.1.scale=[1] | must name a key of one of the transfers: 1 is unknown
 sweep.seeds=[1, 2] | must name a setting of tasks or transfers: seeds is unknown
-tune.space={} | tune.space must name a setting to tune: got none
 tune.space.learner.epsilon=1 | must be a list of two or more different values, or {
-tune.space.learner.epsilon={ low = 1 } | tune.space.learner.epsilon.high is missing
 sweep.RATES & sweep.unknown_value=[0.0] & sweep.mode=paired | must have as many values as
 sweep.RATES & tune.space.RATES | is swept already: leave out one of
 [tuned]
-tune.trials=0 | tune.trials must be at least 1: got 0
 tune.seeds=0 | tune.seeds must be a number of seeds, a list of different ones
 tune.space.learner.epsilon.low=1 | epsilon.high must be above low, 1: got 0.3
 tune.space.tasks.corner.budget={ low = 10.0, high = 90.0 } | must be a whole number:

@@ -65,14 +65,12 @@ def assert_same(folder, tuned):
 # -- one outcome -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seeds_per_unit", "workers"), [(1, 1), (7, 3)])
-def test_workers_and_blocks_change_nothing(tuned_file, tuned, tmp_path, seeds_per_unit, workers):
-    study = read_study(tuned_file, set=[f"seeds_per_unit={seeds_per_unit}"])
-    run_study(study, tmp_path / "out", workers=workers)
+def test_workers_and_blocks_change_nothing(tuned_file, tuned, tmp_path):
+    run_study(read_study(tuned_file, set=["seeds_per_unit=7"]), tmp_path / "out", workers=3)
     assert_same(tmp_path / "out", tuned)
 
 
-@pytest.mark.parametrize("left", [None, 20, 5, 1])
+@pytest.mark.parametrize("left", [None, 20, 1])
 def test_a_killed_run_goes_on_to_the_same(tuned_file, tuned, pool, tmp_path, left):
     study = read_study(tuned_file)
     killed, again = Inline(0 if left is None else pool.trained - left), Inline()
@@ -271,12 +269,3 @@ def test_a_range_that_a_learner_refuses_is_refused_beforehand(tuned_file, tmp_pa
     with pytest.raises(ConfigError, match="learning_rate is refused: learning_rate must lie"):
         run_study(study, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_damaged_trials_are_trained_again(tuned_file, tuned, tmp_path):
-    study = read_study(tuned_file)
-    run_study(study, tmp_path / "out", workers=1)
-    file = StudyStore(tmp_path / "out" / TRIALS).units()[0].path
-    file.write_bytes(file.read_bytes()[:-9])
-    run_study(study, tmp_path / "out", resume=True, workers=1)
-    assert_same(tmp_path / "out", tuned)

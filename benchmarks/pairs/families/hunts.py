@@ -1,5 +1,6 @@
 """Development: pursuit; the target has one predator more than the source, or more cells."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,13 +42,23 @@ def roles_swapped(target: cr.FiniteMDP, source: cr.FiniteMDP) -> Any:
     return cr.from_function(target, source, read)
 
 
+def northward(chase: cr.FiniteMDP, size: int) -> cr.FiniteMDP:
+    """Return a chase whose prey goes north at every step."""
+    prey, after = (chase.states.decode(which)["prey"] for which in (None, chase.next_state))
+    goal = np.empty(len(after), int)
+    goal[chase.outcome_row] = np.where(prey >= size, prey - size, prey)[:, None]
+    there = after == goal[:, None]
+    only = np.eye(there.shape[1])[there.argmax(axis=1)]
+    kept = there.any(axis=1)[:, None]  # rows of ends are never used
+    return replace(chase, probability=np.where(kept, only, chase.probability))
+
+
 def hunts() -> Family:
     """Return the family: two predators on 3x3 (80,000 steps), one on 5x5 (60,000)."""
     family = Family("hunts", "development")
     hunt = family.target("two predators", pursuit(3, 2), 80_000)
     chase, either = pursuit(3, 1), pursuit(3, 2, capture="any")
-    prey = np.eye(4)[np.zeros(9, int)]
-    north = pursuit(3, 1, prey=prey)
+    north = northward(chase, 3)
     fleeing = pursuit(3, 1, step_reward=1.0)
     both, idle, away = (
         [cr.project(hunt, source, predator=f"predator_{i}") for i in (1, 2)]

@@ -249,12 +249,9 @@ def results(total=9, failed=(), learners=(), **seeds):
     ("study", "arms"),
     [
         (results(scratch=30, a=0, b=0), []),
-        (results(scratch=0, a=30, b=30), []),
         (results(scratch=30, a=5, b=0), ["scratch", "a"]),
         (results(scratch=30, a=30, b=5), ["scratch", "a"]),
-        (results(scratch=30, a=30, b=20), ["scratch", "a", "b"]),
         (results(scratch=100, a=20, b=20), ["scratch", "a", "b"]),
-        (results(scratch=30, b=10, a=30), ["scratch", "a"]),
         (results(scratch=30, a=30, b=30, failed=["a"]), ["scratch", "b"]),
         (results(scratch=30, a=30, failed=["scratch"]), []),
         (results(scratch=30, a=30, learners=["a"]), []),
