@@ -228,16 +228,17 @@ class Judged(NamedTuple):
     comparison: Comparison
     way: float
     alone: str  # the arm of the learner that the choice names where it chooses no curriculum
+    searched: float  # steps of the choice's trials, in trainings of the target
 
     @classmethod
     def of(cls, file: str, case: Case, out: Path) -> "Judged":
         """Return a target from a folder of the match."""
         name = f"{file}, {case.name}"
-        alone = json.loads((out / "choice" / f"{name}.json").read_text())["alone"]
+        choice = json.loads((out / "choice" / f"{name}.json").read_text())
         comparison = StudyResults(out / "judged" / name).comparison
-        named = f"{SCRATCH}, {alone}"
+        named = f"{SCRATCH}, {choice['alone']}"
         named = named if named in comparison.arms else SCRATCH
-        return cls(comparison, way(case.study(file)), named)
+        return cls(comparison, way(case.study(file)), named, choice["steps"] / comparison.total)
 
     def arm(self, name: str) -> str:
         """Return an arm, or what is learnt instead of a curriculum that was not chosen."""
@@ -271,7 +272,8 @@ def interval(gains: Sequence[np.ndarray]) -> str:
     """Return the mean of targets' gains as text, with 95 % over targets if many, else seeds."""
     of_each = np.array(gains).mean(axis=1 if len(gains) >= MANY else 0)
     mean = mean_interval(of_each)
-    return f"{mean.estimate:+.3f} [{mean.low:+.3f}, {mean.high:+.3f}]"
+    ends = f" [{mean.low:+.2f}, {mean.high:+.2f}]" if np.ptp(of_each) else ""
+    return f"{mean.estimate:+.2f}{ends}"
 
 
 def in_words(steps: Sequence[float]) -> str:
@@ -286,17 +288,19 @@ def lines(name: str, out: Path) -> Iterator[str]:
     played = [Judged.of(file, case, out) for case in cases]
     arms = [arm for arm in played[0].comparison.controls if arm != CHOSEN]
     chose = sum(CHOSEN in target.comparison.arms for target in played)
-    yield f"**{name}**, {len(cases)} targets; {CHOSEN} in {chose} | | | |"
+    spent = sorted(target.searched for target in played)
+    many = f"{len(cases)} targets; {CHOSEN} in {chose}, after trials of {spent[0]:,.0f} to "
+    yield f"| **{name}**, {many}{spent[-1]:,.0f} trainings | | | | |"
     for arm in (SCRATCH, *arms, CHOSEN):
         over_scratch = interval([x.gain(arm, SCRATCH) for x in played]) if arm != SCRATCH else ""
         rivals = [target.best(arm) for target in played]
         over_best = interval([x.gain(arm, of) for x, of in zip(played, rivals, strict=True)])
         paying = f"{sum(target.pays(arm) for target in played)}" if arm != SCRATCH else ""
         cells = arm, in_words([x.steps(arm) for x in played]), over_scratch, over_best, paying
-        yield " | ".join(cells)
+        yield f"| {' | '.join(cells)} |"
     best = Counter(target.best(SCRATCH).removeprefix(f"{SCRATCH}, ") for target in played)
     steps = in_words([target.steps(target.best(SCRATCH)) for target in played])
-    yield f"the best without a source, {', '.join(best)} | {steps} | | |"
+    yield f"| the best without a source, {', '.join(best)} | {steps} | | | |"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -312,7 +316,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.what == "play":
         play(options.only, options.folder)
         return
-    print("| steps until learnt | over tuned scratch | over the best opponent | pays")
+    print("| arm | steps until learnt | over tuned scratch | over the best opponent | pays |")
+    print("|---|--:|--:|--:|--:|")
     for name in options.only:
         print("\n".join(lines(name, options.folder)))
 

@@ -78,7 +78,7 @@ def test_where_no_curriculum_is_chosen_the_named_learner_plays():
     study = keys("development").varied(
         tune=None, variants=None, scratches=None, seeds=[0, 1], opponents=["optimistic"]
     )
-    played = Judged(cr.compare(study), 2.0, "scratch, OptimisticQLearning")
+    played = Judged(cr.compare(study), 2.0, "scratch, OptimisticQLearning", 9.0)
     returns = played.comparison.returns
     gain = (returns["scratch, OptimisticQLearning"] - returns[SCRATCH]) / 2
     assert np.array_equal(played.gain(CHOSEN, SCRATCH), gain)
@@ -88,8 +88,9 @@ def test_where_no_curriculum_is_chosen_the_named_learner_plays():
 
 def test_intervals_are_over_targets_where_they_are_many():
     few, many = [np.array([0.0, 2.0])] * 2, [np.full(3, float(n)) for n in range(10)]
-    assert interval(few).startswith("+1.000 [-11.7")  # over two seeds: 1 +- 12.7 x 1
-    assert interval(many).startswith("+4.500 [+2.3")  # over ten targets: 4.5 +- 2.26 x .957
+    assert interval(few).startswith("+1.00 [-11.7")  # over two seeds: 1 +- 12.7 x 1
+    assert interval([np.zeros(3)]) == "+0.00"
+    assert interval(many).startswith("+4.50 [+2.3")  # over ten targets: 4.5 +- 2.26 x .957
 
 
 def test_the_claims_maze_is_the_published_one():
