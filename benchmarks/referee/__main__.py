@@ -13,7 +13,7 @@ all opponents. What was played already is not played again.
 import argparse
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -199,11 +199,23 @@ def with_choice(study: StudyConfig, plain: StudyConfig, out: Path) -> StudyConfi
         said |= {"words": str(choice)}
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(said, indent=1))
-    name = json.loads(file.read_text())["name"]
-    if not name:
-        return study
-    arm = trial_study(asked).to_data()["arms"][name]
-    return study.varied(arms={**study.to_data()["arms"], CHOSEN: arm})
+    choice, data = json.loads(file.read_text()), study.to_data()
+    if choice["name"]:
+        arm = trial_study(asked).to_data()["arms"][choice["name"]]
+        return study.varied(arms={**data["arms"], CHOSEN: arm})
+    named = named_alone(choice)
+    if "=" in named and named not in data["scratches"]:  # a constant for Q at the rate of scratch
+        task = data["scratches"][SCRATCH]["tasks"]["target"]
+        task["learner"] |= {"learning_rate": rate, "initial_value": float(named.split("=")[1])}
+        alone = {"tasks": {**data["scratches"][SCRATCH]["tasks"], "target": task}}
+        return study.varied(scratches={**study.to_data()["scratches"], named: alone})
+    return study
+
+
+def named_alone(choice: Mapping[str, Any]) -> str:
+    """Return the arm of the learner without a source that a choice names."""
+    plain = choice["alone"] == "learning from scratch"  # whose Q starts at 0, untuned
+    return f"{SCRATCH}, {'initial_value=0' if plain else choice['alone']}"
 
 
 def play(names: Sequence[str], out: Path) -> None:
@@ -236,9 +248,8 @@ class Judged(NamedTuple):
         name = f"{file}, {case.name}"
         choice = json.loads((out / "choice" / f"{name}.json").read_text())
         comparison = StudyResults(out / "judged" / name).comparison
-        named = f"{SCRATCH}, {choice['alone']}"
-        named = named if named in comparison.arms else SCRATCH
-        return cls(comparison, way(case.study(file)), named, choice["steps"] / comparison.total)
+        spent = choice["steps"] / comparison.total
+        return cls(comparison, way(case.study(file)), named_alone(choice), spent)
 
     def arm(self, name: str) -> str:
         """Return an arm, or what is learnt instead of a curriculum that was not chosen."""
@@ -282,25 +293,43 @@ def in_words(steps: Sequence[float]) -> str:
     return ", ".join("never" if np.isinf(n) else f"{n:,.0f}" for n in few)
 
 
-def lines(name: str, out: Path) -> Iterator[str]:
-    """Yield the rows of a domain."""
-    file, _, cases = DOMAINS[name]
-    played = [Judged.of(file, case, out) for case in cases]
-    arms = [arm for arm in played[0].comparison.controls if arm != CHOSEN]
-    chose = sum(CHOSEN in target.comparison.arms for target in played)
-    spent = sorted(target.searched for target in played)
-    many = f"{len(cases)} targets; {CHOSEN} in {chose}, after trials of {spent[0]:,.0f} to "
-    yield f"| **{name}**, {many}{spent[-1]:,.0f} trainings | | | | |"
-    for arm in (SCRATCH, *arms, CHOSEN):
-        over_scratch = interval([x.gain(arm, SCRATCH) for x in played]) if arm != SCRATCH else ""
-        rivals = [target.best(arm) for target in played]
-        over_best = interval([x.gain(arm, of) for x, of in zip(played, rivals, strict=True)])
-        paying = f"{sum(target.pays(arm) for target in played)}" if arm != SCRATCH else ""
-        cells = arm, in_words([x.steps(arm) for x in played]), over_scratch, over_best, paying
-        yield f"| {' | '.join(cells)} |"
-    best = Counter(target.best(SCRATCH).removeprefix(f"{SCRATCH}, ") for target in played)
-    steps = in_words([target.steps(target.best(SCRATCH)) for target in played])
-    yield f"| the best without a source, {', '.join(best)} | {steps} | | | |"
+ARMS = (SCRATCH, "half size", "half way", "growing chain", "standing", CHOSEN)
+
+
+def gains_of(played: Sequence[Judged], arm: str) -> str:
+    """Return the gain of an arm over the best opponents, and in how many targets it pays."""
+    rivals = [target.best(arm) for target in played]
+    gain = interval([x.gain(arm, rival) for x, rival in zip(played, rivals, strict=True)])
+    return gain if arm == SCRATCH else f"{gain}, {sum(target.pays(arm) for target in played)}"
+
+
+def table(names: Sequence[str], out: Path) -> Iterator[str]:
+    """Yield the rows of both tables of the page, and what the choices came to."""
+    files, targets = {name: DOMAINS[name][0] for name in names}, dict[str, list[Judged]]()
+    for name in names:
+        targets[name] = [Judged.of(files[name], case, out) for case in DOMAINS[name][2]]
+    yield "gain over the best opponent, targets in which it pays"
+    yield f"| domain | {' | '.join(ARMS)} |\n|---|{'--:|' * len(ARMS)}"
+    for name, played in targets.items():
+        there = {*played[0].comparison.arms, CHOSEN}
+        cells = [gains_of(played, arm) if arm in there else "" for arm in ARMS]
+        yield f"| {name} | {' | '.join(cells)} |"
+    yield f"\nsteps until learnt\n| domain | the best without a source | {' | '.join(ARMS)} |"
+    yield f"|---|---|{'--:|' * len(ARMS)}"
+    for name, played in targets.items():
+        there = {*played[0].comparison.arms, CHOSEN}
+        best = Counter(target.best(SCRATCH).removeprefix(f"{SCRATCH}, ") for target in played)
+        alone = in_words([target.steps(target.best(SCRATCH)) for target in played])
+        cells = [in_words([x.steps(arm) for x in played]) if arm in there else "" for arm in ARMS]
+        yield f"| {name} | {alone} ({' or '.join(best)}) | {' | '.join(cells)} |"
+    yield "\nover tuned scratch; where one is chosen; trials of the choice, in trainings"
+    for name, played in targets.items():
+        chose = sum(CHOSEN in target.comparison.arms for target in played)
+        spent = [target.searched for target in played]
+        arms = [arm for arm in ARMS[1:] if arm in {*played[0].comparison.arms, CHOSEN}]
+        over = [f"{arm} {interval([x.gain(arm, SCRATCH) for x in played])}" for arm in arms]
+        trials = f"{chose} of {len(played)}; {min(spent):,.0f} to {max(spent):,.0f}"
+        yield f"{name}: {'; '.join(over)}; {trials}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -316,10 +345,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.what == "play":
         play(options.only, options.folder)
         return
-    print("| arm | steps until learnt | over tuned scratch | over the best opponent | pays |")
-    print("|---|--:|--:|--:|--:|")
-    for name in options.only:
-        print("\n".join(lines(name, options.folder)))
+    print("\n".join(table(options.only, options.folder)))
 
 
 if __name__ == "__main__":

@@ -43,8 +43,13 @@ def arrival(steps: FloatArray, returns: FloatArray) -> float:
 
 def published(folder: Path) -> list[float]:
     """Return the arrivals of their trials; those of fewer than three evaluations are none."""
-    files = [np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2) for path in folder.glob(TRIALS)]
-    return [arrival(rows[:, 0], rows[:, 2]) for rows in files if len(rows) >= PATIENCE]
+    arrivals = list[float]()
+    for path in folder.glob(TRIALS):
+        rows = [line.split(",") for line in path.read_text().splitlines()[1:] if line]
+        if len(rows) >= PATIENCE:
+            numbers = np.array([row[:3] for row in rows], float)
+            arrivals.append(arrival(numbers[:, 0], numbers[:, 2]))
+    return arrivals
 
 
 def arms(clone: str, folder: str) -> Iterator[tuple[str, list[float]]]:

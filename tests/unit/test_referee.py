@@ -70,8 +70,13 @@ def test_a_choice_is_added_at_the_rate_of_scratch(tmp_path):
     chosen = with_choice(study, plain, tmp_path / "case")
     rate = study.tuned.arms[SCRATCH].values["learner.learning_rate"]
     assert chosen.curricula[CHOSEN].setting("learner", "target").learning_rate == rate
-    (tmp_path / "case.json").write_text('{"name": ""}')
+    (tmp_path / "case.json").write_text('{"name": "", "alone": "OptimisticQLearning"}')
     assert with_choice(study, plain, tmp_path / "case") == study
+    (tmp_path / "case.json").write_text('{"name": "", "alone": "initial_value=-3.5"}')
+    alone = with_choice(study, plain, tmp_path / "case").scratch_curricula()
+    assert [*alone] == [SCRATCH, "scratch, initial_value=-3.5"]
+    learner = alone["scratch, initial_value=-3.5"].setting("learner", "target")
+    assert learner == cr.QLearning(learning_rate=rate, initial_value=-3.5)
 
 
 def test_where_no_curriculum_is_chosen_the_named_learner_plays():
