@@ -386,31 +386,36 @@ def first_searches() -> None:
     print("\ncandidates by search, first mapping, its indices' hash; if unseen")
     first, all_cases = Counter[str](), 0
     for name, target, source in pair_cases():
-        made = dict[Any, str]()
+        made = dict[bytes, str]()
         searches = [recorded(search, made) for search in SEARCHES]
         candidates = find_mappings(target, source, searches=searches, keep=1000)
-        counts = Counter(made[candidate.mapping] for candidate in candidates)
+        counts = Counter(made[digest(candidate.mapping)] for candidate in candidates)
         all_cases += 1
         print(f"  {name}: {dict(counts)}", flush=True)
         if candidates:
             best = candidates[0]
-            first[made[best.mapping]] += clears_bar(best.scores)
+            search = made[digest(best.mapping)]
+            first[search] += clears_bar(best.scores)
             taken = "taken" if clears_bar(best.scores) else "refused"
-            digest = sha256(best.mapping.index.tobytes()).hexdigest()[:12]
-            print(f"    {made[best.mapping]}, {taken}, {digest}: {best}", flush=True)
+            print(f"    {search}, {taken}, {digest(best.mapping).hex()}: {best}", flush=True)
     print(f"  first and taken, of {all_cases}: {dict(first)}", flush=True)
 
 
-def recorded(search: Any, made: dict[Any, str]) -> Callable:
-    """Return a search that writes down which mappings it made."""
+def recorded(search: Any, made: dict[bytes, str]) -> Callable:
+    """Return a search that writes down which mappings it is the first to make."""
 
     def by(tasks: TaskPair) -> Iterator[Any]:
         for proposal in search(tasks):
-            made[proposal.mapping] = search.__name__
+            made.setdefault(digest(proposal.mapping), search.__name__)
             yield proposal
 
     by.__name__ = search.__name__
     return by
+
+
+def digest(mapping: StateActionMapping) -> bytes:
+    """Return a hash of the pairs that a mapping reads."""
+    return sha256(mapping.index.tobytes()).digest()[:6]
 
 
 def main() -> None:
