@@ -9,8 +9,8 @@ maps. `fit` prints how many of the sensible pairs of the development families an
 pairs are taken, by the largest dynamics error that is allowed; and the same of the verification
 families, without a choice. `play` takes the best mapping of each pair whatever the bar says, as a
 user does who accepts it, and prints the verdict beside all controls that know nothing. Pairs from
-number 10,000 on are kept for that: no constant was fitted on them. `hunt` plays the hunt in the same
-way, with a mapping by hand too.
+number 10,000 on are kept for that: no constant was fitted on them. `hunt` plays the hunt, with a
+mapping by hand too.
 """
 
 import argparse
