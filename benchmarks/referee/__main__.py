@@ -56,8 +56,8 @@ class Case(NamedTuple):
 def sized(key: str, size: Any, budget: int, half: int, most: int, half_way: int) -> Case:
     """Return a case of a family with a size, that of the target and of its sources."""
     sizes = {"target": size, "half": half, "most": most, "half_way": size}
-    settings = {f"tasks.{task}.{key}": value for task, value in sizes.items() if value}
-    return Case(f"{key} {size or 'all'}", budget, {**settings, **started(half_way)})
+    settings = {f"tasks.{task}.{key}": value for task, value in sizes.items()}
+    return Case(f"{key} {size}", budget, {**settings, **started(half_way)})
 
 
 def started(half_way: int) -> dict[str, Any]:
@@ -137,7 +137,7 @@ DOMAINS: dict[str, tuple[str, list[Case], list[Case]]] = {
         [
             sized("columns", 16, 42_000, 10, 12, 9),
             sized("columns", 20, 78_000, 10, 15, 9),
-            sized("columns", None, 140_000, 12, 18, 9),
+            sized("columns", "none", 140_000, 12, 18, 9),
         ],
     ),
     "four rooms": (
