@@ -1,6 +1,7 @@
 """Play the match of docs/referee.md by studies, and print its table.
 
     python -m benchmarks.referee play referee-results [--only pursuit]
+    python -m benchmarks.referee play referee-results --again    # judged on 40 fresh seeds
     python -m benchmarks.referee table referee-results
 
 A domain is a study file with cases: settings that make it a target of development or a judged one.
@@ -33,6 +34,7 @@ from curricle.study.tuning import tuned_study
 HERE = Path(__file__).parent
 CHOSEN = "chosen"
 RATE = "learner.learning_rate"
+FRESH = [*range(1000, 1040)]
 MANY = 10  # targets from which on intervals are over targets, not over seeds
 
 
@@ -218,17 +220,17 @@ def named_alone(choice: Mapping[str, Any]) -> str:
     return f"{SCRATCH}, {'initial_value=0' if plain else choice['alone']}"
 
 
-def play(names: Sequence[str], out: Path) -> None:
-    """Play domains into a folder."""
+def play(names: Sequence[str], out: Path, *, again: bool) -> None:
+    """Play domains into a folder; or judge them again on fresh seeds."""
     for name in names:
         file, development, judged = DOMAINS[name]
         tried = trials(file, development, out / "tuning")
         for case in judged:
-            plain = case.study(file)
-            study = with_choice(
-                tuned_study(plain, tried), plain, out / "choice" / f"{file}, {case.name}"
-            )
-            cr.run_study(study, out / "judged" / f"{file}, {case.name}", resume=True, workers=1)
+            plain, target = case.study(file), f"{file}, {case.name}"
+            study = with_choice(tuned_study(plain, tried), plain, out / "choice" / target)
+            study = study.varied(seeds=FRESH) if again else study
+            folder = out / ("again" if again else "judged") / target
+            cr.run_study(study, folder, resume=True, workers=1)
 
 
 # -- The table -------------------------------------------------------------------------------------
@@ -241,6 +243,7 @@ class Judged(NamedTuple):
     way: float
     alone: str  # the arm of the learner that the choice names where it chooses no curriculum
     searched: float  # steps of the choice's trials, in trainings of the target
+    again: Comparison | None = None  # on fresh seeds, if it was played
 
     @classmethod
     def of(cls, file: str, case: Case, out: Path) -> "Judged":
@@ -249,7 +252,9 @@ class Judged(NamedTuple):
         choice = json.loads((out / "choice" / f"{name}.json").read_text())
         comparison = StudyResults(out / "judged" / name).comparison
         spent = choice["steps"] / comparison.total
-        return cls(comparison, way(case.study(file)), named_alone(choice), spent)
+        fresh = out / "again" / name
+        again = StudyResults(fresh).comparison if fresh.exists() else None
+        return cls(comparison, way(case.study(file)), named_alone(choice), spent, again)
 
     def arm(self, name: str) -> str:
         """Return an arm, or what is learnt instead of a curriculum that was not chosen."""
@@ -273,9 +278,10 @@ class Judged(NamedTuple):
         times = self.comparison.times(self.arm(name))
         return float(np.median(np.where(times.reached, times.steps, np.inf)))
 
-    def pays(self, name: str) -> bool:
+    def pays(self, name: str, *, again: bool = False) -> bool:
         """Return whether the verdict is that an arm pays."""
-        contrast = self.comparison.contrasts.get(self.arm(name))
+        comparison = self.again if again else self.comparison
+        contrast = comparison.contrasts.get(self.arm(name)) if comparison else None
         return contrast is not None and contrast.verdict == "pays"
 
 
@@ -329,7 +335,9 @@ def table(names: Sequence[str], out: Path) -> Iterator[str]:
         arms = [arm for arm in ARMS[1:] if arm in {*played[0].comparison.arms, CHOSEN}]
         over = [f"{arm} {interval([x.gain(arm, SCRATCH) for x in played])}" for arm in arms]
         trials = f"{chose} of {len(played)}; {min(spent):,.0f} to {max(spent):,.0f}"
-        yield f"{name}: {'; '.join(over)}; {trials}"
+        paying = [(x, arm) for x in played for arm in arms if x.again and x.pays(arm)]
+        still = sum(target.pays(arm, again=True) for target, arm in paying)
+        yield f"{name}: {'; '.join(over)}; {trials}; {len(paying)} pay, {still} on fresh seeds"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -340,10 +348,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )  # fmt: skip
     parser.add_argument("what", choices=["play", "table"])
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--again", action="store_true", help="judge on 40 fresh seeds")
     parser.add_argument("--only", nargs="*", choices=DOMAINS, default=[*DOMAINS])
     options = parser.parse_args(arguments)
     if options.what == "play":
-        play(options.only, options.folder)
+        play(options.only, options.folder, again=options.again)
         return
     print("\n".join(table(options.only, options.folder)))
 
