@@ -1,38 +1,38 @@
-"""Mappings that are found, beside those made by hand: how often right, how fast, what they gain.
+"""Mappings that are found, beside those made by hand: what they gain, and which search finds them.
 
-    python -m benchmarks.found_mappings renumbered nameless refusals lax
     python -m benchmarks.found_mappings auto approximate [--seeds 20] [--only maze]
     python -m benchmarks.found_mappings families --split verification --seeds 10
     python -m benchmarks.found_mappings searches
 
-`renumbered`: states and actions numbered anew at random, no components. `nameless`: components
-shuffled, their values and moves numbered anew in both tasks. `refusals`: sources that have nothing
-to do with the target. `lax`: how long lax bisimulation of random tasks takes. `auto`: gains over
-scratch of a mapping that is found, as a share of those by hand, all steps charged. `approximate`:
-the same for tasks that do not correspond exactly: a maze and its crop, renumbered, and tasks whose
-components have unequal numbers of values, nameless. `families`: pairs of the benchmark, or made
-after it, beside their own mappings. `searches`: which search makes the first mapping of each two
-tasks that the benchmark's pairs or the other parts have. DoorKey needs MiniGrid.
+`auto`: gains over scratch of a mapping that is found, as a share of those by hand, all steps
+charged. `approximate`: the same for tasks that do not correspond exactly: a maze and its crop,
+renumbered, and tasks whose components have unequal numbers of values, nameless. `families`: pairs
+of the benchmark, or made after it, beside their own mappings. `searches`: which search makes the
+first mapping of each two tasks that the benchmark's pairs have. Potentials start Q, without a
+portfolio, most of whose gain would be its optimistic learner's.
 """
 
 import argparse
+import math
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from hashlib import sha256
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Any
+from itertools import groupby
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 import curricle as cr
-from benchmarks.family_mappings import families
-from benchmarks.pairs import pairs
-from benchmarks.unseen_pairs import unseen
+from benchmarks.pairs import Pair, Split, pairs
+from benchmarks.pairs.pair import Family, levels
+from benchmarks.pairs.worlds import by_cell, cropped, grid, redrawn
 from curricle.errors import MappingError
 from curricle.paper.mazes import maze
+from curricle.statistics import mean_return
+from curricle.statistics.curves import SCRATCH
 from curricle.tasks.mdp import same_task, tables
 from curricle.transfer import (
     StateActionMapping,
@@ -41,11 +41,9 @@ from curricle.transfer import (
     family_mappings,
     find_mappings,
 )
-from curricle.transfer.bisimulation import by_lax_bisimulation, model_for_refinement, refined
 from curricle.transfer.search import SEARCHES, clears_bar
 from examples import cliff_walking, taxi
-from tests.renumbering import nameless, renumbered
-from tests.tasks import random_mdp
+from tests.renumbering import nameless
 
 SIDE = 5
 """Of the paper's maze's corner."""
@@ -60,77 +58,6 @@ NAMELESS_PAIRS = (
 """Of `benchmarks.pairs`: components of unequal numbers of values, and a mapping that gains."""
 
 
-# -- exact correspondences -----------------------------------------------------------------------
-
-
-def rotated_and_mirrored(task: cr.GridWorld) -> cr.GridWorld:
-    """Return the paper's maze turned by a quarter and mirrored."""
-    lines = ["".join(column) for column in zip(*task.map, strict=True)]
-    return cr.GridWorld([line[::-1] for line in lines], rewards=task.rewards)
-
-
-def originals() -> Iterator[tuple[str, Any]]:
-    """Yield the tasks that are renumbered."""
-    yield "the paper's maze", maze(-5).mdp
-    yield "the maze rotated and mirrored", rotated_and_mirrored(maze(-5)).mdp
-    yield "pursuit 3x3", cr.Pursuit(3, 2).mdp
-    yield "key-lock-pit 8x8", cr.tasks.KeyLockPit().mdp
-    if find_spec("minigrid") is None:
-        print("  DoorKey-6x6 is left out: MiniGrid is not installed")
-        return
-    import_module("minigrid")  # which registers its levels
-    yield "DoorKey-6x6", cr.tabulate("MiniGrid-DoorKey-6x6-v0", discount=0.99).mdp
-
-
-def renumbered_tasks(seeds: int) -> None:
-    """Print how many pairs of renumbered tasks are found again."""
-    print("\nrenumbered: pairs found again, up to symmetries")
-    for name, task in originals():
-        shares, seconds, how = [], [], ""
-        (own,) = refined([model_for_refinement(task)])
-        for seed in range(seeds):
-            copy, new, actions = renumbered(task, np.random.default_rng(seed))
-            began = time.perf_counter()
-            best = find_mappings(copy, task)[0]
-            seconds.append(time.perf_counter() - began)
-            truth = np.argsort(new)[:, None] * task.actions.size + actions
-            live, index = ~copy.terminal, best.mapping.index
-            right = own.pairs.ravel()[truth[live]] == own.pairs.ravel()[index[live]]
-            shares.append(float((right & (index[live] >= 0)).mean()))
-            how = best.how
-        n_blocks = len(np.unique(own.states[~task.terminal]))
-        print(
-            f"  {name}: {task.states.size:,} states, {n_blocks:,} not alike: {min(shares):.1%} at "
-            f"least, {max(seconds):.1f} s at most; {how.split(':')[0]}",
-            flush=True,
-        )
-
-
-def nameless_tasks() -> None:
-    """Print what is found between tasks whose components have no names."""
-    print("\nnameless")
-    room, rng = cr.tasks.KeyLockPit(), np.random.default_rng(0)
-    for name, other in (("8x8", room), ("6x6", cr.tasks.KeyLockPit.room(6))):
-        (target, _, _), (source, _, _) = nameless(room.mdp, rng), nameless(other.mdp, rng)
-        began = time.perf_counter()
-        candidates = find_mappings(target, source)
-        seconds = time.perf_counter() - began
-        print(f"  key-lock-pit 8x8 from {name}: {seconds:.1f} s; {candidates[0]}", flush=True)
-
-
-def lax() -> None:
-    """Print how long the nearest pairs of two random tasks take, at two sizes, beside the bound."""
-    print("\nlax: random tasks with 5 actions of 3 outcomes each")
-    for sizes in ((140, 70), (670, 335)):  # a quarter of them ends
-        pair = TaskPair(*(random_mdp(n, n_states=n, n_actions=5) for n in sizes))
-        live = [int((~mdp.terminal).sum()) for mdp in (pair.target_mdp, pair.source_mdp)]
-        began = time.perf_counter()
-        found = next(iter(by_lax_bisimulation(pair)))
-        seconds = time.perf_counter() - began
-        words = f"Q* proven within {found.bound:.3g}"
-        print(f"  {live[0]} x {live[1]} states: {seconds:.1f} s; {words}", flush=True)
-
-
 # -- gains ---------------------------------------------------------------------------------------
 
 
@@ -141,11 +68,11 @@ def gains(
     began = time.perf_counter()
     arms = {"by hand": made(by_hand)}
     try:
-        best = auto_mapping(target, source)
-        arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
-        words = str(best)
-    except MappingError as error:
-        words = f"refused: {error}"
+        best, words = auto_mapping(target, source), ""
+    except MappingError:
+        best, words = find_mappings(target, source)[0], "refused, and accepted all the same: "
+    arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
+    words += str(best)
     seconds = time.perf_counter() - began
     print(f"  {name}: searched {seconds:.1f} s; {words}")
     with warnings.catch_warnings():
@@ -159,7 +86,7 @@ def gains(
         gain = f"{mean[arm]:.4g} +- {error:.2g}"
         print(f"    {arm}: gain {gain}, learnt after {time_to:,.0f} steps (median)")
     scratch = found.times("scratch").median().estimate
-    share = mean.get("auto", np.nan) / mean["by hand"]
+    share = mean["auto"] / mean["by hand"]
     print(f"    scratch: learnt after {scratch:,.0f}; auto / by hand: {share:.0%}", flush=True)
 
 
@@ -167,7 +94,7 @@ def of(target: Any, source: Any, *, budget: Any = None, **settings: Any) -> Call
     """Return what makes the curriculum of some transfers, its source's steps being exact."""
     if budget is not None and isinstance(budget.get("source"), int):
         budget = {**budget, "source": cr.StoppingRule(budget["source"])}
-    settings["budget"] = budget
+    settings |= {"budget": budget, "shaping": cr.QInitialisation()}
     return lambda transfers: cr.Curriculum(
         {"source": source, "target": target}, transfers, **settings
     )
@@ -251,7 +178,7 @@ def cliff_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]
 
 
 def approximate_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
-    """Yield nameless tasks that do not correspond exactly."""
+    """Yield tasks that do not correspond exactly, renumbered or nameless."""
     for size, smaller, *budget in (
         (8, 6, 4_000, 60_000),
         (7, 5, 4_000, 60_000),
@@ -293,6 +220,135 @@ def nameless_case(
     return f"{name}, nameless", target, source, [edge(mapping)], of(target, source, **settings)
 
 
+# -- the pairs of the families, and some that came later -------------------------------------------
+# Mazes with walls drawn at random and a cliff of 20 columns, -1 a step; each from the part at its
+# goal. They came after the rules by which mappings are chosen, and changed nothing of them; the
+# verification families had been seen when the last of the rules was made. A pair is harmful through
+# its mapping, its source or its budget; a search may find another mapping of the same source.
+# Negated pairs are left out: they have no mapping of their own. `source free` is the gain without
+# the charge.
+
+SIZE, WALLS = 10, 16
+CLIFF = [*["." * 20] * 3, "S" + "C" * 18 + "G"]
+
+
+def drawn(seed: int) -> list[str]:
+    """Return a maze from the south-west to the north-east, with walls at random."""
+    cells = np.random.default_rng(seed).choice(SIZE * SIZE, WALLS, replace=False)
+    walls = {(int(k) // SIZE, int(k) % SIZE): "#" for k in cells}
+    last = SIZE - 1
+    free = dict.fromkeys([(last - 1, 0), (last, 1), (1, last), (0, last - 1)], ".")
+    return redrawn(["." * SIZE] * SIZE, {**walls, **free, (last, 0): "S", (0, last): "G"})
+
+
+def unseen() -> list[Pair]:
+    """Return the pairs."""
+    family = Family("unseen", "verification")
+    for seed in (11, 12, 13):
+        for slip in (0.0, 0.2):
+            rules = {"rewards": {}, "step": -1.0, "slip": slip, "time_limit": 150}
+            lines, name = drawn(seed), f"walls {seed}, slip {slip:g}"
+            maze = family.target(name, grid(lines, **rules), 30_000)
+            part = cropped(lines, (0, 5), (5, 10), **{**rules, "starts": "."})
+            family.add("near", name, part, by_cell(maze, part), budget=2_000)
+    rules = {"rewards": {"C": -19.0}, "step": -1.0, "time_limit": 200}
+    cliff = family.target("cliff", grid(CLIFF, back_to_start="C", **rules), 30_000)
+    end = cropped(CLIFF, (0, 4), (13, 20), ends="GC", starts=".", **rules)
+    family.add("near", "cliff of 20", end, by_cell(cliff, end), budget=2_000)
+    return list(family.pairs.values())
+
+
+SHARE = 0.95
+"""Of the gain by hand, which a mapping that is found is to reach."""
+HARMLESS = -0.02
+"""Gain without the charge down to which a mapping is called harmless."""
+
+
+class Row(NamedTuple):
+    """One pair, played."""
+
+    pair: Pair
+    how: str  # empty if refused
+    by_hand: float
+    auto: float  # 0 if refused: nothing is learnt and nothing charged
+    free: float  # the same without the charge
+    error: float  # standard error of auto - by_hand
+
+    @property
+    def reaches(self) -> bool:
+        """Whether the share of the gain by hand is reached, where there is one."""
+        return self.auto >= SHARE * self.by_hand if self.by_hand > 0 else self.auto >= self.by_hand
+
+
+def played(pair: Pair, seeds: int) -> Row:
+    """Return the gains of a pair's own mapping and of the one that is found."""
+    own = pair.curriculum()
+    arms, how = {"by hand": own}, ""
+    try:
+        best = auto_mapping(pair.target, pair.source)
+    except MappingError:
+        pass
+    else:
+        edge = cr.Transfer("source", "target", best.mapping)
+        arms["auto"], how = replace(own, transfers=(edge,)), best.how
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = cr.compare(arms, seeds=seeds, opponents=())
+    random_return, optimum = levels(pair.target)
+    gains = {
+        arm: found.arms[arm].strong_gain(found.scratch) / (optimum - random_return) for arm in arms
+    }
+    free = 0.0
+    if how:
+        each = (mean_return(found._weak(arm)) for arm in ("auto", SCRATCH))
+        free = float(np.subtract(*each).mean()) / (optimum - random_return)
+    auto = gains.get("auto", np.zeros(seeds))
+    error = float((auto - gains["by hand"]).std(ddof=1)) / math.sqrt(seeds)
+    return Row(pair, how, float(gains["by hand"].mean()), float(auto.mean()), free, error)
+
+
+def families(split: str, seeds: int, only: str) -> None:
+    """Print each pair of a split, or of those that are unseen, and what they come to by kind."""
+    print(f"\nfamilies: gains of the {split} pairs, all steps charged, {seeds} seeds")
+    print(f"  {'':46} by hand    auto    +-   source free")
+    rows = []
+    for pair in unseen() if split == "unseen" else pairs(split=cast(Split, split)):
+        if pair.kind != "negated" and pair.name.startswith(only):
+            row = played(pair, seeds)
+            rows.append(row)
+            gains = f"{row.by_hand:7.3f} {row.auto:7.3f} {row.error:5.3f} {row.free:7.3f}"
+            print(
+                f"  {pair.kind + ': ' + pair.name:46} {gains}  {row.how or 'refused'}", flush=True
+            )
+    summary(rows)
+
+
+def summary(rows: Sequence[Row]) -> None:
+    """Print the counts by kind; sensible pairs first."""
+    print(
+        f"\n  kind, pairs: refused; taken with at least {SHARE:.0%} of the gain by hand; taken and "
+        f"harmless without the charge; mean gain by hand, and of auto"
+    )
+    ordered = sorted(rows, key=lambda row: (not row.pair.sensible, row.pair.kind))
+    for kind, of_kind in groupby(ordered, key=lambda row: row.pair.kind):
+        print(f"  {line(kind, list(of_kind))}")
+    for words, sensible in (("sensible", True), ("others", False)):
+        print(f"  {line(words, [row for row in rows if row.pair.sensible is sensible])}")
+
+
+def line(words: str, rows: Iterable[Row]) -> str:
+    """Return the counts of some pairs."""
+    rows = list(rows)
+    taken = [row for row in rows if row.how]
+    if not rows:
+        return f"{words}, 0"
+    by_hand, auto = (float(np.mean([getattr(row, k) for row in rows])) for k in ("by_hand", "auto"))
+    return (
+        f"{words}, {len(rows)}: {len(rows) - len(taken)}; {sum(row.reaches for row in taken)}; "
+        f"{sum(row.free >= HARMLESS for row in taken)} of {len(taken)}; {by_hand:.3f}, {auto:.3f}"
+    )
+
+
 # -- which search is first ------------------------------------------------------------------------
 
 
@@ -306,125 +362,55 @@ def pair_cases() -> Iterator[tuple[str, Any, Any]]:
             yield pair.name, *tasks
 
 
-def further_cases() -> Iterator[tuple[str, Any, Any]]:
-    """Yield the tasks of the other parts, and two of docs/howto/find_the_mapping.md."""
-    yield "pursuit 3x3", cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    yield "key-lock-pit 8 from 6", *map(cr.tasks.KeyLockPit.room, (8, 6))
-    for name, task in originals():
-        yield f"{name}, renumbered", renumbered(task, np.random.default_rng(0))[0], task
-    for size in (3, 4):
-        rng, tasks = np.random.default_rng(0), (cr.Pursuit(size, 2), cr.Pursuit(size, 1))
-        yield f"pursuit {size}x{size}, nameless", *(nameless(task.mdp, rng)[0] for task in tasks)
-    room, rng = cr.tasks.KeyLockPit(), np.random.default_rng(0)
-    yield "key-lock-pit 8 from 8, nameless", *(nameless(room.mdp, rng)[0] for _ in range(2))
-    for name, target, source, *_ in [*auto_cases(), *approximate_cases()]:
-        yield name, target, source
-    for pair in unseen():
-        yield pair.name, pair.target, pair.source
-
-
 def first_searches() -> None:
     """Print the search that makes the first mapping of each two tasks, and how often each does."""
-    for words, cases in (("benchmarks.pairs", pair_cases()), ("further cases", further_cases())):
-        print(f"\n{words}: candidates by search, first mapping, its indices' hash; if unseen")
-        first, all_cases = Counter[str](), 0
-        for name, target, source in cases:
-            made = dict[str, str]()
-            candidates = find_mappings(
-                target, source, searches=[recorded(search, made) for search in SEARCHES], keep=1000
-            )
-            counts = Counter(made[candidate.how] for candidate in candidates)
-            all_cases += 1
-            print(f"  {name}: {dict(counts)}", flush=True)
-            if candidates:
-                best = candidates[0]
-                first[made[best.how]] += clears_bar(best.scores)
-                taken = "taken" if clears_bar(best.scores) else "refused"
-                digest = sha256(best.mapping.index.tobytes()).hexdigest()[:12]
-                print(f"    {made[best.how]}, {taken}, {digest}: {best}", flush=True)
-        print(f"  first and taken, of {all_cases}: {dict(first)}", flush=True)
+    print("\ncandidates by search, first mapping, its indices' hash; if unseen")
+    first, all_cases = Counter[str](), 0
+    for name, target, source in pair_cases():
+        made = dict[bytes, str]()
+        searches = [recorded(search, made) for search in SEARCHES]
+        candidates = find_mappings(target, source, searches=searches, keep=1000)
+        counts = Counter(made[digest(candidate.mapping)] for candidate in candidates)
+        all_cases += 1
+        print(f"  {name}: {dict(counts)}", flush=True)
+        if candidates:
+            best = candidates[0]
+            search = made[digest(best.mapping)]
+            first[search] += clears_bar(best.scores)
+            taken = "taken" if clears_bar(best.scores) else "refused"
+            print(f"    {search}, {taken}, {digest(best.mapping).hex()}: {best}", flush=True)
+    print(f"  first and taken, of {all_cases}: {dict(first)}", flush=True)
 
 
-def recorded(search: Any, made: dict[str, str]) -> Callable:
-    """Return a search that writes down which mappings it made."""
+def recorded(search: Any, made: dict[bytes, str]) -> Callable:
+    """Return a search that writes down which mappings it is the first to make."""
 
     def by(tasks: TaskPair) -> Iterator[Any]:
         for proposal in search(tasks):
-            made[proposal.how] = search.__name__
+            made.setdefault(digest(proposal.mapping), search.__name__)
             yield proposal
 
     by.__name__ = search.__name__
     return by
 
 
-# -- refusals ------------------------------------------------------------------------------------
-
-
-def refusals(seeds: int) -> None:
-    """Print what is said of sources that have nothing to do with the target, and what they cost."""
-    print("\nrefusals")
-    arena = maze(-5)
-    mirrored = [line[::-1].replace("T", ".") for line in arena.map]
-    for row, column in ((9, 5), (5, 0), (9, 9), (3, 4)):
-        lines = list(mirrored)
-        lines[row] = lines[row][:column] + "T" + lines[row][column + 1 :]
-        other = cr.GridWorld(lines, rewards=arena.rewards, start="uniform")
-        settings = maze_settings() | {"budget": {"target": 60_000}, "eval_freq": {"target": 500}}
-        guarded = cr.QInitialisation(portfolio=cr.Portfolio())
-        made = of(arena, other, shaping=guarded, **settings)
-        tell(f"mirrored maze, goal at {row}, {column}", arena, other, made, seeds)
-    for target in (cr.Pursuit(3, 1), cr.Pursuit(4, 1), cr.Pursuit(3, 2), cr.Pursuit(4, 2)):
-        tell(f"RiverSwim to {target.size}x{target.size}, {target.predators} predators", target,
-             cr.tasks.RiverSwim(), of(target, cr.tasks.RiverSwim()), seeds)  # fmt: skip
-
-
-def tell(name: str, target: Any, source: Any, made: Callable, seeds: int) -> None:
-    """Print why a mapping is refused; of others, the steps that it loses in a portfolio."""
-    try:
-        best = auto_mapping(target, source)
-    except MappingError as error:
-        print(f"  {name}: {error}", flush=True)
-        return
-    found = cr.compare({"auto": made([edge(best.mapping)])}, seeds=seeds, opponents=())
-    auto, scratch = (found.times(arm).median().estimate for arm in ("auto", "scratch"))
-    lost, steps = (auto - scratch) / found.total, found.arms["auto"].curve.source_steps.mean()
-    print(f"  {name}: taken, {best}")
-    print(
-        f"    learnt after {auto:,.0f} steps, from scratch {scratch:,.0f}: lost {lost:.1%} of "
-        f"{found.total:,}; the source took {steps:,.0f}",
-        flush=True,
-    )
+def digest(mapping: StateActionMapping) -> bytes:
+    """Return a hash of the pairs that a mapping reads."""
+    return sha256(mapping.index.tobytes()).digest()[:6]
 
 
 def main() -> None:
+    """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    known = (
-        "renumbered",
-        "nameless",
-        "auto",
-        "approximate",
-        "refusals",
-        "lax",
-        "families",
-        "searches",
-    )
+    known = "auto", "approximate", "families", "searches"
     parser.add_argument("parts", nargs="+", choices=known)
     parser.add_argument("--seeds", type=int, default=20, help="of learning")
-    parser.add_argument("--copies", type=int, default=5, help="random renumberings of each task")
     parser.add_argument("--only", default="", help="cases whose name begins so")
     parser.add_argument(
         "--split", choices=("development", "verification", "unseen"), default="verification",
         help="of families",
     )  # fmt: skip
     options = parser.parse_args()
-    if "renumbered" in options.parts:
-        renumbered_tasks(options.copies)
-    if "nameless" in options.parts:
-        nameless_tasks()
-    if "refusals" in options.parts:
-        refusals(options.seeds)
-    if "lax" in options.parts:
-        lax()
     if "searches" in options.parts:
         first_searches()
     if "families" in options.parts:

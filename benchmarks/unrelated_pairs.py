@@ -2,7 +2,6 @@
 
     python -m benchmarks.unrelated_pairs fit --pairs 700
     python -m benchmarks.unrelated_pairs play --first 10000 --pairs 50 --seeds 20
-    python -m benchmarks.unrelated_pairs sensible --seeds 20
     python -m benchmarks.unrelated_pairs hunt --seeds 20
 
 A pair is drawn from its number: a target and a source of two kinds, two random MDPs, or two road
@@ -10,8 +9,8 @@ maps. `fit` prints how many of the sensible pairs of the development families an
 pairs are taken, by the largest dynamics error that is allowed; and the same of the verification
 families, without a choice. `play` takes the best mapping of each pair whatever the bar says, as a
 user does who accepts it, and prints the verdict beside all controls that know nothing. Pairs from
-number 10,000 on are kept for that: no constant was fitted on them. `sensible` plays the sensible
-pairs of the verification families in the same way, and `hunt` the hunt with a mapping by hand.
+number 10,000 on are kept for that: no constant was fitted on them. `hunt` plays the hunt, with a
+mapping by hand too.
 """
 
 import argparse
@@ -179,14 +178,6 @@ def drawn(first: int, n: int) -> Iterator[Case]:
         yield f"{number} {name}", target, source, SOURCE_STEPS, TARGET_STEPS
 
 
-def sensible(split: str) -> Iterator[Case]:
-    """Yield the sensible pairs of a split's families."""
-    names = {pair.name: pair for pair in pairs(split=cast(Split, split)) if pair.sensible}
-    for name, target, source in pair_cases():
-        if name in names:
-            yield name, target, source, names[name].source_budget, names[name].target_budget
-
-
 def play(cases: Iterable[Case], seeds: int) -> None:
     """Print what the best mapping of each pair gains, all steps charged, and the verdict."""
     answers, taken = Counter[str](), 0
@@ -239,7 +230,7 @@ def hunt(seeds: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("part", choices=("fit", "play", "sensible", "hunt"))
+    parser.add_argument("part", choices=("fit", "play", "hunt"))
     parser.add_argument("--first", type=int, default=0, help="number of the first pair")
     parser.add_argument("--pairs", type=int, default=50, help="how many unrelated pairs are drawn")
     parser.add_argument("--seeds", type=int, default=20, help="of learning")
@@ -248,10 +239,8 @@ def main() -> None:
         fit(options.first, options.pairs)
     elif options.part == "hunt":
         hunt(options.seeds)
-    elif options.part == "play":
-        play(drawn(options.first, options.pairs), options.seeds)
     else:
-        play(sensible("verification"), options.seeds)
+        play(drawn(options.first, options.pairs), options.seeds)
 
 
 if __name__ == "__main__":

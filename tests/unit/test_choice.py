@@ -10,7 +10,7 @@ from curricle.design import choice as module
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
 from curricle.statistics.curves import Curve
 from curricle.study import StudyStore, merge, run_study
-from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file
+from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file, trial_study as choice_trials
 from curricle.tasks import pursuit_family
 from curricle.transfer import StateActionMapping
 from tests.unit.test_study_runner import Inline
@@ -260,6 +260,16 @@ def test_a_study_and_memory_choose_alike(file, tmp_path):
     arms = list(run.comparison.controls)
     assert arms == [choice.name]
     assert run.comparison.verdicts[choice.name].seeds == 6
+
+
+def test_sources_keep_the_values_that_their_target_does_not(hunt, choice, file):
+    sparing = cr.Storage(save_values=False)
+    assert str(cr.choose(hunt, **SETTINGS, storage=sparing)) == str(choice)
+    study = cr.read_study(file, set=["storage.save_values=false"])
+    trials = choice_trials(study).curricula.values()
+    assert {plan.setting("storage", plan.target) for plan in trials} == {sparing}
+    sources = [(plan, name) for plan in trials for name in plan.order if name != plan.target]
+    assert {plan.setting("storage", name) for plan, name in sources} == {cr.Storage()}
 
 
 @pytest.mark.parametrize("left", [0, 10])

@@ -1,171 +1,106 @@
-"""The referee of designers: its statistics, its files, and the published claim that it checks."""
+"""The match of docs/referee.md: its study files, how arms are tuned elsewhere, and the claim."""
 
-from dataclasses import replace
+from importlib.util import find_spec
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from benchmarks.referee import claim, playing
-from benchmarks.referee.domains import MAKERS, Domain, domain
-from benchmarks.referee.players import FIXED, PLAYERS, RACING, SCRATCH, Player
-from benchmarks.referee.playing import QUICK, path_of, play
-from benchmarks.referee.problem import Problem, SearchBudget
-from benchmarks.referee.recipes import STANDING, Recipe, Trend
-from benchmarks.referee.tables import on_racing, read
-from benchmarks.referee.verdicts import Match, Unit, against, paid_after
-from curricle.tasks import random_maze
+from benchmarks.referee.__main__ import CHOSEN, DOMAINS, HERE, Judged, interval, with_choice
+from benchmarks.referee.claim import LASTING
+from curricle.statistics.curves import SCRATCH
+from curricle.study.tuning import tuned_study
+
+PLAYED_HERE = [name for name in DOMAINS if name != "DoorKey" or find_spec("minigrid")]
 
 
-def unit(steps, search=0.0):
-    steps = np.array(steps, float)
-    return Unit(0.5, steps, np.ones(steps.shape, bool), np.full(len(steps), float(search)), 0)
+@pytest.mark.parametrize("name", PLAYED_HERE)
+def test_a_domains_targets_have_the_same_trials(name):
+    file, development, judged = DOMAINS[name]
+    studies = [case.study(file) for case in (development[0], *judged[:3])]
+    trials = [study.of_trials() for study in studies]
+    assert all(study.curricula for study in studies)
+    assert len({tuple(of.variants) for of in trials}) == 1
+    # Source steps are tuned as a share of the target's.
+    for label, variant in trials[0].variants.items():
+        if "budget.max_steps" in variant.values:
+            shares = [
+                of.variants[label].values["budget.max_steps"] / case.budget
+                for case, of in zip((development[0], *judged[:3]), trials, strict=True)
+            ]
+            assert max(shares) - min(shares) < 1e-3
 
 
-# -- statistics ----------------------------------------------------------------------------------
+def keys(case):
+    file, development, judged = DOMAINS["key-lock-pit"]
+    return (development[0] if case == "development" else judged[0]).study(file)
 
 
-def test_savings_are_shares_of_each_targets_own_steps():
-    # 50 of 100 and 100 of 1000: a half and a tenth, whatever the targets' sizes.
-    found = against(unit([[50, 50], [900, 900]]), unit([[100, 100], [1000, 1000]]))
-    assert found.share.estimate == pytest.approx(0.3)
+def trials_won_by(study, wins):
+    """Return trials in which these win, of arms that the others lose."""
+    variants = study.of_trials().variants
+    returns = {label: np.array([float(label in wins)]) for label in variants}
+    return SimpleNamespace(
+        comparison=SimpleNamespace(returns=returns),
+        record=SimpleNamespace(seeds=(1_000_000,), total=1),
+    )
 
 
-def test_seeds_are_paired_and_the_interval_is_over_seeds_where_targets_are_few():
-    base = unit([[100, 200, 300, 400]])
-    found = against(unit([[90, 190, 290, 390]]), base)
-    # Each seed saves 10 of a mean of 250: no spread at all, so no interval, but a saving.
-    assert found.share.estimate == pytest.approx(0.04)
-    assert found.share.n == 4
-    assert found.beats
+def test_the_best_trial_of_development_is_played_on_the_judged_target():
+    wins = {f"{arm}, trial {n}" for arm, n in (("scratch", 3), ("half size", 5))}
+    small, large = keys("development"), keys("judged")
+    study = tuned_study(large, trials_won_by(small, wins))
+    there, here = small.of_trials().variants, large.of_trials().variants
+    tuned = study.tuned.arms
+    assert tuned[SCRATCH].values == there["scratch, trial 3"].values
+    assert tuned["half size"].values == here["half size, trial 5"].values
+    assert tuned["half size"].trials == tuned[SCRATCH].trials == 60
+    curriculum = study.curricula["half size"]
+    assert curriculum.tasks["target"] == cr.tasks.KeyLockPit.room(8)
+    learner = curriculum.setting("learner", "target")
+    assert learner.learning_rate == here["half size, trial 5"].values["learner.learning_rate"]
 
 
-def test_the_interval_is_over_targets_where_they_are_many():
-    base = unit(np.full((12, 3), 100.0))
-    own = unit(np.repeat(np.linspace(40, 130, 12)[:, None], 3, axis=1))
-    found = against(own, base)
-    assert found.share.n == 12
-    assert found.share.low < 0.15 < found.share.high
-    assert not against(base, base).beats
+def test_a_choice_is_added_at_the_rate_of_scratch(tmp_path):
+    wins = {"scratch, trial 3"}
+    plain = keys("judged")
+    study = tuned_study(plain, trials_won_by(keys("development"), wins))
+    (tmp_path / "case.json").write_text('{"name": "half size"}')
+    chosen = with_choice(study, plain, tmp_path / "case")
+    rate = study.tuned.arms[SCRATCH].values["learner.learning_rate"]
+    assert chosen.curricula[CHOSEN].setting("learner", "target").learning_rate == rate
+    (tmp_path / "case.json").write_text('{"name": "", "alone": "OptimisticQLearning"}')
+    assert with_choice(study, plain, tmp_path / "case") == study
+    (tmp_path / "case.json").write_text('{"name": "", "alone": "initial_value=-3.5"}')
+    alone = with_choice(study, plain, tmp_path / "case").scratch_curricula()
+    assert [*alone] == [SCRATCH, "scratch, initial_value=-3.5"]
+    learner = alone["scratch, initial_value=-3.5"].setting("learner", "target")
+    assert learner == cr.QLearning(learning_rate=rate, initial_value=-3.5)
 
 
-def test_a_search_is_charged_to_one_training_and_may_pay_later():
-    base, own = unit([[100, 100, 100]]), unit([[60, 70, 80]], search=90)
-    assert against(own, base).beats
-    assert not against(own, base, search=True).beats
-    assert paid_after(own, base) == 3  # 30 saved by each
-    assert paid_after(unit([[60, 70, 80]], search=91), base) == 4
-    assert paid_after(unit([[110, 120, 100]], search=90), base) is None
+def test_where_no_curriculum_is_chosen_the_named_learner_plays():
+    study = keys("development").varied(
+        tune=None, variants=None, scratches=None, seeds=[0, 1], opponents=["optimistic"]
+    )
+    played = Judged(cr.compare(study), 2.0, "scratch, OptimisticQLearning", 9.0)
+    returns = played.comparison.returns
+    gain = (returns["scratch, OptimisticQLearning"] - returns[SCRATCH]) / 2
+    assert np.array_equal(played.gain(CHOSEN, SCRATCH), gain)
+    assert not played.pays(CHOSEN)
+    assert played.best("half size") == played.comparison.best_opponent("half size")
 
 
-def test_racing_needs_six_domains_and_three_of_them():
-    fast, slow = unit([[50, 51, 52]]), unit([[100, 101, 99]])
-
-    def sentence(wins, domains):
-        units = {
-            f"domain {k}": {SCRATCH: slow, FIXED[0]: slow, RACING: fast if k < wins else slow}
-            for k in range(domains)
-        }
-        return on_racing(Match(units))
-
-    assert "a verdict needs 6" in sentence(5, 5)
-    assert sentence(2, 6).endswith("the fixed recipe is the default")
-    assert "default" not in sentence(3, 6)
+def test_intervals_are_over_targets_where_they_are_many():
+    few, many = [np.array([0.0, 2.0])] * 2, [np.full(3, float(n)) for n in range(10)]
+    assert interval(few).startswith("+1.00 [-11.7")  # over two seeds: 1 +- 12.7 x 1
+    assert interval([np.zeros(3)]) == "+0.00"
+    assert interval(many).startswith("+4.50 [+2.3")  # over ten targets: 4.5 +- 2.26 x .957
 
 
-# -- domains -------------------------------------------------------------------------------------
-
-
-def test_no_target_is_both_developed_on_and_judged():
-    assert len(MAKERS) >= 6
-    for name in ("paper maze", "pursuit", "key-lock-pit", "Block Dude", "four rooms"):
-        found = domain(name)
-        assert not {repr(one.target) for one in found.development} & {
-            repr(one.target) for one in found.held_out
-        }
-
-
-# -- designers -----------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def maze():
-    target = random_maze(size=6, pits=0.2, seed=2)
-    return Problem(target, steps=20_000, eval_freq=100), cr.design.source_candidates(target, most=4)
-
-
-@pytest.mark.parametrize("name", PLAYERS)
-def test_a_designer_keeps_to_its_budget_and_makes_the_same_again(maze, name):
-    player, (problem, candidates) = PLAYERS[name], maze
-    plans = []
-    for budget in (SearchBudget(1_500_000), SearchBudget(1_500_000)):
-        if player.on_target:
-            plans.append(player.design(problem, candidates, budget, seed=1))
-        else:
-            plans.append(player.design([problem], budget, seed=1).curriculum(problem))
-        assert budget.spent <= 1_500_000
-    assert len({(plan.order, str(plan)) for plan in plans}) == 1
-    assert plans[0].target == "target"
-
-
-def test_a_search_without_a_budget_learns_the_target_alone(maze):
-    for name in ("greedy_forward", "beam", "hts_cr"):
-        assert PLAYERS[name].design(*maze, SearchBudget(0)).order == ("target",)
-
-
-def test_a_curriculum_whose_sources_may_take_everything_is_not_trained(maze):
-    problem, _ = maze
-    stage = replace(STANDING[0].stages[0], steps=Trend(10_000.0))
-    training, taken = problem.train(Recipe((stage,)).curriculum(problem), [0, 1])
-    assert (training.steps == problem.steps).all()
-    assert not training.learnt.any()
-    assert taken == 0
-
-
-# -- playing and resuming ------------------------------------------------------------------------
-
-
-@pytest.fixture
-def corridor(monkeypatch):
-    """Return a domain of two corridors, in place of all others."""
-    cases = [playing.Case(f"{n} cells", cr.GridWorld("S" + "." * n + "T"), 400) for n in (2, 3)]
-    found = Domain("corridor", (cases[0],), (cases[1],), checkpoints=40)
-    monkeypatch.setattr(playing, "domain", lambda name: found)
-    return found
-
-
-def test_a_killed_unit_goes_on_where_it_was(corridor, monkeypatch, tmp_path):
-    designed = []
-
-    def counting(problem, candidates, budget, *, seed):
-        designed.append(problem.name)
-        budget.train(problem, problem.scratch, [seed])
-        return problem.scratch
-
-    monkeypatch.setitem(PLAYERS, "counting", Player("counting", counting))
-    assert play("counting", "corridor", QUICK, tmp_path)
-    path = path_of(tmp_path, "counting", "corridor")
-    whole = path.read_bytes()
-    assert designed == ["2 cells"] * 4 + ["3 cells"]
-
-    # A kill in the middle of the last line, and one between lines.
-    for end in (len(whole) - 20, whole[:-1].rfind(b"\n") + 1):
-        designed.clear()
-        path.write_bytes(whole[:end])
-        assert read(tmp_path, "counting", "corridor", QUICK) is None
-        assert play("counting", "corridor", QUICK, tmp_path)
-        assert designed == ["3 cells"]
-        assert path.read_bytes() == whole
-
-    found = read(tmp_path, "counting", "corridor", QUICK)
-    assert found.steps.shape == (1, QUICK.seeds)
-    assert (found.search > 0).all()
-    assert not found.refused
-
-
-# -- the published claim -------------------------------------------------------------------------
-
-
-def test_their_maze_is_theirs():
-    # Their trials end at 18.367886, the return of the best policy.
-    assert cr.solve(claim.target()).start_value == pytest.approx(18.367886071, abs=1e-8)
+def test_the_claims_maze_is_the_published_one():
+    study = cr.read_study(HERE / "claim.toml")
+    rates = [of.values["learner.learning_rate"] for of in study.variants.values()]
+    assert (rates, study.threshold) == ([0.5, 0.9, 0.95], LASTING)
+    task = next(iter(study.curricula.values())).tasks["maze"]
+    assert cr.solve(task).start_value == pytest.approx(18.367886071, abs=1e-8)

@@ -38,6 +38,7 @@ from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError, SettingError, TaskError, in_words
 from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import StoppingRule
+from curricle.learning.storage import Storage
 from curricle.progress import Bars, Progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, mean_interval
@@ -74,6 +75,9 @@ class Option(NamedTuple):
         """Return the curriculum of a target; `settings` are the target's."""
         name, budget = self.candidate.name, settings.get("budget", DEFAULT_STEPS)
         of_both = {key: settings[key] for key in settings if key not in ("budget", "eval_freq")}
+        if isinstance(storage := of_both.get("storage"), Storage):  # the source's values are read
+            dense = replace(storage, kind="auto", save_values=True)
+            of_both["storage"] = {target: storage, name: dense}
         return Curriculum(
             {name: self.candidate.task, target: task},
             [Transfer(name, target, mapping, self.scale) for mapping in self.candidate.mappings],

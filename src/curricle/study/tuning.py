@@ -152,6 +152,8 @@ def trial_study(study: StudyConfig) -> StudyConfig:
     found = source_candidates(study.address(first, target), most=MOST)
     trials = {name: arm for name, arm in arms.items() if arm["transfers"]}
     shared: dict[str, Any] = {key: data[key] for key in OF_BOTH if key in data}
+    if "storage" in shared:  # a source's values are read, whatever is kept of the target's
+        shared["storage"] = {**shared["storage"], "kind": "auto", "save_values": True}
     for option in options_of(found.candidates, curriculum.node(target).most_steps):
         name = option.candidate.name
         source = {"type": "candidate", "of": target, "kind": option.candidate.kind, **shared}
