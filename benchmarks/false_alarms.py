@@ -14,10 +14,8 @@ from functools import partial
 import numpy as np
 
 from curricle.comparison.verdicts import verdicts_of
-from curricle.statistics.hypothesis_tests import Looks, add_seeds
 
 SEEDS = (5, 6, 7, 10, 20, 50)
-MOST = 100
 FAMILIES: dict[str, Callable[..., np.ndarray]] = {
     "normal": lambda rng, shape: rng.normal(size=shape),
     "lognormal": lambda rng, shape: rng.lognormal(size=shape),
@@ -25,10 +23,9 @@ FAMILIES: dict[str, Callable[..., np.ndarray]] = {
 }
 
 
-def any_found(returns, rivals, looks=None):
+def any_found(returns, rivals):
     """Return whether any of the questions is answered by a difference."""
-    settings = {} if looks is None else {"looks": looks}
-    return any(one.direction != 0 for one in verdicts_of(returns, rivals, **settings).values())
+    return any(verdict.direction != 0 for verdict in verdicts_of(returns, rivals).values())
 
 
 def pays(arms, family, seeds, rng):
@@ -46,20 +43,6 @@ def controls(number, family, seeds, rng):
     return any_found(dict(zip(["arm", *names], values, strict=True)), {"arm": names})
 
 
-def added(family, seeds, rng):
-    """Return whether a difference is found while seeds are added, `seeds` at the first look."""
-    batches = []
-
-    def gain(new):
-        batches.append(FAMILIES[family](rng, (2, len(new))))
-        return batches[-1][0] - batches[-1][1]
-
-    add_seeds(gain, first=seeds, most=MOST, difference=True)
-    arm, scratch = np.hstack(batches)
-    returns = {"arm": arm, "scratch": scratch}
-    return any_found(returns, {"arm": ["scratch"]}, Looks.doubling(seeds, MOST))
-
-
 VERDICTS: dict[str, Callable[..., bool]] = {
     f"{name}: {family}": partial(verdict, *settings, family)
     for name, verdict, settings in (
@@ -67,7 +50,6 @@ VERDICTS: dict[str, Callable[..., bool]] = {
         ("pays or costs more, any of five", pays, (5,)),
         ("gains more or less than its placebo", controls, (1,)),
         ("gains more or less than five controls", controls, (5,)),
-        ("pays or costs more, seeds added up to 100", added, ()),
     )
     for family in FAMILIES
 }

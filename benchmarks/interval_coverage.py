@@ -16,7 +16,7 @@ from scipy.stats import binom
 
 import curricle as cr
 from curricle import statistics
-from curricle.statistics.hypothesis_tests import add_seeds, performance_profile
+from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import interquartile_interval
 
 SEEDS = (3, 5, 10, 20, 50)
@@ -116,22 +116,6 @@ def profile(shares, seeds, studies, rng):
     return float((chance * ((low[:, None] <= shares) & (shares <= high[:, None]))).sum(0).mean())
 
 
-def sequential(effect, precision, seeds, studies, rng):
-    """Return the coverage of the interval at which adding seeds stopped, `seeds` at the first look.
-
-    Normal values of spread 1 and mean `effect`, at most 100 seeds.
-    """
-    studies = min(studies, 2000)
-    goal = {"difference": True} if precision is None else {"precision": precision}
-    found = [
-        add_seeds(
-            lambda new: rng.normal(effect, 1.0, len(new)), first=seeds, most=100, **goal
-        ).interval
-        for _ in range(studies)
-    ]
-    return float(np.mean([one.low <= effect <= one.high for one in found]))
-
-
 @cache
 def learnt(task):
     """Return the gains, steps saved, mean returns, and one point of the curve of many seeds."""
@@ -196,9 +180,6 @@ KINDS: dict[str, Callable[[int, int, np.random.Generator], float]] = {
     "pursuit as learnt: gain": partial(as_learnt, "pursuit", "gain"),
     "pursuit as learnt: interquartile mean return": partial(as_learnt, "pursuit", "mean return"),
     "pursuit as learnt: curve where seeds differ most": partial(as_learnt, "pursuit", "point"),
-    "seeds added until a difference: none": partial(sequential, 0.0, None),
-    "seeds added until a difference: 0.5": partial(sequential, 0.5, None),
-    "seeds added until a half-width of 0.4": partial(sequential, 1.0, 0.4),
     "mean: 95 in 100 learn": partial(mean, learning(0.95)),
     "mean: 80 in 100 learn": partial(mean, learning(0.8)),
     "interquartile mean: 95 in 100 learn": partial(interquartile, learning(0.95)),

@@ -1,7 +1,6 @@
 """What holds for all learning curves and for the statistics of every comparison."""
 
 import numpy as np
-import pytest
 from hypothesis import example, given, strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -12,7 +11,7 @@ from curricle.statistics import (
     time_to_threshold,
 )
 from curricle.statistics.curves import Times, charge_source, midpoint, smooth
-from curricle.statistics.hypothesis_tests import add_seeds, holm, sign_flip_test
+from curricle.statistics.hypothesis_tests import holm, sign_flip_test
 
 RETURNS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6))
 SHAPES = st.tuples(st.integers(1, 5), st.integers(2, 12))
@@ -178,14 +177,3 @@ def test_waiting_longer_never_shortens_a_time(times):
     if ends[1] > 0:
         means = [times.restricted_mean(min(ends[1], end)).estimate for end in ends]
         assert means[0] <= means[1] <= ends[1]
-
-
-@given(st.floats(0.1, 10), st.integers(2, 8), st.integers(0, 99))
-def test_adding_seeds_follows_a_change_of_unit(scale, first, seed):
-    noise = np.random.default_rng(seed).normal(0.5, 1.0, size=40)
-    plain, scaled = (
-        add_seeds(lambda s, u=u: u * noise[np.array(s)], first=first, most=40, precision=u * 0.8)
-        for u in (1.0, scale)
-    )
-    assert scaled.interval.estimate == pytest.approx(scale * plain.interval.estimate)
-    assert (scaled.stopped_by, scaled.looks) == (plain.stopped_by, plain.looks)

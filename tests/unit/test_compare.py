@@ -7,11 +7,9 @@ import pytest
 
 import curricle as cr
 from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation, GridWorld
-from curricle.comparison.comparison import MEASURES
 from curricle.errors import CurriculumError, SettingError
 from curricle.planning import policy_evaluation as target_module
 from curricle.statistics.curves import midpoint
-from curricle.statistics.hypothesis_tests import Looks, add_seeds
 from curricle.transfer import UNMAPPED, StateActionMapping
 from tests.comparisons import (
     ALL,
@@ -190,52 +188,6 @@ def test_without_a_usable_optimum_the_threshold_is_the_midpoint_of_scratch(task)
     assert comparison.threshold == midpoint(comparison.scratch.curve)
 
 
-@pytest.mark.parametrize("source", [500, Episodes(40)], ids=["steps", "episodes"])
-def test_seeds_are_added_as_if_they_had_been_there(source):
-    """Looks at 2, 4 and 7 seeds, none of them precise enough."""
-    plan = corner(source=source, target=1000)
-    grown = compare(plan, seeds=2, precision=1e-9, most_seeds=7, controls=ALL)
-    once = compare(plan, seeds=7, controls=ALL)
-    assert grown.seeds == 7
-    assert (grown.budget, grown.total, grown.threshold) == (once.budget, once.total, once.threshold)
-    for name in once.arms:
-        assert_same(grown[name], once[name])
-
-
-def test_no_more_seeds_than_the_goal_takes():
-    plan = copied(MAZE, budget={"near": 20_000, "far": 2000}, eval_freq={"far": 100})
-    assert compare(plan, seeds=3, precision=1000.0).seeds == 3
-    comparison = compare(plan, seeds=3, difference=True, most_seeds=50)
-    assert 3 <= comparison.seeds < 50
-    gains = comparison["transfer"].strong_gain(comparison.scratch)
-    alone = add_seeds(lambda seeds: gains[list(seeds)], first=3, most=50, difference=True)
-    assert alone.stopped_by == "difference"
-    assert alone.values.size == comparison.seeds
-    assert f"{comparison.seeds} seeds ({alone.stopped}); threshold" in str(comparison)
-
-
-def test_every_interval_over_added_seeds_allows_for_the_looks():
-    """The rule guarantees intervals at the level of its looks, wider than those of fixed seeds."""
-    settings = {"controls": ["placebo"], "threshold": 150.0}
-    plan = corner(source=100, target=400, eval_freq=10)
-    grown = compare(plan, seeds=6, precision=1e-9, most_seeds=20, **settings)
-    once = compare(plan, seeds=20, **settings)
-    assert grown.confidence == Looks((6, 12, 20)).confidence() > 0.975
-    assert once.confidence == 0.95
-    gains = once["transfer"].strong_gain(once.scratch)
-    alone = add_seeds(lambda seeds: gains[list(seeds)], first=6, most=20, precision=1e-9)
-    gain = grown.contrasts["transfer"].strong_gain
-    assert (gain.low, gain.high) == (alone.interval.low, alone.interval.high)
-    assert grown.contrasts["transfer"].p == alone.p > once.contrasts["transfer"].p
-    for name, contrast in once.contrasts.items():
-        for measure in MEASURES:
-            fixed, looked = (getattr(row, measure) for row in (contrast, grown.contrasts[name]))
-            assert looked.estimate == fixed.estimate
-            assert np.isnan(fixed.low) or looked.low <= fixed.low
-            assert np.isnan(fixed.high) or looked.high >= fixed.high
-        assert grown.mean_return(name).low < once.mean_return(name).low
-
-
 def test_a_curriculum_without_transfers_equals_scratch():
     plan = Curriculum({"maze": MAZE}, budget={"maze": 1000}, eval_freq=100)
     comparison = compare({"plain": plan}, seeds=3)
@@ -297,7 +249,6 @@ def pair(*rivals, **settings):
         (corner(), {"window": 32}, "at most 31, the checkpoints within .* budget: got 32"),
         (corner(), {"threshold": float("nan")}, "threshold must be finite: got nan"),
         (corner(), {"seeds": 0}, "seeds must be a whole number, at least 1: got 0"),
-        (corner(), {"precision": 1.0}, "to begin adding with must be a whole number, at least 2"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_trained(arms, settings, message, calls):

@@ -138,14 +138,6 @@ def test_states_that_no_policy_reaches_do_not_count():
     assert sorted(pairs.values(phi).ravel().tolist()) == [1.0] * 8 + [2.0] * 8
 
 
-def test_initial_values_of_batches_are_joined_in_order():
-    plan = corner(target=1000)
-    grown = compare(plan, seeds=2, precision=1e-9, most_seeds=5, opponents=["constant"])
-    once = compare(plan, seeds=5, opponents=["constant"])
-    for name in OF_PHI:
-        np.testing.assert_array_equal(grown[name].initial_values, once[name].initial_values)
-
-
 @pytest.mark.parametrize("opponents", ["optimistic", ["luck"], 3])
 def test_other_names_are_refused(opponents):
     with pytest.raises(SettingError, match="opponent"):

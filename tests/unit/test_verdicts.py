@@ -13,7 +13,7 @@ from curricle.comparison import Comparison, seeds_needed, verdicts_of
 from curricle.comparison.controls import CHANGES
 from curricle.comparison.verdicts import ASKING, SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import Looks, mean_interval, sign_flip_test
+from curricle.statistics import mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyResults
 from tests.comparisons import alone as compare, corner, flat
@@ -64,8 +64,7 @@ def test_no_difference_is_shown_beside_an_interval_that_holds_0(data):
     skewed = st.floats(-1, 1).map(lambda x: np.sign(x) * abs(x) ** 9 + 0.01)
     rows = st.lists(skewed, min_size=seeds, max_size=seeds)
     returns = {"mine": np.zeros(seeds)} | {f"r{i}": data.draw(rows) for i in range(n)}
-    looks = data.draw(st.sampled_from([Looks((1,)), Looks.doubling(3, seeds)]))
-    verdict = verdicts_of(returns, {"mine": list(returns)[1:]}, looks=looks)["mine"]
+    verdict = verdicts_of(returns, {"mine": list(returns)[1:]})["mine"]
     if verdict.direction:
         assert not verdict.gain.low <= 0 <= verdict.gain.high
         assert verdict.adjusted_p < SIGNIFICANT
@@ -174,20 +173,13 @@ def test_the_command_asks_about_any_arm(finished, monkeypatch, capsys):
     assert capsys.readouterr().out == "\n".join([str(comparison), *lines, ""])
 
 
-def test_a_family_is_corrected_for_its_questions_and_looks():
+def test_a_family_is_corrected_for_its_questions():
     returns = {"scratch": column(0, 10), **{name: column(k + 1, 10) for k, name in enumerate("ab")}}
     questions = {name: ["scratch"] for name in "ab"}
     verdicts = verdicts_of(returns, questions)
     p = [verdict.p for verdict in verdicts.values()]
     assert p == [2**-9, 2**-9]
     assert [verdict.adjusted_p for verdict in verdicts.values()] == holm(p).tolist()
-    looks = Looks.doubling(10, 100)
-    looked = verdicts_of(returns, questions, looks=looks)
-    assert [verdict.p for verdict in looked.values()] == [looks.adjusted_p(2**-9)] * 2
-    assert looks.adjusted_p(2**-9) == 5 * 2**-9
-    assert {verdict.needed for verdict in looked.values()} == {seeds_needed(2, looks=looks)} == {9}
-    for name in "ab":
-        assert looked[name].gain.low <= verdicts[name].gain.low
 
 
 @pytest.mark.parametrize(
@@ -278,21 +270,6 @@ def test_an_error_of_all_arms_is_raised():
     arms = {name: corner(aggregate=failing(BROKEN)) for name in ("one", "two")}
     with pytest.raises(CurriculumError, match="a rule: a value, a place"):
         compare(arms, seeds=2)
-
-
-@pytest.mark.parametrize(("after", "seeds"), [(2, 4), (4, 7)])
-def test_where_seeds_are_added_a_failure_is_noted_once(after, seeds):
-    """Looks at 2, 4 and 7 seeds; the second arm fails at the second look or the third."""
-    bad = corner(target=1000, aggregate=failing(BROKEN, after=after))
-    good = corner(target=1000)
-    asked = {"seeds": 2, "precision": 1e-9, "most_seeds": 7, "controls": ["placebo"]}
-    comparison = compare({"good": good, "bad": bad}, **asked)
-    names = ["scratch", "good", "good, placebo"]  # the other's placebo is left out with it
-    assert (list(comparison.arms), comparison.failed) == (names, {"bad": BROKEN})
-    assert comparison.seeds == 7
-    again = replace(bad, aggregate=failing(BROKEN, after=after))
-    first = compare({"bad": again, "good": good}, **asked)
-    assert (list(first.arms), first.seeds) == (names, seeds)
 
 
 NOISE = 0.1 * np.random.default_rng(5).permutation(12)

@@ -5,7 +5,6 @@ same random stream in the target. Arms with different targets are refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -33,7 +32,6 @@ from curricle.comparison.opponents import (
 )
 from curricle.comparison.plan import Failures, Memory, Plan, Trained, check_comparable
 from curricle.comparison.verdicts import (
-    ONE_LOOK,
     Reason,
     Verdict,
     difference,
@@ -62,7 +60,7 @@ from curricle.statistics.curves import (
     steps_saved,
     time_to_threshold,
 )
-from curricle.statistics.hypothesis_tests import Looks, add_seeds, probability_of_improvement
+from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     clusters,
@@ -143,7 +141,13 @@ class Arm:
 
     def take(self, seeds: IntArray) -> "Arm":
         """Return the arm with the seeds in these rows, in this order."""
-        return joined_arms([self], lambda arrays: arrays[0][seeds])
+        curve, initial = self.curve, self.initial_values
+        return replace(
+            self,
+            curve=Curve(curve.steps, curve.values[seeds], curve.source_steps[seeds]),
+            initial_values=None if initial is None else initial[seeds],
+            unlearnt={name: of_seeds[seeds] for name, of_seeds in self.unlearnt.items()},
+        )
 
     def strong_gain(self, scratch: "Arm") -> FloatArray:
         """Return the area under the charged curve minus that of scratch, (K,), in return.
@@ -151,21 +155,6 @@ class Arm:
         Both are normalised (:func:`mean_return`); a difference within their rounding is 0.
         """
         return difference(mean_return(self.charged(scratch)), mean_return(scratch.curve))
-
-
-def joined_arms(arms: Sequence[Arm], join: Callable[[Any], Any] = np.concatenate) -> Arm:
-    """Return several batches of seeds of an arm as one arm; `join` joins their arrays."""
-    first = arms[0]
-    initial = [arm.initial_values for arm in arms if arm.initial_values is not None]
-    values, spent = (
-        join([getattr(arm.curve, x) for arm in arms]) for x in ("values", "source_steps")
-    )
-    return replace(
-        first,
-        curve=Curve(first.curve.steps, values, spent),
-        initial_values=join(initial) if initial else None,
-        unlearnt={name: join([arm.unlearnt[name] for arm in arms]) for name in first.unlearnt},
-    )
 
 
 NAN = float("nan")
@@ -244,10 +233,8 @@ class Comparison:
         Checkpoints over which curves are smoothed to find when they reach the threshold.
     failed : dict of str to Exception
         Error of each arm that could not be trained.
-    looks : Looks
-        Planned interim analyses, if seeds were added; verdicts and intervals are adjusted to them.
-    stopped, threshold_from : str
-        Why no more seeds were added, and the source of the threshold, as text.
+    threshold_from : str
+        The source of the threshold, as text.
     interim : str
         Text that says that seeds of the plan are missing; then there are no verdicts and p-values.
     """
@@ -259,8 +246,6 @@ class Comparison:
     threshold: float
     window: int
     failed: Mapping[str, Exception] = field(default_factory=dict)
-    looks: Looks = ONE_LOOK
-    stopped: str = ""
     interim: str = ""
     threshold_from: str = ""
 
@@ -312,11 +297,6 @@ class Comparison:
         """Number of seeds, K."""
         return len(self.scratch.curve.values)
 
-    @property
-    def confidence(self) -> float:
-        """Confidence of each interval, such that those at all looks hold together at 95 %."""
-        return self.looks.confidence()
-
     @cached_property
     def controls(self) -> dict[str, tuple[str, ...]]:
         """The controls of each curriculum."""
@@ -353,7 +333,7 @@ class Comparison:
 
     def _verdicts(self, questions: Mapping[str, tuple[str, ...]]) -> dict[str, Verdict]:
         asked = {name: rivals for name, rivals in questions.items() if rivals}
-        return verdicts_of(self.returns, asked, looks=self.looks, interim=self.interim)
+        return verdicts_of(self.returns, asked, interim=self.interim)
 
     @cached_property
     def verdicts(self) -> dict[str, Verdict]:
@@ -408,7 +388,7 @@ class Comparison:
 
     def mean_return(self, name: str) -> Interval:
         """Return the mean over seeds of the normalised area under an arm's strong curve."""
-        return mean_interval(self.returns[name], confidence=self.confidence)
+        return mean_interval(self.returns[name])
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
@@ -429,20 +409,18 @@ class Comparison:
         weak, base = self._weak(name), self._weak(rival)
         strong, whole = arm.charged(self.scratch), scratch.curve
         saved = partial(steps_saved, threshold=self._level, window=self.window)
-        of_mean, of_improvement = (
-            partial(interval_of, confidence=self.confidence)
-            for interval_of in (mean_interval, probability_of_improvement)
-        )
         return Contrast(
-            jumpstart=of_mean(jumpstart(base, weak)),
-            weak_steps_saved=of_mean(saved(base, weak)),
-            strong_steps_saved=of_mean(saved(whole, strong)),
-            weak_gain=of_mean(difference(mean_return(weak), mean_return(base))),
-            strong_gain=alone.gain if alone.rivals > 1 else of_mean(arm.strong_gain(scratch)),
-            asymptotic_gain=of_mean(
+            jumpstart=mean_interval(jumpstart(base, weak)),
+            weak_steps_saved=mean_interval(saved(base, weak)),
+            strong_steps_saved=mean_interval(saved(whole, strong)),
+            weak_gain=mean_interval(difference(mean_return(weak), mean_return(base))),
+            strong_gain=alone.gain if alone.rivals > 1 else mean_interval(arm.strong_gain(scratch)),
+            asymptotic_gain=mean_interval(
                 difference(asymptotic_performance(strong), asymptotic_performance(whole))
             ),
-            probability_of_improvement=of_improvement(mean_return(strong), mean_return(whole)),
+            probability_of_improvement=probability_of_improvement(
+                mean_return(strong), mean_return(whole)
+            ),
             p=alone.p,
             adjusted_p=NAN if verdict is None else verdict.adjusted_p,
             verdict="" if verdict is None else verdict.against_scratch,
@@ -459,7 +437,7 @@ class Comparison:
             times, contrast = self.times(name), self.contrasts.get(name, NO_CONTRAST)
             over, knows = self.control_verdicts.get(name), self.knowledge_verdicts.get(name)
             intervals = {
-                "steps_to_threshold": times.restricted_mean(confidence=self.confidence),
+                "steps_to_threshold": times.restricted_mean(),
                 **{key: measure.of(self, name) for key, measure in ARM_MEASURES.items()},
                 **{measure: getattr(contrast, measure) for measure in MEASURES},
                 "gain_over_controls": UNKNOWN if over is None else over.gain,
@@ -529,8 +507,7 @@ class Comparison:
         return (
             f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
             f"{counted(self.seeds, 'seed')}"
-            f"{self.stopped and f' ({self.stopped})'}; "
-            f"threshold {or_dash(self.threshold, '.4g')}"
+            f"; threshold {or_dash(self.threshold, '.4g')}"
             f"{self.threshold_from and f' ({self.threshold_from})'}"
         )
 
@@ -596,7 +573,7 @@ class Comparison:
         )
         if min(map(len, groups)) > self.seeds // 4:
             return sentence
-        middle = interquartile_interval(values, confidence=self.confidence)
+        middle = interquartile_interval(values)
         return f"{sentence}; interquartile mean, without the few: {short(middle)}"
 
     def unlearnt(self, name: str) -> str:
@@ -666,7 +643,6 @@ def _lines(comparison: Comparison) -> list[Any]:
                 curve.filled(),
                 colour,
                 dashed=arm.control or (arm.scratch and name != SCRATCH),
-                confidence=comparison.confidence,
             )
         )
     return lines
@@ -684,9 +660,6 @@ def compare(
     scratch: Learners = (),
     threshold: float | None = None,
     window: int = 5,
-    precision: float | None = None,
-    difference: bool = False,
-    most_seeds: int = 100,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Comparison:
@@ -705,7 +678,6 @@ def compare(
         Curricula with the same target, none named "scratch". ``curricle.compare`` also takes a
         study or its path, and then its arms and its settings where none are passed.
     seeds : int or sequence of int
-        With `precision` or `difference`, the number of seeds to begin with.
     controls : sequence of str
         Any of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``, run
         for each curriculum (``curricle.comparison.controls`` explains them).
@@ -719,12 +691,6 @@ def compare(
         return to the optimum; midway up the curve of scratch if there is no such optimum.
     window : int
         Checkpoints over which curves are smoothed to find when they reach the threshold.
-    precision : float, optional
-        Add seeds until the half-width of the first arm's strong gain is at most this return.
-    difference : bool
-        Add seeds until the first arm's strong gain differs from 0.
-    most_seeds : int
-        Seeds at which to stop adding.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
@@ -760,37 +726,10 @@ def compare(
     if threshold is not None:
         threshold = number("threshold", threshold, SettingError)
     level = threshold_before(plan, threshold)  # solving the target may fail
-    failed, looks, stopped = dict[str, Exception](), ONE_LOOK, ""
+    failed = dict[str, Exception]()
     with shown(progress) as bars:
-        if precision is None and not difference:
-            trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
-        else:
-            batches = list[dict[str, Arm]]()
-            first_arm = next(name for name, arm in plan.arms.items() if not arm.scratch)
-
-            def gain(added: Sequence[int]) -> FloatArray:
-                batches.append(trained_arms(plan, tuple(added), failed, memory, workers, bars))
-                if first_arm in failed:  # no more seeds are added: the goal is about its gain
-                    raise _FirstArmFailed
-                # The best opponent at the first look. Verdicts are against all opponents, and hold
-                # whatever decided when to stop.
-                first_look = comparison_of(plan, batches[0], level, window, failed)
-                best = first_look.best_opponent(first_arm)
-                return batches[-1][first_arm].strong_gain(batches[-1][best])
-
-            first = whole_number("seeds to begin adding with", seeds, 2, SettingError)
-            stopped = "stopped by the failure of the first arm"
-            with suppress(_FirstArmFailed):
-                goal: Any = {"precision": precision, "difference": difference}
-                stopped = add_seeds(gain, first=first, most=most_seeds, **goal).stopped
-            names = [name for name in batches[0] if all(name in batch for batch in batches)]
-            trained = {name: joined_arms([batch[name] for batch in batches]) for name in names}
-            looks = Looks.doubling(first, most_seeds)
-    return comparison_of(plan, trained, level, window, failed, looks=looks, stopped=stopped)
-
-
-class _FirstArmFailed(Exception):
-    """The first arm failed, whose gain decides whether more seeds are added."""
+        trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
+    return comparison_of(plan, trained, level, window, failed)
 
 
 def comparison_plan(
@@ -916,12 +855,11 @@ def comparison_of(
     level: tuple[float | None, str],
     window: int,
     failed: Mapping[str, Exception],
-    **adding: Any,
 ) -> Comparison:
     """Return the comparison of trained arms, with :func:`threshold_before` as its `level`."""
     threshold = midpoint(arms[SCRATCH].curve) if level[0] is None else level[0]
     spans = *plan.steps, threshold, window
-    return Comparison(plan.target, arms, *spans, failed, threshold_from=level[1], **adding)
+    return Comparison(plan.target, arms, *spans, failed, threshold_from=level[1])
 
 
 def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:

@@ -23,12 +23,11 @@ from curricle.checks import whole_number
 from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.curves import ROUNDING
-from curricle.statistics.hypothesis_tests import Looks, holm, sign_flip_test, smallest_p
+from curricle.statistics.hypothesis_tests import holm, sign_flip_test, smallest_p
 from curricle.statistics.intervals import Interval, mean_interval, vector
 from curricle.text import brief_repr
 from curricle.transfer.transfer import FOUND
 
-ONE_LOOK = Looks((1,))  # no interim analyses
 SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
 DRAWS, DRAWS_A_TEST = 10_000, 100
 """Sign vectors drawn where there are too many seeds for all of them, at least; and for each test of
@@ -101,7 +100,6 @@ def verdicts_of(
     returns: Mapping[str, npt.ArrayLike],
     rivals: Mapping[str, Sequence[str]],
     *,
-    looks: Looks = ONE_LOOK,
     interim: str = "",
 ) -> dict[str, Verdict]:
     """Return for each question whether an arm gains more than all of its rivals.
@@ -120,8 +118,6 @@ def verdicts_of(
         One return for each arm and seed; seed k of all arms is paired.
     rivals : dict of str to sequence of str
         The questions: arms, each with at least one rival. Holm corrects for their number.
-    looks : Looks
-        Planned interim analyses, for which p-values and intervals are adjusted.
     interim : str
         Text that says that seeds are missing; then there is no verdict, and p-values are NaN.
 
@@ -161,23 +157,23 @@ def verdicts_of(
         name: np.stack([difference(arrays[name], arrays[rival]) for rival in of_name])
         for name, of_name in rivals.items()
     }
-    draws = _draws(looks, sum(map(len, apart.values())))
-    p = [math.nan if interim else _p_value(rows, draws, looks) for rows in apart.values()]
+    draws = _draws(sum(map(len, apart.values())))
+    p = [math.nan if interim else _p_value(rows, draws) for rows in apart.values()]
     adjusted_p = p if interim else holm(p).tolist()
-    needed, verdicts = seeds_needed(len(apart), looks=looks), {}
+    needed, verdicts = seeds_needed(len(apart)), {}
     for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
         n, seeds = rows.shape
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
-        gain = _smallest_gain(rows, looks)
+        gain = _smallest_gain(rows)
         verdicts[name] = Verdict(gain, strongest, n, p_value, adjusted, seeds, needed, interim)
     return verdicts
 
 
-def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
+def seeds_needed(questions: int = 1) -> int:
     """Return the fewest seeds K with which there can be a verdict.
 
-    This is the smallest K whose smallest p-value, 2^(1 - K), is below 0.05 after adjustment for the
-    planned looks and multiplication by the number of questions (one an arm), as Holm's correction.
+    This is the smallest K whose smallest p-value, 2^(1 - K), is below 0.05 after multiplication by
+    the number of questions (one an arm), as Holm's correction.
 
     Examples
     --------
@@ -185,8 +181,8 @@ def seeds_needed(questions: int = 1, *, looks: Looks = ONE_LOOK) -> int:
     [6, 7, 7, 8, 8, 9]
     """
     tests, seeds = whole_number("questions", questions, 1, SettingError), 2
-    draws = _draws(looks, tests)
-    while tests * looks.adjusted_p(smallest_p(seeds, draws)) >= SIGNIFICANT:
+    draws = _draws(tests)
+    while tests * smallest_p(seeds, draws) >= SIGNIFICANT:
         seeds += 1
     return seeds
 
@@ -203,34 +199,33 @@ def difference(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.where(np.abs(apart) < noise, 0.0, apart)
 
 
-def _draws(looks: Looks, tests: int) -> int:
+def _draws(tests: int) -> int:
     """Return how many sign vectors are drawn where not all are counted."""
-    return max(DRAWS, DRAWS_A_TEST * len(looks.seeds) * tests)
+    return max(DRAWS, DRAWS_A_TEST * tests)
 
 
-def _p_value(differences: FloatArray, draws: int, looks: Looks) -> float:
+def _p_value(differences: FloatArray, draws: int) -> float:
     """Return the p-value of an arm's differences from n rivals (n, K), as :func:`verdicts_of`."""
-    p = _of_all(differences, [sign_flip_test(row, resamples=draws) for row in differences], looks)
-    gain = _smallest_gain(differences, looks)
+    p = _of_all(differences, [sign_flip_test(row, resamples=draws) for row in differences])
+    gain = _smallest_gain(differences)
     if p >= SIGNIFICANT or not gain.low <= 0 <= gain.high:
         return p
     k = differences.shape[1]
     t = differences.mean(axis=1) / differences.std(axis=1, ddof=1) * math.sqrt(k)
-    return max(SIGNIFICANT, _of_all(differences, 2 * stdtr(k - 1, -abs(t)), looks))
+    return max(SIGNIFICANT, _of_all(differences, 2 * stdtr(k - 1, -abs(t))))
 
 
-def _of_all(differences: FloatArray, p_values: npt.ArrayLike, looks: Looks) -> float:
+def _of_all(differences: FloatArray, p_values: npt.ArrayLike) -> float:
     """Return the p-value of n rivals from those of the rivals alone."""
-    p = np.array([looks.adjusted_p(value) for value in np.asarray(p_values).tolist()])
-    means = differences.mean(axis=1)
+    p, means = np.asarray(p_values), differences.mean(axis=1)
     if (means > 0).all():
         return float(p.max())
     return min(1.0, len(p) * float(p[means < 0].min(initial=1.0)))
 
 
-def _smallest_gain(differences: FloatArray, looks: Looks) -> Interval:
+def _smallest_gain(differences: FloatArray) -> Interval:
     """Return the interval of the smallest of n true differences, from the differences (n, K)."""
-    levels = [looks.confidence(1 - SIGNIFICANT / n) for n in (1, len(differences))]
+    levels = [1 - SIGNIFICANT / n for n in (1, len(differences))]
     below, above = ([mean_interval(row, confidence=c) for row in differences] for c in levels)
     return Interval(
         estimate=float(differences.mean(axis=1).min()),

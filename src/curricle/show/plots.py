@@ -278,7 +278,7 @@ def _draw_panel(axes: Axes, comparison: Comparison, strong: bool, most: int) -> 
         kept = places(len(whole.steps), most)
         shown = Curve(whole.steps[kept], whole.filled()[:, kept])
         drawn: Any = {"label": name, "colour": style.colour, "dashes": style.dashes}
-        draw_curve(axes, shown, **drawn, confidence=comparison.confidence)
+        draw_curve(axes, shown, **drawn)
         if begin:
             # Dotted from step 0 to where training in the target begins.
             low, start = random_level(comparison), int(shown.steps[0])
@@ -332,7 +332,7 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     tau = np.unique([*axes.get_xlim(), *ends])
     curricula = left = sum(not style.control for style in styles.values())
     for name, style in controls_first(styles):
-        share = performance_profile(final[name], tau, confidence=comparison.confidence)
+        share = performance_profile(final[name], tau)
         left -= not style.control
         # Later lines are thinner, so that none hides one below it.
         width = 1.2 + (0.0 if style.control else 2 * left / curricula)

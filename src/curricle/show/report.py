@@ -349,7 +349,7 @@ def curve_data(
     def band(name: str, panel: str) -> dict[str, Any]:
         curve, begin = shown_curve(comparison, name, strong=panel == "strong")
         inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
-        mean = mean_interval(curve.filled()[:, inside - begin], confidence=comparison.confidence)
+        mean = mean_interval(curve.filled()[:, inside - begin])
         return {
             "first": int(np.searchsorted(kept, begin)),
             **{end: row(np.asarray(getattr(mean, end))) for end in ("low", "high")},

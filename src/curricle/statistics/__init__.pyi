@@ -9,8 +9,6 @@ from .curves import (
     time_to_threshold as time_to_threshold,
 )
 from .hypothesis_tests import (
-    Looks as Looks,
-    add_seeds as add_seeds,
     probability_of_improvement as probability_of_improvement,
     sign_flip_test as sign_flip_test,
 )
