@@ -1,5 +1,6 @@
 """Development: pursuit; the target has one predator more than the source, or more cells."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,8 +47,8 @@ def hunts() -> Family:
     family = Family("hunts", "development")
     hunt = family.target("two predators", pursuit(3, 2), 80_000)
     chase, either = pursuit(3, 1), pursuit(3, 2, capture="any")
-    prey = np.eye(4)[np.zeros(9, int)]
-    north = pursuit(3, 1, prey=prey)
+    going_north = np.tile([1.0, 0.0, 0.0, 0.0], (len(chase.probability), 1))
+    north = replace(chase, probability=going_north)
     fleeing = pursuit(3, 1, step_reward=1.0)
     both, idle, away = (
         [cr.project(hunt, source, predator=f"predator_{i}") for i in (1, 2)]
