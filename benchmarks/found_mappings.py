@@ -251,8 +251,7 @@ def cliff_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]
 
 
 def approximate_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
-    """Yield tasks that do not correspond exactly, renumbered or nameless."""
-    yield from renumbered_crops()
+    """Yield nameless tasks that do not correspond exactly."""
     for size, smaller, *budget in (
         (8, 6, 4_000, 60_000),
         (7, 5, 4_000, 60_000),
@@ -294,24 +293,6 @@ def nameless_case(
     return f"{name}, nameless", target, source, [edge(mapping)], of(target, source, **settings)
 
 
-def renumbered_crops() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
-    """Yield the maze and its corner, each renumbered."""
-    arena = maze(-5)
-    corner = arena.crop(rows=(0, SIDE), columns=(10 - SIDE, 10), start="uniform")
-    for seed in range(2):
-        rng = np.random.default_rng(seed)
-        target, new, actions = renumbered(arena.mdp, rng)
-        source, there, moves = renumbered(corner.mdp, rng)
-        index = cr.same_position(arena, corner).index[np.argsort(new)]
-        index = np.take_along_axis(index, actions, axis=1)
-        state, action = np.divmod(np.maximum(index, 0), 4)
-        state = there[state]
-        pair = state * 4 + np.argsort(moves, axis=1)[state, action]
-        by_hand = StateActionMapping(target, source, np.where(index >= 0, pair, index))
-        made = of(target, source, **maze_settings())
-        yield f"maze and crop renumbered, seed {seed}", target, source, [edge(by_hand)], made
-
-
 # -- which search is first ------------------------------------------------------------------------
 
 
@@ -348,28 +329,28 @@ def first_searches() -> None:
         print(f"\n{words}: candidates by search, first mapping, its indices' hash; if unseen")
         first, all_cases = Counter[str](), 0
         for name, target, source in cases:
-            made = dict[Any, str]()
+            made = dict[str, str]()
             candidates = find_mappings(
                 target, source, searches=[recorded(search, made) for search in SEARCHES], keep=1000
             )
-            counts = Counter(made[one.mapping] for one in candidates)
+            counts = Counter(made[candidate.how] for candidate in candidates)
             all_cases += 1
             print(f"  {name}: {dict(counts)}", flush=True)
             if candidates:
                 best = candidates[0]
-                first[made[best.mapping]] += clears_bar(best.scores)
+                first[made[best.how]] += clears_bar(best.scores)
                 taken = "taken" if clears_bar(best.scores) else "refused"
                 digest = sha256(best.mapping.index.tobytes()).hexdigest()[:12]
-                print(f"    {made[best.mapping]}, {taken}, {digest}: {best}", flush=True)
+                print(f"    {made[best.how]}, {taken}, {digest}: {best}", flush=True)
         print(f"  first and taken, of {all_cases}: {dict(first)}", flush=True)
 
 
-def recorded(search: Any, made: dict[Any, str]) -> Callable:
+def recorded(search: Any, made: dict[str, str]) -> Callable:
     """Return a search that writes down which mappings it made."""
 
     def by(tasks: TaskPair) -> Iterator[Any]:
         for proposal in search(tasks):
-            made[proposal.mapping] = search.__name__
+            made[proposal.how] = search.__name__
             yield proposal
 
     by.__name__ = search.__name__

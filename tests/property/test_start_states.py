@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from curricle import evaluate
 from curricle.errors import TaskError
@@ -51,7 +51,6 @@ def reached(dense, start):
 
 
 @given(mdps(max_states=7), st.data())
-@settings(max_examples=200, deadline=None)
 def test_distances_are_those_of_breadth_first_search(dense, data):
     flags = data.draw(
         st.lists(st.booleans(), min_size=len(dense.terminal), max_size=len(dense.terminal))
@@ -66,7 +65,6 @@ def test_distances_are_those_of_breadth_first_search(dense, data):
 
 
 @given(mdps(max_states=7))
-@settings(max_examples=200, deadline=None)
 def test_the_goal_is_where_the_largest_reward_ends_an_episode(dense):
     task, best, expected = dense.task(), -np.inf, set()
     for state, action, after in np.ndindex(dense.p.shape):
@@ -85,7 +83,6 @@ def test_the_goal_is_where_the_largest_reward_ends_an_episode(dense):
 
 
 @given(mdps(max_states=7), st.integers(0, 4), st.integers(0, 4))
-@settings(max_examples=200, deadline=None)
 def test_a_ring_has_the_states_at_its_distances_equally_likely(dense, low, more):
     task = dense.task()
     goal = np.arange(len(dense.terminal)) == len(dense.terminal) - 1
@@ -104,7 +101,6 @@ def test_a_ring_has_the_states_at_its_distances_equally_likely(dense, low, more)
 
 
 @given(mdps(max_states=6), st.sampled_from(["uniform", "reachable"]))
-@settings(max_examples=150, deadline=None)
 def test_episodes_start_in_states_that_go_on(dense, words):
     task = dense.task()
     start = with_start(task, words).start
@@ -123,7 +119,6 @@ def drawn_policy(dense, seed):
 
 
 @given(mdps(max_states=5), SEEDS, st.sampled_from([1, 2, 7, 40]))
-@settings(max_examples=150, deadline=None)
 def test_visits_are_those_of_every_step_added_up(dense, seed, limit):
     """By dense matrices, a step at a time."""
     task, policy = dense.task(time_limit=limit), drawn_policy(dense, seed)
@@ -140,7 +135,6 @@ def test_visits_are_those_of_every_step_added_up(dense, seed, limit):
 
 
 @given(mdps(max_states=5), SEEDS)
-@settings(max_examples=100, deadline=None)
 def test_the_return_is_the_mean_reward_of_the_visits(dense, seed):
     """V(start) = sum_s eta(s) r_pi(s): what the visits are worth is what evaluation says."""
     task, policy = dense.task(), drawn_policy(dense, seed)

@@ -25,7 +25,7 @@ def written(draw):
 FUNCTIONS = (lambda env: env.now, lambda env, now: setattr(env, "now", now))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=25)
 @given(written(), st.sampled_from([None, FUNCTIONS, DeepCopy()]))
 def test_a_table_is_the_reachable_part(parts, state):
     after, reward, terminal = parts
@@ -63,7 +63,7 @@ class Table(FrozenLakeEnv):
         }
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=25)
 @given(written(), st.integers(0, 2), st.sampled_from([0.0, -0.25]))
 def test_a_step_of_its_own_is_never_ignored(parts, turned, cost):
     """A subclass turns the actions round and pays: that is solved, not its parent's table."""

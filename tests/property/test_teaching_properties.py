@@ -17,8 +17,7 @@ from tests.tasks import random_mdp
 TEACHERS = [Uniform(), Learnability(), PrioritizedLevelReplay(), ReverseCurriculum()]
 LEARNERS = [
     *(cr.QLearning(), cr.SARSA(), cr.ExpectedSARSA(), cr.DoubleQLearning()),
-    cr.QLearning(learning_rate=cr.learning.harmonic(), initial_value=1.0),
-    cr.QLearning(learning_rate=0.5, inverse_temperature=2.0),
+    cr.QLearning(learning_rate=0.5, initial_value=1.0),
     cr.SARSA(epsilon=cr.learning.linear(1.0, 0.1, steps=500)),
 ]
 CURVES = ("values", "greedy_return", "training_return", "episodes", "steps_used")
@@ -44,7 +43,7 @@ SETTINGS = [
     *({"learner": learner, "seeds": [2, 7], "stream": "x"} for learner in LEARNERS),
     {"evaluation": ROLLOUTS},
     {"budget": cr.Episodes(40)},
-    {"budget": cr.StoppingRule(3000, plateau=1e-9, patience=3)},
+    {"budget": cr.StoppingRule(3000, threshold=0.5, patience=3)},
 ]
 
 

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
@@ -72,6 +72,7 @@ LEARNT = [
 ADDED = [cr.QInitialisation, cr.StateShaping, cr.RewardBonus, cr.DecayingAdvice]
 
 
+@settings(max_examples=200)
 @given(
     mdps((0.0, 0.9, 0.75), max_actions=5),
     st.sampled_from([None, *ADDED]),
@@ -85,8 +86,8 @@ def test_nothing_added_changes_nothing(mdp, added, learnt, start, zeros):
     Whole rewards and equal first values keep rows full of ties; the fast and the general loop and
     all kinds of tables must draw the same among them.
     """
-    task, (storage, settings) = mdp.task(time_limit=7), learnt
-    learner = cr.QLearning(initial_value=start, **settings)
+    task, (storage, setting) = mdp.task(time_limit=7), learnt
+    learner = cr.QLearning(initial_value=start, **setting)
     nothing = None if added is None else added()
     if added is not None and zeros and storage.kind != "sparse":
         nothing = added(np.zeros(mdp.shape[:2]))

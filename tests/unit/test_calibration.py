@@ -181,8 +181,10 @@ def test_calibration_is_charged_to_the_target():
         assert (hunt.greedy_return[k, spent] == hunt.greedy_return[k, 0]).all()
 
 
-@pytest.mark.parametrize("learner", [cr.QLearning(), cr.SARSA()])
-@pytest.mark.parametrize("portfolio", [None, cr.Portfolio()])
+@pytest.mark.parametrize(
+    ("learner", "portfolio"),
+    [(cr.QLearning(), None), (cr.QLearning(), cr.Portfolio()), (cr.SARSA(), None)],
+)
 def test_learning_starts_after_the_warm_up(learner, portfolio):
     shaping = cr.QInitialisation(mapped(), portfolio)
     warm_up = WarmUp(np.array([30, 40, 60]), np.array([-30.0, -5.0, -7.0]))

@@ -193,6 +193,12 @@ discount = 1
                 time_limit=50,
             ),
         ),
+        (
+            "type = 'maze'\nmap = \"@ O\\nG..\"\n"
+            "legend = { '@' = 'start', ' ' = 'free', O = 'pit', G = 'treasure' }",
+            cr.GridWorld(["S.P", "T.."]),
+        ),
+        ("type = 'maze'\nmap = 'SFHG'\nlegend = 'frozen_lake'", cr.GridWorld("S.PT")),
     ],
 )
 def test_a_task_is_the_one_described(read, table, made):

@@ -1,8 +1,10 @@
 """Grid worlds: the rules in plain Python on random maps, and by hand."""
 
+import numpy as np
 from hypothesis import assume, given, strategies as st
 
 from curricle import GridWorld, Rewards, solve
+from curricle.tasks import FrozenLake
 
 NORTH, EAST, SOUTH, WEST = range(4)
 WAYS = ((-1, 0), (0, 1), (1, 0), (0, -1))
@@ -114,3 +116,15 @@ def test_a_map_may_be_drawn_indented_or_as_lines():
     """)
     assert drawn == GridWorld(["S.", ".T"]) == GridWorld(("S.", ".T"))
     assert hash(drawn) == hash(GridWorld(["S.", ".T"]))
+
+
+def test_a_legend_says_what_other_characters_are():
+    drawn = ["|@ o", "| *|"]
+    legend = {"|": "wall", "@": "start", " ": "free", "o": "pit", "*": "fire"}
+    maze = GridWorld([*drawn, "|..T"], legend=legend)
+    assert maze == GridWorld(["#S.P", "#.F#", "#..T"])
+    assert maze.crop(rows=(1, 3), columns=(1, 4)).map == (".F#", "..T")
+    text = "\n".join(["  |@.o", "  |.*|", "  |..T"])
+    assert GridWorld(text, legend=legend) == maze
+    lake = FrozenLake("8x8", time_limit=200)
+    assert np.array_equal(GridWorld(lake.map, legend="frozen_lake")._ends, lake.mdp.terminal)

@@ -11,7 +11,7 @@ import curricle as cr
 from curricle.progress import HALTED
 
 MAZE = cr.GridWorld("S...T", time_limit=100)
-OFF = cr.GreedyEvaluation(method="off")
+EXACT = cr.GreedyEvaluation("exact")
 LONG = 10**11
 SOON = 20.0
 """Seconds for what takes an hour where nothing ends it: much for a machine that is busy."""
@@ -45,8 +45,8 @@ def ctrl_c():
     ids=["fast", "general", "guarded", "optimistic", "rollouts"],
 )
 def test_an_interrupt_ends_learning(learner, settings, ctrl_c):
-    settings = {"evaluation": OFF, **settings}
-    cr.learn(MAZE, learner, 100, eval_freq=100, **{**settings, "evaluation": OFF})
+    settings = {"evaluation": EXACT, **settings}
+    cr.learn(MAZE, learner, 100, eval_freq=100, **{**settings, "evaluation": EXACT})
     threads = threading.active_count()
     ctrl_c()
     began = time.monotonic()
@@ -80,7 +80,7 @@ def test_a_short_run_starts_no_thread(monkeypatch):
 
     many = cr.GreedyEvaluation("rollouts", episodes=10**6)
     monkeypatch.setattr(threading.Thread, "start", refuse)
-    cr.learn(MAZE, budget=1000, evaluation=OFF, workers=1)
+    cr.learn(MAZE, budget=1000, evaluation=EXACT, workers=1)
     for settings in ({"budget": LONG, "eval_freq": LONG}, {"budget": 10, "evaluation": many}):
         with pytest.raises(AssertionError, match="a thread was started"):
-            cr.learn(MAZE, workers=1, **({"evaluation": OFF} | settings))
+            cr.learn(MAZE, workers=1, **({"evaluation": EXACT} | settings))

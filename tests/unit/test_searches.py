@@ -1,4 +1,4 @@
-"""Searches without names: parts of a task found in it, and paths laid beside shorter ones."""
+"""Searches without names: paths laid beside shorter ones."""
 
 from itertools import combinations_with_replacement
 
@@ -8,57 +8,21 @@ from hypothesis import given, strategies as st
 
 import curricle as cr
 from curricle.errors import MappingError
-from curricle.paper.mazes import maze
 from curricle.planning.solution import solve
 from curricle.transfer import (
     TaskPair,
-    auto_mapping,
-    by_common_part,
     by_component_warping,
     find_mappings,
-    score_mapping,
 )
 from curricle.transfer.warping import path_order, paths, warp
-from tests.renumbering import nameless, renumbered
+from tests.renumbering import nameless
 
-MAZE = maze(-5)
-CROP = MAZE.crop(rows=(0, 5), columns=(5, 10), start="uniform")
 ROOM, SMALLER = cr.tasks.KeyLockPit.room(8), cr.tasks.KeyLockPit.room(6)
-
-
-def renumbered_crop(seed):
-    """Return the maze and the crop, renumbered, and the crop's state for each of the maze's."""
-    rng = np.random.default_rng(seed)
-    target, new, _ = renumbered(MAZE.mdp, rng)
-    source, there, _ = renumbered(CROP.mdp, rng)
-    by_hand = CROP.states_at(MAZE.cells[:, 0], MAZE.cells[:, 1])
-    truth = np.full(len(new), -1)
-    truth[new] = np.where(by_hand >= 0, there[by_hand], -1)
-    return target, source, truth
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_renumbered_crop_is_found_in_its_maze(seed):
-    target, source, truth = renumbered_crop(seed)
-    best = auto_mapping(target, source)
-    assert best.how.startswith("common part")
-    by_hand = score_mapping(cr.same_position(MAZE, CROP))
-    assert best.scores.regained >= 0.95 * by_hand.regained
-    state = np.where(best.mapping.index >= 0, best.mapping.index // 4, -1)
-    inside = (truth >= 0) & ~target.terminal
-    assert (state[inside] == truth[inside, None]).all()
-
-
-POOR = cr.GridWorld("S.T", rewards=cr.Rewards(step=-7, treasure=3, pit=-8))
-LARGE = cr.GridWorld(["." * 20] * 20 + ["S" + "." * 18 + "T"])
 
 
 @pytest.mark.parametrize(
     ("search", "tasks", "says"),
     [
-        (by_common_part, lambda: (MAZE, cr.Pursuit(2, 1)), "deterministic tasks: one is random"),
-        (by_common_part, lambda: (MAZE, POOR), "no reward in common"),
-        (by_common_part, lambda: (LARGE, LARGE), "sources of up to 250 states: got 420"),
         (
             by_component_warping,
             lambda: (cr.GridWorld("S..T"), cr.Pursuit(3, 1)),

@@ -170,9 +170,9 @@ def test_a_damaged_description_is_named_and_heals(study_file, finished, copied, 
 
 
 def with_flipped_bits(file):
-    """Yield after each of 2,000 bits of a file was flipped alone."""
+    """Yield after each of 400 bits of a file was flipped alone."""
     whole, draws = file.read_bytes(), np.random.default_rng(0)
-    for place in draws.integers(0, len(whole), 2000):
+    for place in draws.integers(0, len(whole), 400):
         bit = 1 << int(draws.integers(0, 8))
         file.write_bytes(whole[:place] + bytes([whole[place] ^ bit]) + whole[place + 1 :])
         yield

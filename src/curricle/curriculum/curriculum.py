@@ -50,7 +50,7 @@ from curricle.transfer.mapping import TableValues, ValueSource
 from curricle.transfer.potential import ObservationPotential, combined_potential
 from curricle.transfer.rollouts import target_of
 from curricle.transfer.search import with_mapping
-from curricle.transfer.transfer import Calibrate, Transfer
+from curricle.transfer.transfer import Calibrate, Transfer, transfer_words
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
@@ -521,22 +521,12 @@ class Curriculum:
             )
             for node in map(self.node, self.order)
         ]
-        transfers = [
-            (
-                e.source,
-                e.target,
-                brief_value(e.mapping),
-                e.scale,
-                e.shift,
-                "no" if not e.calibrate else "yes",
-            )
-            for e in self.transfers
-        ]
-        head = ["source", "target", "mapping", "scale", "shift", "calibrated"]
+        transfers = [(edge.source, edge.target, transfer_words(edge)) for edge in self.transfers]
+        head = ["source", "target", "how"]
         return block(
             f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
             table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
-            transfers and table(head, transfers, wide=["mapping"]),
+            transfers and table(head, transfers, wide=["how"]),
         )
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":

@@ -40,6 +40,7 @@ from curricle.study_file.schema import (
     Settings,
     Table,
     Whole,
+    as_table,
     built,
     shown,
     table_of,
@@ -51,7 +52,7 @@ from curricle.study_file.schema import (
 )
 from curricle.tasks.domain import MOVES, Domain, GridDomain, MapDomain, name_of
 from curricle.tasks.family import FamilyMember, TaskFamily, rules_of
-from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.gridworld import LEGENDS, GridWorld
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.pursuit import Pursuit
@@ -564,7 +565,11 @@ _ENDS = Annotated[tuple[Literal["treasure", "pit", "fire"], ...], AfterValidator
 _HALLWAY = _listed_or("be a hallway or a list of a row and a column", Pair, *MOVES)
 _PLACES = _listed_or("be 'uniform' or a list of positions", tuple[Whole, ...], "uniform")
 _CAPTURES = ("all", "any", "as_published")
-MazeTask = _domain(GridWorld, "maze", ends=_ENDS)
+_LEGEND = Annotated[
+    str | dict[str, str],
+    word(f"be {', '.join(map(repr, LEGENDS))} or a table of characters", LEGENDS, other=as_table),
+]
+MazeTask = _domain(GridWorld, "maze", ends=_ENDS, legend=_LEGEND)
 PursuitTask = _domain(
     Pursuit,
     "pursuit",

@@ -281,9 +281,11 @@ class MapDomain(GridDomain):
     CHARACTERS: ClassVar[str]  # what a map is drawn with
     map: Any
 
-    def _read_map(self, drawn: Any, needed: str, rule: str) -> None:
+    def _read_map(
+        self, drawn: Any, needed: str, rule: str, legend: Mapping[str, str] | None = None
+    ) -> None:
         """Check the map, which has one of the characters `needed`."""
-        lines = read_map(drawn, self.CHARACTERS)
+        lines = read_map(drawn, self.CHARACTERS, legend)
         if not any(character in line for line in lines for character in needed):
             raise TaskError(f"{rule}: there is none")
         object.__setattr__(self, "map", lines)
@@ -336,13 +338,19 @@ def in_proportion(values: IntArray, marks: list[int], images: list[int]) -> IntA
 MARK = "\ufeff"  # the byte order mark, with which some editors begin a file
 
 
-def read_map(drawn: Any, characters: str) -> tuple[str, ...]:
-    """Return the lines of a map, given as text or as a list of lines; TaskError if it is none."""
+def read_map(
+    drawn: Any, characters: str, legend: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
+    """Return the lines of a map, given as text or as a list of lines; TaskError if it is none.
+
+    A `legend` says which of the `characters` others stand for, where the domain has one.
+    """
     if not isinstance(drawn, str | list | tuple) or not all(isinstance(x, str) for x in drawn):
         raise TaskError(f"a map must be text or a list of lines: got {drawn!r}")
     if isinstance(drawn, str):
         drawn = [line.strip() for line in drawn.lstrip(MARK).strip().splitlines()]
-    lines = tuple(line.lstrip(MARK) for line in drawn)
+    meant = str.maketrans(dict(legend or {}))
+    lines = tuple(line.lstrip(MARK).translate(meant) for line in drawn)
     for row, line in enumerate(lines):
         if len(line) != len(lines[0]):
             raise TaskError(
@@ -351,9 +359,12 @@ def read_map(drawn: Any, characters: str) -> tuple[str, ...]:
             )
         for column, character in enumerate(line):
             if character not in characters:
+                says = (
+                    "" if legend is None else f"; legend={{{character!r}: 'wall'}} makes it a wall"
+                )
                 raise TaskError(
                     f"a map is drawn with {' '.join(characters)}: row {row}, column {column} has "
-                    f"{character!r}"
+                    f"{character!r}{says}"
                 )
     return lines
 

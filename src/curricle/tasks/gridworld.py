@@ -29,6 +29,10 @@ from curricle.tasks.models import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space
 
 OBJECTS = {"T": "treasure", "F": "fire", "P": "pit"}
+DRAWN = {"start": "S", "wall": "#", "free": ".", **{name: drawn for drawn, name in OBJECTS.items()}}
+"""The character of everything that a cell may be."""
+LEGENDS = {"frozen_lake": {"F": "free", "H": "pit", "G": "treasure"}}
+"""Legends with a name."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +94,14 @@ class GridWorld(MapDomain, CellDomain):
         Row and column of the top-left cell. A crop keeps the coordinates of the whole map.
     discount, time_limit
         As in :class:`FiniteMDP`.
+    legend : dict of str to str, or "frozen_lake", optional
+        What further characters of the map are: start, treasure, fire, pit, wall or free; those of
+        Gymnasium's FrozenLake by its name. The maze has its map in the characters above.
 
     Examples
     --------
+    >>> GridWorld("SFH FFG".split(), legend="frozen_lake").map
+    ('S.P', '..T')
     >>> maze = GridWorld(["S.P", "..T"])
     >>> maze.crop(rows=(0, 2), columns=(1, 3)).states.label(0)
     'row=0 column=1'
@@ -107,12 +116,14 @@ class GridWorld(MapDomain, CellDomain):
     origin: Cell = (0, 0)
     discount: Discount = 0.99
     time_limit: TimeLimit = 200
+    legend: Any = None
 
     CHARACTERS = "STFP#."
     OBJECTS: ClassVar = OBJECTS
 
     def _check(self) -> None:
-        self._read_map(self.map, "T", "a map needs a treasure T")
+        self._read_map(self.map, "T", "a map needs a treasure T", _characters(self.legend))
+        object.__setattr__(self, "legend", None)  # equal mazes are equal however they were drawn
         instance("rewards", self.rewards, Rewards, TaskError)
         ends = (self.ends,) if isinstance(self.ends, str) else self.ends
         if not isinstance(ends, Iterable):
@@ -177,6 +188,22 @@ class GridWorld(MapDomain, CellDomain):
             reward.reshape(-1, 1),
             outcome_row=np.where(to == MISSING, len(entered) + entered[:, None], to),
         )
+
+
+def _characters(legend: Any) -> dict[str, str]:
+    """Return the character of the library that each character of a legend stands for."""
+    known: Any = LEGENDS.get(legend, legend) if isinstance(legend, str) else legend or {}
+    try:
+        drawn = {character: DRAWN[name] for character, name in known.items()}
+        fits = all(len(character) == 1 for character in drawn)
+    except (AttributeError, KeyError, TypeError):
+        fits = False
+    if not fits:
+        raise TaskError(
+            f"a legend must say of single characters which of {', '.join(DRAWN)} they are, as "
+            f"{{'O': 'pit'}}, or be one of {', '.join(LEGENDS)}: got {legend!r}"
+        )
+    return drawn
 
 
 # -- random mazes, which are always solvable; a small maze is a part of a larger one ---------------

@@ -15,7 +15,6 @@ from .by_components import (
     same_position as same_position,
 )
 from .calibration import Calibration as Calibration, calibrate as calibrate
-from .common_part import by_common_part as by_common_part
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,

@@ -38,7 +38,6 @@ class TaskPair:
 
     target: Task
     source: Task
-    seed: int = 0  # of searches that draw
     target_mdp: FiniteMDP = field(init=False, repr=False)
     source_mdp: FiniteMDP = field(init=False, repr=False)
 

@@ -30,7 +30,6 @@ from curricle.transfer.bisimulation import (
     refined,
 )
 from curricle.transfer.by_components import by_alignment, by_name, total_variation
-from curricle.transfer.common_part import by_common_part
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
@@ -280,7 +279,6 @@ SEARCHES: tuple[Search, ...] = (
     by_alignment,
     by_homomorphism,
     by_component_warping,
-    by_common_part,
     by_lax_bisimulation,
 )
 LEAST_REGAINED = 0.25
@@ -373,7 +371,7 @@ def find_mappings(
     keep : int
         Candidates to return, at most.
     seed : int
-        Seed of samples of pairs, and of searches that draw.
+        Seed of the samples of pairs.
     unmapped_value : float, optional
         phi of unmapped pairs, in all mappings.
     progress : bool or callable, optional
@@ -400,7 +398,7 @@ def find_mappings(
     if not searches:
         raise SettingError("find_mappings needs at least one search: got none")
     check_progress(progress)
-    tasks = TaskPair(target, source, seed)
+    tasks = TaskPair(target, source)
     q, refused = tasks.source_solution.action_values, dict[str, str]()
     slack = SAME * max(1.0, float(abs(q).max()))
     read, candidates = list[FloatArray](), list[FoundMapping]()
