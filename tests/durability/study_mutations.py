@@ -30,7 +30,7 @@ WORDS = [
 ]  # fmt: skip
 KEYS = [
     "epsilon", "inverse_temperature", "learning_rate", "budget", "seeds", "time_limit", "discount",
-    "size", "predators", "capture", "prey", "torus", "arguments", "id", "factory", "encode", "map",
+    "size", "predators", "capture", "torus", "arguments", "id", "factory", "encode", "map",
     "file", "rows", "columns", "start", "ends", "rewards", "scale", "shift", "calibrate", "weight",
     "unmapped_value", "project", "mapping", "function", "observations", "actions", "status",
     "episodes", "method", "discounted", "storage", "save_values", "memory_limit", "precision",
@@ -46,7 +46,7 @@ ADDED = {
     ],
     "task": [
         {"size": N}, {"predators": N}, {"capture": N}, {"time_limit": N}, {"discount": N},
-        {"step_reward": N}, {"capture_reward": N}, {"prey": [[N, N, N, N, N]]}, {"torus": True},
+        {"step_reward": N}, {"capture_reward": N}, {"torus": True},
         {"torus": "yes"}, {"moves": N}, {"rows": [N, N]}, {"columns": [0, N]}, {"budget": N},
         {"budget": {"episodes": N}}, {"budget": {"max_steps": N, "threshold": N}},
         {"budget": {"max_steps": N, "settled": N, "patience": N}}, {"eval_freq": N},
