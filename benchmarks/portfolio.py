@@ -1,6 +1,6 @@
 """Is the portfolio as good as the better of its learners? Bars: no loss above .1, 85 % of the gain.
 
-    python -m benchmarks.portfolio --split verification --seeds 20
+    python -m benchmarks.portfolio --split verification --seeds 20       # or unseen, development
 
 Played are the sensible sources of the pairs, by their default budgets, each also negated, and two
 deceptive cases: lines whose near prize the source knows, and an inventory's negated potential (a
@@ -25,12 +25,15 @@ import curricle as cr
 from benchmarks.pairs import Pair, pairs
 from benchmarks.pairs.pair import Family, default
 from benchmarks.pairs.worlds import by_place, task_of
+from benchmarks.portfolio_pairs import UNSEEN
 from curricle.learning import OptimisticQLearning
 from curricle.planning.policy_evaluation import Target
 from curricle.statistics.curves import Curve, mean_return
 
 PARTS, MOST_LOSS, LEAST_KEPT = 20, 0.1, 0.85
 RIVALS = ("scratch", "source", "optimist")
+SEEN = ("deep-sea", "frozen-lake")
+"""Verification families of all else, on which the rule's constants were fitted too."""
 EXPLORING_RUINS = ("gambler",)
 """Families where random play earns nine tenths of the optimum, and exploring loses the stake."""
 MOVE = cr.Component("move", 2, labels=("left", "right"))
@@ -90,9 +93,14 @@ def gamblers() -> Family:
 
 def chosen(split: Any) -> Iterator[Pair]:
     """Yield the sensible pairs of a split, each also negated."""
-    extra = [*lines(split).pairs.values()]
-    extra += gamblers().pairs.values() if split == "verification" else ()
-    for pair in (pair for pair in [*pairs(split), *extra] if pair.sensible):
+    if split == "unseen":
+        played = [pair for family in UNSEEN for pair in family().pairs.values()]
+    else:
+        seen = [pair for family in SEEN for pair in pairs(family=family)]
+        apart = [pair for pair in pairs(split) if pair.family not in SEEN]
+        more = gamblers().pairs.values() if split == "verification" else seen
+        played = [*apart, *more, *lines(split).pairs.values()]
+    for pair in (pair for pair in played if pair.sensible):
         yield pair
         yield replace(pair, name=f"{pair.name}, negated", kind="negated", scale=-pair.scale)
 
