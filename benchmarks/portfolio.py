@@ -91,6 +91,16 @@ def gamblers() -> Family:
     return family
 
 
+def pursuits() -> Family:
+    """Return the hunt of two predators, whose pairs are twice as many as the steps."""
+    family = Family("pursuit", "development")
+    hunt, chase = cr.Pursuit(size=4, predators=2), cr.Pursuit(size=4, predators=1)
+    family.target("4x4", hunt, 50_000)
+    maps = [cr.project(hunt, chase, predator=name) for name in hunt.predator_names]
+    family.add("near", "two alone", chase, *maps, budget=5_000)
+    return family
+
+
 def chosen(split: Any) -> Iterator[Pair]:
     """Yield the sensible pairs of a split, each also negated."""
     if split == "unseen":
@@ -98,7 +108,7 @@ def chosen(split: Any) -> Iterator[Pair]:
     else:
         seen = [pair for family in SEEN for pair in pairs(family=family)]
         apart = [pair for pair in pairs(split) if pair.family not in SEEN]
-        more = gamblers().pairs.values() if split == "verification" else seen
+        more = gamblers().pairs.values() if split == "verification" else [*seen, *pursuits().pairs.values()]
         played = [*apart, *more, *lines(split).pairs.values()]
     for pair in (pair for pair in played if pair.sensible):
         yield pair

@@ -76,12 +76,16 @@ def file(tmp_path):
 # -- Halving, with made-up returns -----------------------------------------------------------------
 
 
-def played(heights, opponents, noise=0.0):
-    """Return the rounds that are played where arms have these mean returns, as (names, seeds)."""
+def played(heights, opponents, noise=0.0, *, failing=()):
+    """Return the rounds that are played where arms have these mean returns, as (names, seeds).
+
+    Those of `failing` fail in the first round that they play.
+    """
     rounds = []
 
     def play(plan, seeds, _):
-        rounds.append(([name for name in plan.arms if name not in opponents], seeds))
+        shown = [name for name in plan.arms if name in failing or name not in opponents]
+        rounds.append((shown, seeds))
         arms = {}
         for place, name in enumerate(plan.arms):
             rng = np.random.default_rng([place, *seeds[:1]])
@@ -89,11 +93,13 @@ def played(heights, opponents, noise=0.0):
             source = np.zeros(len(seeds), np.int64)
             curve = Curve(np.array([0, 10, 20]), flat, source)
             arms[name] = Arm(curve, scratch=name in opponents)
-        return Comparison(plan.target, arms, 20, 20, 0.0, 1)
+        failed = {name: arms.pop(name) and ValueError("no") for name in failing if len(rounds) == 1}
+        return Comparison(plan.target, arms, 20, 20, 0.0, 1, failed)
 
     alone = cr.Curriculum({"maze": MAZE}, budget=20)
     arms = {name: PlannedArm(alone, {}, scratch=name in opponents) for name in heights}
-    module.chosen(Plan(arms, "maze", 20, 20, 10), play)
+    choice = module.chosen(Plan(arms, "maze", 20, 20, 10), play)
+    assert all(f"{name} failed: ValueError: no" in choice.remarks for name in failing)
     return rounds
 
 
@@ -118,6 +124,15 @@ def test_halving_stops_when_the_best_is_clear():
 def test_halving_stops_when_none_can_pay():
     heights = {"scratch": 0.0, "scratch, better": 9.0} | {f"c{n}": 1.0 for n in range(20)}
     assert len(played(heights, ["scratch", "scratch, better"], noise=0.1)) == 2
+
+
+@pytest.mark.parametrize("arm", ["scratch, better", "c3"])
+def test_an_arm_that_fails_in_a_round_plays_in_no_other(arm):
+    """Its returns on the seeds of some rounds could not be paired with those of the others."""
+    heights = {"scratch": 0.0, "scratch, better": 9.0} | {f"c{n}": 5.0 + n / 10 for n in range(8)}
+    rounds = played(heights, ["scratch", "scratch, better"], noise=0.1, failing=[arm])
+    assert arm in rounds[0][0]
+    assert all(arm not in names for names, _ in rounds[1:])
 
 
 # -- A choice in memory ----------------------------------------------------------------------------

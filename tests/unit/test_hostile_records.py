@@ -74,6 +74,17 @@ def test_a_record_of_another_form_is_refused(folder, label):
     refuses(folder, r"study\.json is not as Curricle writes it: ")
 
 
+def test_an_arm_that_does_not_say_whether_it_knows_the_target_is_refused(folder):
+    """Records that are older than this field would be read as if nothing had been found."""
+
+    def older(study):
+        for arm in study["record"]["arms"].values():
+            del arm["knows_target"]
+
+    change(folder / "study.json", older)
+    refuses(folder, r"study\.json is not as Curricle writes it: .*knows_target")
+
+
 VIEWS = {
     "shape": [10**9, 10**9],
     "cells": [10**6],

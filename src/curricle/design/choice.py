@@ -174,6 +174,7 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
         seeds, first = tuple(range(first, first + further)), first + further
         out = [name for name in curricula if name not in left]
         out += [name for name, arm in plan.arms.items() if arm.of and not constants]
+        out += failed  # in all rounds, as seeds of some rounds cannot be compared with all
         title += f", {further} seeds of {len(left)} curricula"
         comparison = play(plan.without(out), seeds, title)
         failed.update(comparison.failed)
@@ -295,13 +296,14 @@ def choose(
         there = {**settings, "budget": steps}
     place = target if on is None else on
     curricula, options = trial_curricula(place, candidates, kinds, most, there)
-    memory, failed = Memory(), dict[str, Exception]()
+    memory = Memory()
     whole = comparison_plan(curricula, memory, opponents=OPPONENTS)
     level, window = threshold_before(whole, None), min(WINDOW, checkpoints(whole))
 
     def play(plan: Plan, seeds: tuple[int, ...], title: str) -> Comparison:
         grow, tell = cast(Any, (bars.bar(title, len(plan.arms)), bars.tell))
         one_bar = Bars(call=lambda name: (grow(), tell(name)))
+        failed = dict[str, Exception]()
         arms = trained_arms(plan, seeds, failed, memory, workers, one_bar)
         return comparison_of(plan, arms, level, window, failed)
 

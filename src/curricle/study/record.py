@@ -188,7 +188,7 @@ class ArmRecord(Plain):
     another version wrote the record."""
     variant: VariantRecord | None = None
     control_of: str = ""  # the arm that it is a control of, or whose potential gives its constant
-    knows_target: bool = False  # whether a mapping was found in the target's model
+    knows_target: bool  # whether a mapping was found in the target's model
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
