@@ -108,8 +108,10 @@ def chosen(split: Any) -> Iterator[Pair]:
     else:
         seen = [pair for family in SEEN for pair in pairs(family=family)]
         apart = [pair for pair in pairs(split) if pair.family not in SEEN]
-        more = gamblers().pairs.values() if split == "verification" else [*seen, *pursuits().pairs.values()]
-        played = [*apart, *more, *lines(split).pairs.values()]
+        further = [*seen, *pursuits().pairs.values()]
+        if split == "verification":
+            further = [*gamblers().pairs.values()]
+        played = [*apart, *further, *lines(split).pairs.values()]
     for pair in (pair for pair in played if pair.sensible):
         yield pair
         yield replace(pair, name=f"{pair.name}, negated", kind="negated", scale=-pair.scale)
