@@ -290,8 +290,8 @@ class Positions:
 
     def in_file(self, path: KeyPath) -> KeyPath:
         """Return the file's path for a path in the configuration, such as in an arm."""
-        # A key is looked up in this order, and the first hit counts: the arm's changes of the task, the
-        # task, its family, the arm's settings for all tasks, the study's.
+        # A key is looked up in this order, and the first hit counts: the arm's changes of the task,
+        # the task, its family, the arm's settings for all tasks, the study's.
         trial = path[:1] == ("tune",)
         if path[trial : trial + 1] not in (("arms",), ("scratches",)) or not self.study:
             return path

@@ -640,7 +640,7 @@ class _TransferTable(ObjectTable):
         return self
 
     def mismatches(self, *, deep: bool) -> Iterator[tuple[str, str]]:
-        """Yield keys that do not suit a target, with messages; `deep`: a network learns the target."""
+        """Yield keys that do not suit a target, with messages; `deep`: a network learns it."""
         seen = (
             f"{self.target} is seen through observations, which observations, mapping = 'identity' "
             "or factory map"

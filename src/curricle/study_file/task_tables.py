@@ -473,7 +473,7 @@ class _MazeTask(TaskTable):
     @model_validator(mode="before")
     @classmethod
     def _read_file(cls, data: Any, info: ValidationInfo) -> Any:
-        """Replace the key `file` by the file's map, so that the study does not depend on the file."""
+        """Replace the key `file` by the file's map, so that the study stores the map itself."""
         if not isinstance(data, dict) or data.get("file") is None:
             return data
         if "map" in data:
