@@ -147,7 +147,7 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
 
 
 def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, float]:
-    """Return the start value of phi's greedy policy, and its regained share, in all and with phi."""
+    """Return the start value of phi's greedy policy, its regained share, in all and with phi."""
     filled = np.where(np.isnan(phi), 0.0, phi)
     policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
     of_policy = evaluate(tasks.target_mdp, policy)
