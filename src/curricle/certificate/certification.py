@@ -49,13 +49,13 @@ from curricle.transfer.bisimulation import numbered_rows
 LARGEST_EXACT = 20_000_000
 """Outcomes (S x A x O) up to which ``method="auto"`` compares every state (2 GB, seconds)."""
 
-MOST_REFINEMENTS = 100  # rounds after which equally good actions are not proven equal
+MOST_REFINEMENTS = 100  # rounds of refinement after which ties of actions stay unproven
 UNKNOWN = float("nan")
 
 
 @dataclass(frozen=True)
 class Counterexample:
-    """A state in which an action is optimal in the task or in the shaped task, and not in both.
+    """A state in which an action is optimal in the task or in the shaped task, but not in both.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class Counterexample:
     actions : (str, str)
         The names of these actions.
     lost : float
-        Value in the task that the shaped task's action loses; 0 if both are optimal there.
+        Value in the task that the action of the shaped task loses; 0 if both are optimal there.
     values, shaped_values : (float, float)
-        Values of both actions in the task, and those that a policy acts on in the shaped task.
+        Values of both actions in the task, and in the shaped task the values to act on.
     """
 
     state: int
@@ -98,7 +98,7 @@ class Counterexample:
 
 
 def _distinct_digits(values: tuple[float, float]) -> tuple[str, str]:
-    """Return two numbers in the fewest digits in which they differ, from 4 to all 17."""
+    """Return two numbers in the fewest digits, 4 to 17, in which they differ."""
     for digits in range(4, 18):
         first, second = (f"{value:.{digits}g}" for value in values)
         if first != second:
@@ -108,7 +108,7 @@ def _distinct_digits(values: tuple[float, float]) -> tuple[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class Certificate(Frozen):
-    """A proof, a refutation, or neither; true as a condition only if the shaping is proven safe.
+    """A proof, a refutation, or neither; its truth value is True only for a proof.
 
     Attributes
     ----------
@@ -120,23 +120,23 @@ class Certificate(Frozen):
     states : int
         Reachable states that were compared; terminal states are left out.
     theorem : str or None
-        The source of the theorem that proves the shaping safe whatever the values are.
+        The publication of the theorem that proves the shaping safe for any values.
     tolerance : float
         The loss that is allowed, in return units.
     loss, total_loss : float
         The largest possible loss of an action, and of a policy, that may be optimal in the shaped
-        task, errors of values included; NaN, like the next two fields, if states were not compared.
+        task, with errors of values. If states were not compared, these and the next two are NaN.
     error_bound : float
         Largest possible error of the values compared.
     residual : float
-        Largest difference of the values acted on from theory, or for a bonus or reward of F from
-        gamma Phi(s') - Phi(s).
+        Largest difference between the values acted on and the values by theory; for a bonus or
+        reward between F and gamma Phi(s') - Phi(s).
     findings : tuple of str
-        Other findings, a sentence each.
-    counterexample : Counterexample or None
-        The worst state, where `holds` is False.
+        Other findings, as sentences.
+        counterexample : Counterexample or None
+            The state of the largest loss, if `holds` is False.
     potential : (S,) float64 or None
-        The Phi from which a bonus or reward comes.
+        The Phi behind a bonus or reward.
 
     Examples
     --------
@@ -210,7 +210,7 @@ class Certificate(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class SampledCertificate:
-    """The result of checking a shaping on sampled steps; it proves nothing, so it is never true.
+    """The result of checking a shaping on sampled steps; a proof of nothing, and so always false.
 
     Attributes
     ----------
@@ -221,7 +221,7 @@ class SampledCertificate:
     reason : str
         Why states were not compared.
     contradictions : tuple of str
-        The places where F comes from no potential, a sentence each.
+        Sentences on places where F comes from no potential.
     residual : float
         Largest difference between a sampled sum of F and the sum that a potential gives.
     findings : tuple of str
@@ -275,42 +275,42 @@ def certify(
     seed: int = 0,
     progress: Progress = None,
 ) -> Certificate | SampledCertificate:
-    """Return whether a shaping leaves the optimal actions of a task as they are.
+    """Return whether a shaping keeps the optimal actions of a task.
 
-    Both problems are solved, and their optimal actions compared in every reachable state, allowing
-    for the proven error of both solutions. The values that a policy acts on under shaping are
+    The task and the shaped task are solved, and their optimal actions compared in every reachable
+    state, within the proven errors of both solutions. A shaped policy acts on these values:
 
     - :class:`StateShaping`: Q* for rewards r + F, F = gamma Phi(s') - Phi(s); by theory Q* - Phi
       (Ng, Harada, Russell 1999);
     - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q + phi, the fixed point of Q-learning's
       expected update with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi; by theory Q*
       (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003);
-    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all ways into a state
-      have the same phi; otherwise nothing is proven, and such a state is named;
+    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all transitions into a
+      state have the same phi; otherwise nothing is proven, and the result names such a state;
     - :class:`DecayingAdvice`: Q* + xi phi with the last weight xi (Behboudian et al. 2020);
     - :class:`RewardBonus`, :class:`ShapingReward`: Q* for r + F, F any reward. The findings tell
-      whether F comes from a potential, from one whose ends are not 0 (Grzes 2017), or from none.
+      whether F comes from a potential, and whether that is 0 at the ends (Grzes 2017).
 
     Parameters
     ----------
     task : Task
     shaping : Shaping or ShapingReward
-        One of the above. If a state potential changes, its last values are compared (Devlin,
-        Kudenko 2012).
+        A shaping of a class above. Of a state potential that changes, the last values are compared
+        (Devlin, Kudenko 2012).
     shaping_discount : float, optional
         The discount of another tool's F = ``shaping_discount`` Phi(s') - Phi(s); the task's by
         default. For :class:`StateShaping`.
     ends : {"zero", "given"}
         How an array, (S,) for :class:`StateShaping` and (S, A) for the rest, is read at the ends:
-        "zero" as 0, as :func:`learn` does; "given" as it is, as a tool that adds gamma Phi(end).
+        "zero" as 0, like :func:`learn`; "given" unchanged, like a tool that adds gamma Phi(end).
     tolerance : float
-        A loss that does not matter, in return units: an action may be worse than the best by it.
+        A loss that does not matter, in return units: optimal actions may fall short by as much.
     method : {"auto", "exact", "sampled"}
-        "exact" compares every state; "auto" does where tables of up to 20 million outcomes can be
-        solved. "sampled" checks steps of the uniform policy, which prove nothing, for look-back
-        advice, a bonus and a reward; the theorem alone decides other shapings.
+        "exact" compares every state; "auto" does so if the tables have at most 20 million outcomes
+        and can be solved. "sampled" checks look-back advice, a bonus or a reward on steps of the
+        uniform policy, which prove nothing; other shapings are decided by their theorem alone.
     steps, seed : int
-        About how many steps are sampled, and the seed of the sample.
+        About the number of steps to sample, and the seed of the sample.
     progress : bool or callable, optional
         True shows a bar that moves until the answer is there; a function is called with the answer.
 
@@ -320,21 +320,22 @@ def certify(
         If a potential has the wrong shape, or it or a reward has a value that is not finite or
         larger than 1e15 in size.
     SettingError
-        If a shaping does not take such a potential, or the potential is another task's.
+        If a shaping does not take such a potential, or the potential belongs to another task.
     TaskError
         If the task has no numbered states, or for ``method="exact"`` no tables.
 
     Notes
     -----
     Two actions whose values differ by less than twice the proven error may both be optimal. The
-    certificate holds if in every state one action can be optimal in both problems and no other in
-    either; with a tolerance, if all that can be optimal fall short by no more. It fails if all
-    actions that can be optimal in one problem fall short by more in the other. Between the two it
-    is undecided, unless a theorem proves the shaping safe: F comes from a potential that is 0 at
-    the ends, with the task's discount; or advice has a last weight of 0 or one value for all
-    actions. It is also undecided where the difference of two actions vanishes in double precision
-    beside a large potential. Rounding keeps a bonus or reward from being exactly the F of a
-    potential: there it is undecided where nearly equal actions do not have equal consequences.
+    certificate holds if in every state a single action can be optimal, the same in both tasks; with
+    a tolerance, if all actions that can be optimal in one task fall short in the other by no more
+    than it. It fails if in some state all actions that can be optimal in one task fall short in
+    the other by more. Else a theorem can prove the shaping safe: F comes from a potential that is 0
+    at the ends, with the task's discount; or the last weight of advice is 0, or advice is the same
+    for all actions. Without a theorem the answer is open, and also if a difference of two actions
+    vanishes in double precision beside a large potential. A bonus or reward is rounded, so it is
+    never exactly the F of a potential: nearly equal actions leave the answer open unless their
+    consequences are equal.
 
     Examples
     --------
@@ -373,7 +374,7 @@ def certify(
 
 
 def _reason_to_sample(shaped: ShapedTask) -> str | None:
-    """Return why not every state of a task can be compared; None if all can."""
+    """Return why the states of a task cannot all be compared; None if they can."""
     task = shaped.task
     generative = generative_model(task)
     if not isinstance(generative, FiniteMDP) and not has_tables(task):
@@ -411,7 +412,7 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
     return *sentences, *filter(None, [shaped.shaping.long_run()])
 
 
-# -- the optimal actions of both tasks, compared in every state ------------------------------------
+# -- the optimal actions of the task and the shaped task, compared in every state ------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,7 +426,7 @@ class ActionComparison:
 
     @cached_property
     def task(self) -> ActionValues:
-        """The values of the task itself."""
+        """The action values of the task without shaping."""
         return ActionValues(self.unshaped.action_values[self.met.states], self.unshaped.error_bound)
 
     @property
@@ -438,12 +439,12 @@ class ActionComparison:
 
     @cached_property
     def lost(self) -> FloatArray:
-        """The proven loss of an action optimal in the shaped task, (N,); 0 within the tolerance."""
+        """The proven loss of actions optimal when shaped, (N,); 0 within the tolerance."""
         return self.task.lost(self.shaped.optimal, self.tolerance)
 
     @cached_property
     def given_up(self) -> FloatArray:
-        """How far the task's optimal actions are proven to fall short when shaped, (N,)."""
+        """The proven loss in the shaped task of actions optimal in the task, (N,), likewise."""
         return self.shaped.lost(self.task.optimal, self.tolerance)
 
     @cached_property
@@ -458,7 +459,7 @@ class ActionComparison:
         return np.asarray(~same & (self.lost == 0) & (self.given_up == 0))
 
     def total_loss(self) -> float:
-        """Return max_s V*(s) - V_worst(s) of policies that may be optimal when shaped, in all."""
+        """Return max_s V*(s) - V(s), V of the worst policy that may be optimal when shaped."""
         mdp, states, chosen = self.met.mdp, self.met.states, self.shaped.optimal
         row = mdp.outcome_row.copy()
         first = np.take_along_axis(row[states], chosen.argmax(axis=1)[:, None], axis=1)
@@ -468,7 +469,7 @@ class ActionComparison:
         return float(lost) + self.unshaped.error_bound + worst.error_bound
 
     def counterexample(self) -> Counterexample:
-        """Return the state of the largest loss, or else one of the largest `given_up`."""
+        """Return the state of the largest `lost`, or else of the largest `given_up`."""
         q, acted, mdp = self.task.values, self.shaped.values, self.met.mdp
         if self.lost.any():
             row = int(self.lost.argmax())
@@ -493,7 +494,7 @@ class ActionComparison:
         )
 
     def too_close(self) -> str:
-        """Return the sentence about the states that are undecided."""
+        """Return the sentence about the undecided states."""
         rows, mdp = np.flatnonzero(self.undecided), self.met.mdp
         row = rows[0]
         q, acted = self.task.values[row], self.shaped.values[row]
@@ -510,17 +511,17 @@ class ActionComparison:
     def decided(
         self, theorem: str | None, behind: Origin | None
     ) -> tuple[bool | None, tuple[str, ...]]:
-        """Return whether the optimal actions are the same, and where that is undecided."""
-        # A theorem proves that of any values, and `behind` is the potential behind given rewards.
+        """Return whether the optimal actions are the same, and a sentence if that is open."""
+        # A theorem proves it for any values; `behind` is the potential behind given rewards.
         if self.lost.any() or self.given_up.any():
             return False, ()
-        by_values = theorem is None or behind is not None  # the very rewards, with their rounding
+        by_values = theorem is None or behind is not None  # decided by the rewards as rounded
         if by_values and not self.undecided.any():
             return True, ()
         if theorem is None:
             return None, (self.too_close(),)
-        # A theorem holds in exact arithmetic. In doubles each F has three roundings, and one that
-        # was given is off by its residual, twice in a difference of two actions, in every step.
+        # A theorem holds in exact arithmetic. In doubles each F has three roundings, and a given F
+        # is off by its residual, both twice in a difference of two actions, in every step.
         largest = self.shaped.largest
         off = 3 * EPSILON * largest + (0.0 if behind is None else behind.plain.worst)
         reach = 2 * off * longest_episode(self.met.mdp)
@@ -541,7 +542,7 @@ class ActionComparison:
 
 
 def longest_episode(mdp: FiniteMDP) -> float:
-    """Return a bound of the expected (discounted) steps of an episode."""
+    """Return an upper bound on the expected (discounted) steps of an episode."""
     if mdp.discount < 1:
         return 1 / (1 - mdp.discount)
     steps = solve(replace(mdp, reward=frozen(np.ones_like(mdp.reward))))
@@ -555,8 +556,8 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
     apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
     block[order] = np.append(0, np.cumsum(apart))
     block[mdp.terminal] = -1
-    # Blocks are split until in each these actions have the same chances of the same rewards and
-    # blocks (bisimulation: Givan, Dean, Greig 2003).
+    # Blocks are split until, in each block, these actions have the same chances of the same
+    # rewards and next blocks (bisimulation: Givan, Dean, Greig 2003).
     kinds, paid = np.unique(mdp.reward + 1j * mdp.probability, return_inverse=True)
     blocks = 0
     for _ in range(MOST_REFINEMENTS):
@@ -565,7 +566,7 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
         alike = np.where(optimal, numbered_rows(after)[mdp.outcome_row[met.states]], -1)
         most = alike.max(axis=1)
         if (optimal & (alike != most[:, None])).any():
-            return False  # and smaller blocks only tell more apart
+            return False  # smaller blocks cannot make them equal
         finer = numbered_rows(np.column_stack([block[met.states], most]))
         if (refined := int(finer.max(initial=-1)) + 1) == blocks:
             return True
@@ -594,7 +595,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
     else:
         values = shaping.acted_on(shaped)
     compared = ActionComparison(met, shaped.unshaped, values, tolerance)
-    # At discount 1 the sum of F need not vanish in an episode without an end.
+    # At discount 1 the sum of F need not be -Phi(s) in an episode that never ends.
     endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
     from_potential = behind is None or behind.fitting is behind.plain
     applies = not endless and from_potential and shaping.meets_conditions(shaped)
@@ -625,7 +626,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
 def _without_comparison(
     shaped: ShapedTask, tolerance: float, steps: int, seed: int, reason: str
 ) -> Certificate | SampledCertificate:
-    """Return the certificate of a theorem, or of sampled steps where no theorem decides."""
+    """Return the certificate of a theorem, or of sampled steps if no theorem applies."""
     shaping, findings = shaped.shaping, _findings(shaped)
     if shaping.one_way_in or shaping.any_reward:
         check = _check_reward if shaping.any_reward else _check_entries
@@ -636,7 +637,7 @@ def _without_comparison(
         if shaped.is_array and generative_model(shaped.task).terminal is None:
             applies = False
             findings += ("its ends are not known, where Phi must be 0",)
-        if shaped.task_discount == 1:  # a sum of F need not vanish in an episode without an end
+        if shaped.task_discount == 1:  # the sum of F need not be -Phi(s) if an episode never ends
             applies = False
             findings += (f"at discount 1 every policy must end, which is not known: {reason}",)
     if not applies:
@@ -650,16 +651,16 @@ def _without_comparison(
     return Certificate(True, shaping.name, tolerance=tolerance, findings=findings, **proven)
 
 
-# -- a reward of your own, or look-back advice: random rollouts can refute it, and prove nothing ---
+# -- rewards and look-back advice without tables: random rollouts can refute them, but prove nothing
 
 Checked = tuple[int, float, tuple[str, ...]]
-"""Steps taken, the largest difference of a sum of F from a potential's, and sentences."""
+"""Steps taken, largest difference between sums of F and a potential's sums, and sentences."""
 LONGEST = 200  # steps of a rollout at most
-BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps, among which two paths may meet
+BRANCHES, DEPTH = 40, 3  # rollouts from one state, and their steps: their paths may meet
 
 
 def _sampled(shaped: ShapedTask, steps: int, seed: int, least: int) -> RandomRollouts:
-    """Return rollouts from the start that are long, at least `least`, and take so many steps."""
+    """Return rollouts from the start of `steps` steps in all, each as long as possible."""
     length = min(steps, LONGEST, generative_model(shaped.task).time_limit or LONGEST)
     length = max(least, length)
     episodes = max(1, steps // length)
@@ -681,7 +682,7 @@ def _transitions(rollouts: RandomRollouts, taken: BoolArray) -> tuple[IntArray, 
 
 
 def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
-    """Check that F may come from a potential: along rollouts, and around states on them."""
+    """Check that F may come from a potential, on rollouts and on short paths from their states."""
     live = is_live(shaped.task)
     half = steps if live else max(1, steps // 2)
     rollouts = _sampled(shaped, half, seed, least=1)
@@ -702,7 +703,7 @@ def _check_reward(shaped: ShapedTask, steps: int, seed: int) -> Checked:
 
 
 def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
-    """Return F of each step, (E, L), 0 where none was taken."""
+    """Return F of each step, (E, L), 0 where no step was taken."""
     taken, f = rollouts.taken, np.zeros(rollouts.actions.shape)
     function = shaped.shaping.reward(shaped)
     f[taken] = shaping_rewards(shaped.task, function, *_transitions(rollouts, taken))
@@ -712,7 +713,7 @@ def _rewards(shaped: ShapedTask, rollouts: RandomRollouts) -> FloatArray:
 def _meeting(
     shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray, enough: float
 ) -> tuple[float, str]:
-    """Return how far sums of F over paths of equal length between two states differ, and where."""
+    """Return the largest difference of sums of F over two paths of one length, and a sentence."""
     worst, sentence, space = 0.0, "", shaped.task.states
     for n in range(1, DEPTH + 1):
         among = np.flatnonzero(rollouts.length >= n)
@@ -723,29 +724,29 @@ def _meeting(
         if apart <= worst:
             continue
         worst = apart
-        here, there = rollouts.states[among[pair[0]], [0, n]].tolist()
+        begin, end = rollouts.states[among[pair[0]], [0, n]].tolist()
         if n == 1:
             actions = rollouts.actions[among[pair], 0]
-            sentence = different_by_action(shaped.task, here, there, sums[pair], actions)
+            sentence = different_by_action(shaped.task, begin, end, sums[pair], actions)
             continue
         sentence = (
-            f"not potential-based: two paths of {n} steps from {state_name(space, here)} to "
-            f"{state_name(space, there)} have discounted sums of F of {sums[pair[0]]:.4g} and "
+            f"not potential-based: two paths of {n} steps from {state_name(space, begin)} to "
+            f"{state_name(space, end)} have discounted sums of F of {sums[pair[0]]:.4g} and "
             f"{sums[pair[1]]:.4g}; with a potential they are equal"
         )
     return worst, sentence
 
 
 def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> tuple[float, str]:
-    """Return how far the Phi differ that loops through a state, or paths to an end, require."""
-    # F adds up to (gamma^n - 1) Phi(s) over a loop of n steps, to -Phi(s) over a path to an end.
+    """Return how far two loops or paths to an end contradict each other, and a sentence."""
+    # With a potential F sums to (gamma^n - 1) Phi(s) over a loop, to -Phi(s) over a path to an end.
     gamma, (n, length) = shaped.task_discount, f.shape
     sums, total = np.zeros((n, length + 1)), np.zeros(n)  # sum_i gamma^i F_(t+i) from step t on
     for t in reversed(range(length)):
         total = np.where(rollouts.taken[:, t], f[:, t] + gamma * total, 0.0)
         sums[:, t] = total
     last = np.arange(rollouts.states.shape[1]) == rollouts.length[:, None]
-    truncated = last & ~rollouts.terminated[:, None]  # whose last states count too
+    truncated = last & ~rollouts.terminated[:, None]  # their last states count too
     rollout, time = np.nonzero(np.pad(rollouts.taken, ((0, 0), (0, 1))) | truncated)
     state = rollouts.states[rollout, time]
     order = np.lexsort((time, state, rollout))
@@ -759,7 +760,7 @@ def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> t
     where = np.concatenate([state[again], state[ended]])
     if not where.size:
         return 0.0, ""
-    # total = factor Phi(s). The path with the largest factor gives Phi; the others must agree.
+    # total = factor Phi(s). The path with the largest factor gives Phi; other paths must agree.
     order = np.lexsort((-abs(factor), where))
     first = np.flatnonzero(np.diff(where[order], prepend=-1))
     lead = np.repeat(order[first], np.diff(first, append=len(order)))

@@ -1,8 +1,8 @@
-"""A shaping in its task: the values that a policy acts on, and the potential behind a reward.
+"""A shaping in its task: the values on which a policy acts, and the potential behind a reward.
 
 If F(s, a, s') = gamma Phi(s') - Phi(s) and Phi is 0 at the ends, then the discounted sum of F is
 -Phi(s) along *every* path from s. One path from each state thus gives the only possible Phi, and
-all other transitions tell whether it fits (Ng, Harada, Russell 1999).
+all other transitions tell whether that Phi fits (Ng, Harada, Russell 1999).
 """
 
 from collections.abc import Callable
@@ -23,9 +23,9 @@ from curricle.tasks.mdp import FiniteMDP, Task, generative_model, reachable_stat
 from curricle.tasks.spaces import action_name, state_name
 
 RewardFunction = Callable[..., Any]
-"""F(s, a, s'), which shaping adds to the reward of E transitions, (E,) float."""
+"""Returns F(s, a, s') of E transitions, (E,) float, which shaping adds to their rewards."""
 Ends = Literal["zero", "given"]
-"""Whether an array is read as 0 at the ends, as by :func:`learn`, or as given."""
+"""Whether an array is read at the ends as 0, as by :func:`learn`, or with its values there."""
 AnyInts = npt.NDArray[np.integer[Any]]
 CHUNK = 1_000_000  # transitions passed to a shaping reward at a time
 # Factor of an error bound that covers the rounding of r + F: the bound allows for at least four
@@ -35,7 +35,7 @@ ROUNDED = 1.25
 
 @dataclass(frozen=True)
 class ShapingReward(Shaping):
-    """A shaping reward of your own, F(s, a, s'), for :func:`certify`; no learner takes it.
+    """A user's shaping reward F(s, a, s') for :func:`certify`; no learner takes it.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Reachable:
     states: IntArray  # (N,), ends left out
     ends: IntArray  # terminal states
     rows: AnyInts  # (N A,), the outcome row of each pair
-    possible: BoolArray  # (N A, O), E outcomes that can happen: state, action and next state are
+    possible: BoolArray  # (N A, O), True for E possible outcomes: state, action, next state
     source: AnyInts  # (E,)
     action: AnyInts  # (E,)
     target: AnyInts  # (E,)
@@ -97,7 +97,7 @@ class Reachable:
         return cls(mdp, met, states, ends, rows, possible, source, action, target)
 
     def reward(self, function: RewardFunction) -> FloatArray:
-        """Return F of each transition, (E,)."""
+        """Return F of every possible transition, (E,)."""
         rewards = []
         for first in range(0, len(self.source), CHUNK):
             part = slice(first, first + CHUNK)
@@ -108,7 +108,7 @@ class Reachable:
     def with_reward(self, f: FloatArray) -> FiniteMDP:
         """Return the task with rewards r + F, F (E,); every reachable pair has its own row."""
         mdp, rows = self.mdp, self.rows
-        row = np.zeros(mdp.outcome_row.shape, np.int32)  # unreachable states may have any row
+        row = np.zeros(mdp.outcome_row.shape, np.int32)  # rows of unreachable states are arbitrary
         row[self.states] = np.arange(len(rows), dtype=np.int32).reshape(-1, mdp.actions.size)
         reward = mdp.reward[rows]
         reward[self.possible] += f
@@ -124,7 +124,7 @@ class Reachable:
 def shaping_rewards(
     task: Any, function: RewardFunction, s: IntArray, a: IntArray, after: IntArray
 ) -> FloatArray:
-    """Return F(s, a, s') of E transitions, (E,), or raise PotentialError where there is none."""
+    """Return F(s, a, s') of E transitions, (E,), or raise PotentialError if a number is missing."""
     try:
         rewards = function(s, a, after)
     except Exception as error:
@@ -151,15 +151,15 @@ def shaping_rewards(
     return values
 
 
-# -- the values that a policy acts on --------------------------------------------------------------
+# -- the values on which a policy acts -------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class ActionValues:
-    """Values of actions in the N reachable states, and which of them may be the best."""
+    """Values of actions in the N reachable states, and the actions that may be optimal."""
 
-    # A difference of two values is known to twice their bound. An action that falls short of the
-    # best by no more may be optimal; where it is the only such action, it is.
+    # A difference of two values has an error of at most twice their bound. Actions that fall short
+    # of the best by no more may be optimal; if there is a single such action, it is optimal.
 
     values: FloatArray  # (N, A)
     bound: float  # their largest possible error
@@ -171,7 +171,7 @@ class ActionValues:
 
     @cached_property
     def short(self) -> FloatArray:
-        """How much worse each action is than the best, (N, A)."""
+        """How far each action falls short of the best action, (N, A)."""
         return np.asarray(self.values.max(axis=1, keepdims=True) - self.values)
 
     @cached_property
@@ -187,37 +187,37 @@ class ActionValues:
 
 @dataclass(frozen=True, eq=False)
 class ShapedValues(ActionValues):
-    """The values that a policy acts on under shaping."""
+    """The values on which a policy acts under shaping."""
 
-    residual: float  # their largest distance from what theory derives from the task's own values
-    largest: float  # the largest number that they are computed from
+    residual: float  # their largest distance from the values that theory derives from the task's
+    largest: float  # the largest number from which they are computed
 
 
 @dataclass(frozen=True, eq=False)
 class ShapedTask:
-    """A shaping that fits its task; the shaping's class reads it to say why it is safe."""
+    """A shaping with its task; the shaping's class reads it to tell why the shaping is safe."""
 
     task: Task
     shaping: Shaping
-    potential: Any  # of the library, or an array (S,) or (S, A) that keeps its values at the ends
-    discount: float  # gamma of F: the task's, or another tool's
-    ignored: FloatArray  # Phi that an array gives ends and learn() ignores, (S,)
+    potential: Any  # a potential of the library, or an array (S,) or (S, A) with values at the ends
+    discount: float  # gamma of F: the task's discount, or another tool's
+    ignored: FloatArray  # values of an array at the ends, which learn() ignores, (S,)
 
-    compared: bool = False  # whether the values of all states are at hand
+    compared: bool = False  # whether all states are compared
 
     @cached_property
     def met(self) -> Reachable:
-        """The reachable states; only for a task that is compared."""
+        """The reachable states; only if states are compared."""
         return Reachable.of(tables(self.task))
 
     @cached_property
     def unshaped(self) -> Solution:
-        """The solution of the task itself; only for a task that is compared."""
+        """The solution of the task without shaping; only if states are compared."""
         return solve(self.task)
 
     @cached_property
     def ends(self) -> IntArray:
-        """The terminal states that can be reached, or that are known."""
+        """The reachable terminal states; all known ones if states are not compared."""
         terminal = generative_model(self.task).terminal
         return (
             self.met.ends if self.compared else np.flatnonzero([] if terminal is None else terminal)
@@ -235,7 +235,7 @@ class ShapedTask:
 
     @cached_property
     def phi(self) -> FloatArray:
-        """The weighted potential in the long run, (S,) or (S, A)."""
+        """The last potential times the last weight, (S,) or (S, A)."""
         values = self.potential if self.is_array else self.potential.values
         if isinstance(self.potential, StatePotential):
             values = values[-1]
@@ -243,7 +243,7 @@ class ShapedTask:
 
     @property
     def phi_at_ends(self) -> FloatArray:
-        """Phi(s), or max_a phi(s, a), in F where an end is entered; 0 unless it is an array."""
+        """Phi(s), or max_a phi(s, a), that F reads at the ends; 0 unless it is an array."""
         if not self.is_array:
             return np.zeros(len(self.ends))
         phi = self.phi if self.phi.ndim == 1 else self.phi.max(axis=1)
@@ -251,7 +251,7 @@ class ShapedTask:
 
     @property
     def zero_at_ends(self) -> bool:
-        """Whether the potential is 0 at all ends that are known."""
+        """Whether the potential is 0 at all known ends."""
         return not self.phi_at_ends.any()
 
     @property
@@ -260,12 +260,12 @@ class ShapedTask:
         return not np.ptp(self.phi, axis=1).any()
 
     def phi_of(self, state: IntArray, action: IntArray) -> FloatArray:
-        """Return phi(s, a) of n pairs, (n,), reading no others; their states are no ends."""
+        """Return phi(s, a) of n pairs without ends, (n,), without reading other pairs."""
         if self.is_array:
             return np.asarray(self.potential[state, action])
         return np.asarray(self.potential.q(state, action))
 
-    # What a policy acts on in a task that is compared, with proven bounds, as shapings ask for it.
+    # The values on which a policy acts, with proven bounds; the classes of shapings call these.
 
     @property
     def terminal(self) -> BoolArray:
@@ -273,7 +273,7 @@ class ShapedTask:
         return self.met.mdp.terminal
 
     def entered_with(self, phi: FloatArray) -> FloatArray:
-        """Return phi of the pair by which each state is entered, (S,); 0 where episodes start."""
+        """Return phi of a pair that leads into each state, (S,); 0 where episodes start."""
         before = np.zeros(self.met.mdp.states.size)
         before[self.met.target] = phi[self.met.source, self.met.action]
         before[self.met.mdp.start > 0] = 0.0
@@ -292,9 +292,9 @@ class ShapedTask:
         return ShapedValues(q, bound, _largest(q - expected), _largest(q, f))
 
     def looking_ahead(self, phi: FloatArray) -> ShapedValues:
-        """Return Q + phi under look-ahead advice, or after starting at phi; by theory Q*."""
-        # The sweep is a contraction of Q + phi. Its fixed point is Q* of a task whose ends pay
-        # gamma max_a phi(end, a). The sweep follows, so that the bound holds for its own result.
+        """Return Q + phi under look-ahead advice, or with the initial Q at phi; by theory Q*."""
+        # The sweep contracts Q + phi to Q* of a task whose ends pay gamma max_a phi(end, a). One
+        # sweep follows the solution, so that the bound holds for the result of the sweep.
         met, mdp, solution = self.met, self.met.mdp, self.unshaped
         if phi[met.ends].any():
             ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
@@ -306,7 +306,7 @@ class ShapedTask:
         return ShapedValues(acted, bound, residual, _largest(phi, acted))
 
     def advised(self, advice: FloatArray) -> ShapedValues:
-        """Return Q* + advice, (S, A), for policies that learn Q from plain rewards."""
+        """Return Q* + advice, advice (S, A), for policies that learn Q from unshaped rewards."""
         added = advice[self.met.states]
         acted = self.unshaped.action_values[self.met.states] + added
         bound = self.unshaped.error_bound + EPSILON * (_largest(acted) + _largest(added))
@@ -316,7 +316,7 @@ class ShapedTask:
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
     """Return E[r + gamma phi(s', a*) - phi(s, a) + gamma Q(s', a*)], (S, A), a* = argmax Q + phi.
 
-    Q of an end is 0, phi of an end is as given (Wiewiora, Cottrell, Elkan 2003).
+    Q of an end is 0; phi of an end is read from the array (Wiewiora, Cottrell, Elkan 2003).
     """
     q = np.where(mdp.terminal[:, None], 0.0, q)
     best = (q + phi).argmax(axis=1)
@@ -333,7 +333,7 @@ def _largest(*arrays: FloatArray) -> float:
 def check_shaping(
     task: Task, shaping: Any, shaping_discount: float | None = None, ends: Ends = "zero"
 ) -> ShapedTask:
-    """Return a shaping that fits its task, or raise PotentialError or SettingError."""
+    """Return a shaping with its task; PotentialError or SettingError if they do not fit."""
     if not isinstance(shaping, Shaping):
         raise SettingError(
             "certify takes a shaping, such as StateShaping(potential), or a "
@@ -366,7 +366,7 @@ def check_shaping(
     return ShapedTask(task, shaping, potential, discount, ignored)
 
 
-# -- the potential behind a reward, or why there is none, in sentences -----------------------------
+# -- the potential behind a reward, or a sentence on why there is none -----------------------------
 
 RELATIVE_RESIDUAL = 1e-5  # residual, relative to the largest F, up to which a potential fits
 
@@ -387,24 +387,24 @@ class Fit(Frozen):
 
 
 def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool = True) -> Fit:
-    """Return the only Phi that F, (E,), can come from, and the residual; Phi of ends 0, or free."""
-    # Phi of all reachable states follows in steps, by a transition for each. Where a number is
-    # free, `slope` is the change of Phi with it; `group` says on which number a state depends.
+    """Return the only Phi from which F, (E,), can come; Phi of ends is 0 or free."""
+    # One transition a state gives its Phi from the Phi of a neighbour. Where that leaves a number
+    # free, `group` is the number on which a state depends, `slope` the change of Phi with it.
     source, target, terminal = met.source, met.target, met.mdp.terminal
     known, phi, slope = ~met.met, np.zeros(len(met.met)), np.zeros(len(met.met))
     group, groups = np.zeros(len(met.met), np.int64), 0
 
     def follow(forward: bool, transitions: IntArray) -> None:
-        """Give the states on one side of transitions the Phi that follows from the other side."""
-        here, there = (target, source) if forward else (source, target)
-        states, first = np.unique(here[transitions], return_index=True)
+        """Compute Phi of the states on one side of transitions from Phi on the other side."""
+        unknown, neighbour = (target, source) if forward else (source, target)
+        states, first = np.unique(unknown[transitions], return_index=True)
         by = transitions[first]  # the first transition of a state
         if not forward:
-            phi[states] = discount * phi[there[by]] - f[by]
-            slope[states] = discount * slope[there[by]]
+            phi[states] = discount * phi[neighbour[by]] - f[by]
+            slope[states] = discount * slope[neighbour[by]]
         elif discount > 0:
-            phi[states] = (f[by] + phi[there[by]]) / discount
-            slope[states] = slope[there[by]] / discount
+            phi[states] = (f[by] + phi[neighbour[by]]) / discount
+            slope[states] = slope[neighbour[by]] / discount
         known[states], group[states] = True, groups
 
     def follow_backward() -> None:
@@ -413,7 +413,7 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
             follow(False, ready)
             left = left[~known[source[left]]]
 
-    # Forward at a small discount numbers may overflow. Then nothing fits.
+    # Forward steps at a small discount may overflow. Then no potential fits.
     with np.errstate(over="ignore", invalid="ignore"):
         if ends_are_zero:
             known[met.ends] = True
@@ -428,19 +428,19 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
                 after, weight = after[after], weight**2
             phi[states], known[states] = total, True
             follow_backward()
-        # Errors grow forward, so that this comes last.
+        # Rounding errors grow in forward steps, so these come last.
         while not known.all():
             ahead = np.flatnonzero(known[source] & ~known[target])
             if ahead.size:
                 follow(True, ahead)
-            else:  # what nothing joins with the rest has a free number
+            else:  # states that no transition joins with known states have a free number
                 open_ends = np.flatnonzero(~known & terminal)
                 free = (open_ends if open_ends.size else np.flatnonzero(~known))[:1]
                 groups += 1
                 slope[free], known[free], group[free] = 1.0, True, groups
             follow_backward()
         left = f - discount * phi[target] + phi[source]
-        if groups:  # the free numbers with which the sum of squares is least
+        if groups:  # least squares decides the free numbers
             change = slope[source] - discount * slope[target]
             steep = np.bincount(group[source], change * change, groups + 1)
             pull = np.bincount(group[source], change * left, groups + 1)
@@ -451,7 +451,7 @@ def fit(met: Reachable, f: FloatArray, discount: float, *, ends_are_zero: bool =
 
 
 def _endless(met: Reachable, staying: BoolArray) -> IntArray:
-    """Return the transitions of paths that can stay for ever among some states, (S,) bool."""
+    """Return the transitions of paths that can stay for ever in the states `staying`, (S,) bool."""
     left = np.flatnonzero(staying[met.source] & staying[met.target])
     while True:
         going_on = np.zeros_like(staying)
@@ -464,20 +464,20 @@ def _endless(met: Reachable, staying: BoolArray) -> IntArray:
 
 # -- sentences -------------------------------------------------------------------------------------
 
-NAMED = 3  # ends that are named; the others are counted
+NAMED = 3  # ends to name; further ends are counted
 
 
 @dataclass(frozen=True, eq=False)
 class Origin:
     """The potential behind a shaping reward."""
 
-    plain: Fit  # with the task's discount and Phi = 0 at the ends
-    fitting: Fit | None  # without residual, maybe with ends that are not 0
+    plain: Fit  # the fit with the task's discount and Phi = 0 at the ends
+    fitting: Fit | None  # a fit within the tolerance, maybe with Phi not 0 at the ends
     sentences: tuple[str, ...]
 
 
 def origin(task: Any, met: Reachable, f: FloatArray) -> Origin:
-    """Return the potential behind F, (E,), or a sentence on why there is none."""
+    """Return the potential behind F, (E,), with sentences; these say why if there is none."""
     discount, enough = met.mdp.discount, RELATIVE_RESIDUAL * float(abs(f).max(initial=0.0))
     plain = fit(met, f, discount)
     if plain.worst <= enough:
@@ -517,7 +517,7 @@ def nonzero_ends(task: Any, ends: IntArray, phi: FloatArray, rule: str = ", must
 
 
 def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions: AnyInts) -> str:
-    """Return the sentence about a move with two F, (2,), by two actions, (2,)."""
+    """Return the sentence about a transition with different F, (2,), by two actions, (2,)."""
     names = (action_name(task.actions, int(action)) for action in actions)
     by = " and ".join(f"{paid:.4g} by {name}" for paid, name in zip(f, names, strict=True))
     return (
@@ -529,7 +529,7 @@ def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions
 def several_entries(
     task: Any, pairs: tuple[AnyInts, AnyInts, AnyInts], phi: FloatArray, starts: IntArray
 ) -> tuple[float, str | None]:
-    """Return how far phi, (n,), of ways into one state differs, and a sentence if it does."""
+    """Return how far phi, (n,), of transitions into a state differs, and a sentence if it does."""
     source, action, target = pairs
     entered = np.append(target, starts)
     phi = np.append(phi, np.zeros(len(starts)))
@@ -550,7 +550,7 @@ def several_entries(
 
 
 def widest(keys: AnyInts, values: FloatArray) -> tuple[float, int, int]:
-    """Return the largest difference of two values with equal keys, (n, k), and which two."""
+    """Return the largest difference of two values with equal keys, (n, k), and their indices."""
     order = np.lexsort((values, *keys.T))
     same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
     first = np.flatnonzero(~np.concatenate([[False], same]))

@@ -85,15 +85,15 @@ class Arm:
     curve : Curve
         Greedy return (K, T), with the source steps of each seed.
     scratch : bool
-        Whether it is an opponent: it learns the target without sources, for all steps.
+        Whether the arm is an opponent: it learns the target without sources, for all steps.
     curriculum : str
-        The curriculum that it is a control of, or whose potential gives its constant.
+        The curriculum of a control, or the curriculum whose potential gives a constant.
     initial_values : (K,) float64 or None
-        The value at which Q starts in every state, of an opponent that starts at a constant.
+        The value at which the Q of a constant opponent starts in every state.
     unlearnt : dict of str to (K,) bool
-        For each source, which seeds did not learn it by its stopping rule.
+        For each source, the seeds that did not learn its task by its stopping rule.
     knows_target : bool
-        Whether a mapping of its curriculum was found in the target's model.
+        Whether a search found a mapping of its curriculum in the target's model.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class Arm:
     def of(
         cls, result: LearningResult, spent: IntArray, total: int, eval_freq: int, **kind: Any
     ) -> Self:
-        """Return the arm of a learning result in the target; `kind` is the rest of its fields.
+        """Return the arm of a learning result in the target; `kind` holds the arm's other fields.
 
         Seed k learns for total - spent_k steps, after which its last value is repeated.
         """
@@ -132,7 +132,7 @@ class Arm:
 
     @property
     def control(self) -> bool:
-        """Whether it is a control, which is charged what its curriculum is."""
+        """Whether the arm is a control, which is charged as many steps as its curriculum."""
         return bool(self.curriculum) and not self.scratch
 
     def charged(self, scratch: "Arm") -> Curve:
@@ -140,7 +140,7 @@ class Arm:
         return charge_source(scratch.curve, self.curve)
 
     def take(self, seeds: IntArray) -> "Arm":
-        """Return the arm with the seeds in these rows, in this order."""
+        """Return the arm with only the seeds in these rows, in the order of the rows."""
         curve, initial = self.curve, self.initial_values
         return replace(
             self,
@@ -165,10 +165,10 @@ UNKNOWN = Interval(NAN, NAN, NAN, 0.95, 0)
 class Contrast:
     """An arm against learning from scratch, over K seeds.
 
-    Gains are over the best opponent, which learns the target without sources; of several, the
-    strong gain is an interval for the smallest of the true gains. Weak transfer ignores the source
-    steps, over the target's own budget. Strong transfer charges them, over the total budget. Gains
-    are returns.
+    Gains are returns, over the best opponent, which learns the target without sources. Where there
+    are several opponents, the strong gain is an interval for the smallest of the true gains. Weak
+    transfer ignores source steps and covers the target's budget. Strong transfer charges source
+    steps and covers the total budget.
 
     Attributes
     ----------
@@ -186,8 +186,8 @@ class Contrast:
         Two-sided p-value of no strong gain, by flipping the signs of the paired differences; and
         the same corrected for the number of curricula (Holm), NaN for a control.
     verdict, reason : str
-        "pays", "costs more than it brings", "no difference shown", or too few seeds; and why it
-        pays, such as "by what it knows". Empty for a control, or where it was not asked.
+        The verdict is "pays", "costs more than it brings", "no difference shown" or too few seeds;
+        the reason is such as "by what it knows". Empty for a control, or where it was not asked.
     """
 
     jumpstart: Interval
@@ -275,19 +275,19 @@ class Comparison:
 
     @cached_property
     def best_opponents(self) -> tuple[str, ...]:
-        """The opponents that are the best of some curriculum."""
+        """The opponents that are the best opponent of at least one curriculum."""
         best = {self.best_opponent(name) for name in self.controls}
         return tuple(name for name in self.scratches if name in best)
 
     @cached_property
     def drawn(self) -> tuple[str, ...]:
-        """The arms in figures: of the opponents, scratch and those that are the best of an arm."""
+        """The arms in figures: all but opponents that are neither scratch nor any arm's best."""
         kept = {SCRATCH, *self.best_opponents}
         return tuple(name for name in self.arms if name in kept or name not in self.scratches)
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """The arms in printed tables: without constants that are not the best of an arm."""
+        """The arms in printed tables: all but the constants that are no arm's best opponent."""
         return tuple(
             name for name, arm in self.arms.items() if name in self.drawn or not arm.curriculum
         )
@@ -310,8 +310,8 @@ class Comparison:
 
     @cached_property
     def know_nothing(self) -> dict[str, tuple[str, ...]]:
-        """The placebos and constants of each curriculum; none if either are missing."""
-        # Both are needed: values at random are learnt from more slowly than a single value.
+        """The placebos and constants of each curriculum; none if either kind is missing."""
+        # Both kinds are needed: random values are learnt from more slowly than a single value.
         know_nothing: dict[str, tuple[str, ...]] = {}
         for name, controls in self.controls.items():
             labels = (f"{name}, {label}" for label in (PLACEBO, ALONE))
@@ -327,7 +327,7 @@ class Comparison:
         return {name: mean_return(arm.charged(self.scratch)) for name, arm in self.arms.items()}
 
     def against(self, rival: str) -> dict[str, Verdict]:
-        """Return whether each curriculum gains more than another arm (Holm over curricula)."""
+        """Return whether each curriculum gains more than the arm `rival` (Holm over curricula)."""
         one_of("an arm", rival, self.arms, CurriculumError)
         return self._verdicts({name: (rival,) for name in self.controls if name != rival})
 
@@ -357,8 +357,8 @@ class Comparison:
 
     @cached_property
     def unrelated_verdicts(self) -> dict[str, Verdict]:
-        """Whether each curriculum with a found mapping gains more than from an unrelated task."""
-        # The control reads the target's model: a mapping that was made by hand need not beat that.
+        """Whether each curriculum with a found mapping gains more than its unrelated control."""
+        # This control reads the target's model, so a mapping made by hand need not beat it.
         known = (name for name in self.controls if self[name].knows_target)
         asked = {name: (f"{name}, {UNRELATED}",) for name in known}
         return self._verdicts({name: of for name, of in asked.items() if of[0] in self.arms})
@@ -379,7 +379,7 @@ class Comparison:
 
     @property
     def _level(self) -> float:
-        """The threshold, or a value just above it if scratch starts at the threshold."""
+        """The threshold, or a value just above the threshold if scratch starts there."""
         start = float(self.scratch.curve.filled()[:, 0].mean())
         margin = ROUNDING * max(abs(self.threshold), abs(start))
         if not abs(start - self.threshold) <= margin:
@@ -503,7 +503,7 @@ class Comparison:
 
     @property
     def _title(self) -> str:
-        """The title: what is compared, and how."""
+        """The title: the target, the total of steps, the seeds and the threshold."""
         return (
             f"{self.target!r} in {self.total:,} steps, sources charged, evaluations free; "
             f"{counted(self.seeds, 'seed')}"
@@ -599,11 +599,11 @@ def _sentence(name: str, verdict: Verdict, controls: str) -> str:
 
 
 class ArmMeasure(NamedTuple):
-    """A measure of every arm: a new one is a row of `ARM_MEASURES`, which all tables loop over."""
+    """A measure of every arm; all tables loop over `ARM_MEASURES`, where a new measure is a row."""
 
     head: str
     meaning: str
-    of: Callable[[Comparison, str], Interval]  # of the arm of that name
+    of: Callable[[Comparison, str], Interval]  # its value for the arm with this name
 
 
 ARM_MEASURES = {
@@ -627,7 +627,7 @@ def short(interval: Interval) -> str:
 
 
 def _lines(comparison: Comparison) -> list[Any]:
-    """Return the charged curve of each arm; a control's looks like its curriculum's, but dashed."""
+    """Return the charged curve of each arm; a control has the colour of its curriculum, dashed."""
     curricula = list(comparison.controls)
     lines = []
     for name in comparison.drawn:
@@ -665,10 +665,10 @@ def compare(
 ) -> Comparison:
     """Train curricula and their opponents, and return their comparison.
 
-    All arms have the same total budget: the target's, plus the steps that the most expensive arm
-    spends on its sources (or can spend at most, if a source's budget is in episodes). Opponents
-    learn the target without sources and spend all of it there; every other arm spends there what
-    its sources leave, seed by seed. A curriculum pays if it gains more than each opponent.
+    All arms have the same total budget: the target's budget, plus the steps that the most expensive
+    arm spends on its sources (or can spend at most, if a source's budget is in episodes). Opponents
+    spend the whole total in the target; every other arm spends there the steps that its sources
+    leave, seed by seed. A curriculum pays if it gains more than each opponent.
     An arm that fails is listed in :attr:`Comparison.failed`; an error of scratch, or of all arms,
     is raised.
 
@@ -676,19 +676,19 @@ def compare(
     ----------
     arms : Curriculum or dict of str to Curriculum
         Curricula with the same target, none named "scratch". ``curricle.compare`` also takes a
-        study or its path, and then its arms and its settings where none are passed.
+        study or its path: then the arms are the study's, and so are settings that are not passed.
     seeds : int or sequence of int
     controls : sequence of str
         Any of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``, run
         for each curriculum (``curricle.comparison.controls`` explains them).
     opponents : sequence of str
-        Any of ``constant``, ``bounds`` and ``optimistic``: the learners from scratch that play
-        unasked beside the target's own (``curricle.comparison.opponents`` explains them).
+        Any of ``constant``, ``bounds`` and ``optimistic``: learners from scratch besides the
+        target's own, by default all (``curricle.comparison.opponents`` explains them).
     scratch : sequence of learners, or dict of str to learner
         Further learners that learn the target from scratch.
     threshold : float, optional
         Return that counts as learnt. By default nine tenths of the way from the random policy's
-        return to the optimum; midway up the curve of scratch if there is no such optimum.
+        return to the optimum; midway up the curve of scratch if no optimum above random is known.
     window : int
         Checkpoints over which curves are smoothed to find when they reach the threshold.
     workers : int, optional
@@ -739,7 +739,7 @@ def comparison_plan(
     opponents: Sequence[Opponent] = (),
     scratch: Learners = (),
 ) -> Plan:
-    """Return the plan of :func:`compare` for arms; CurriculumError if they differ too much."""
+    """Return the plan of :func:`compare`; CurriculumError if arms cannot be compared."""
     if isinstance(arms, Curriculum):
         arms = {"transfer": arms}
     instance("arms, unless they are one curriculum,", arms, Mapping, CurriculumError)
@@ -781,8 +781,8 @@ def checkpoints(plan: Plan) -> int:
 
 
 def threshold_before(plan: Plan, stated: float | None) -> tuple[float | None, str]:
-    """Return the stated threshold or by default the target's, and its source as text."""
-    # None before any training where it is the midpoint of scratch's curve.
+    """Return the stated or the default threshold, and as text where it comes from."""
+    # The threshold is None before training if it will be the midpoint of scratch's curve.
     if stated is not None:
         return stated, STATED
     node = next(iter(plan.curricula.values())).node(plan.target)
@@ -814,10 +814,10 @@ def trained_arms(
             if failed.keys() & {name, arm.of} or name in arms:
                 continue
             if not all((key, in_order) in memory.trained for key in arm.keys.values()):
-                break  # `bars` are told of the arms in their order
+                break  # `bars` takes the arms in the plan's order
             try:
                 arms[name] = _arm(plan, name, memory, seeds)
-            except Exception as error:  # as its training may
+            except Exception as error:  # training an arm may raise any error
                 failed[name] = error
             else:
                 bars.tell(name)
@@ -827,7 +827,7 @@ def trained_arms(
 
 
 def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
-    """Return an arm of trained units, its seeds in the caller's order."""
+    """Return the arm that trained units make, with its seeds in the caller's order."""
     planned, in_order = plan.arms[name], tuple(sorted(seeds))
     results = {task: memory.trained[key, in_order] for task, key in planned.keys.items()}
     last: Trained = results[plan.target]

@@ -6,17 +6,17 @@
   longer training helped.
 - ``placebo``: phi's values shuffled over the target's pairs, in the curriculum's portfolio and
   without it. If it helps as much, any values do.
-- ``constant``: no control but an opponent (:mod:`curricle.comparison.opponents`), which this plays
-  where ``opponents`` does not.
-- ``scaled``: phi halved and doubled. If one of them is much better, phi had the wrong scale.
+- ``constant``: adds the opponent of this name (:mod:`curricle.comparison.opponents`) where the
+  setting ``opponents`` leaves it out.
+- ``scaled``: phi halved, and phi doubled. If either is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
-- ``unrelated``: the exact values of a random task, by the best mapping that is found from there: a
-  source whose pairs lead where other pairs of it led. If it helps as much, the search helped, which
-  reads the target's model.
+- ``unrelated``: the source's task with the outcomes of its pairs exchanged at random, its exact
+  values read by the best mapping that a search finds. If it helps as much, the search helped,
+  because the search reads the target's model.
 
-A ``placebo`` knows nothing of the task. In an observation task, which has no numbered states, there
-is no ``random_start``, and a ``placebo`` only of miniatures: each observation has the answer of
-another. ``scaled`` needs no dense tables.
+The values of a ``placebo`` say nothing about the task. An observation task has no numbered states:
+it has no ``random_start``, and a ``placebo`` only of miniatures, which gives each observation the
+answer of another observation. ``scaled`` needs no dense tables.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -93,7 +93,7 @@ def _check_observed(controls: Sequence[str], arm: str, curriculum: Curriculum) -
 
 
 def shuffled_miniatures(curriculum: Curriculum) -> Curriculum:
-    """Return a curriculum with answers in its miniatures shuffled over observations."""
+    """Return a curriculum whose miniatures have their answers shuffled over observations."""
     tasks: dict[str, Any] = dict(curriculum.tasks)
     for name, task in tasks.items():
         if isinstance(task, Miniatures):
@@ -132,7 +132,7 @@ def source_control(curriculum: Curriculum, label: str, steps: int) -> Curriculum
     )
 
 
-Change = Callable[[Any, int], AnyPotential]  # phi, seed -> another
+Change = Callable[[Any, int], AnyPotential]  # phi, seed -> the changed phi
 CHANGES: dict[str, Change] = {
     PLACEBO: lambda phi, seed: _shuffled(phi, seed),
     ALONE: lambda phi, seed: _shuffled(phi, seed),
@@ -144,7 +144,7 @@ CHANGES: dict[str, Change] = {
         else StateActionPotential(phi.task, -phi.values)
     ),
 }
-"""What the controls that change a potential do to it, by their labels."""
+"""Label of a control -> the function by which it changes a potential."""
 LABELS: dict[Control, tuple[str, ...]] = {
     "placebo": (PLACEBO, ALONE),
     "scaled": ("scaled x 0.5", "scaled x 2"),
@@ -153,13 +153,13 @@ LABELS: dict[Control, tuple[str, ...]] = {
     "random_start": ("random start",),
     "pretraining": ("pretraining",),
 }
-"""The arms that each control stands for, in the order in which they follow their curriculum."""
+"""Control -> the labels of its arms, in the order in which they follow their curriculum."""
 
 
 def control_arms(
     controls: Sequence[Control], curriculum: Curriculum
 ) -> Iterator[tuple[str, Curriculum]]:
-    """Yield the label of each control arm of a curriculum, and the curriculum that it learns by."""
+    """Yield the label of each control arm of a curriculum, and the curriculum it trains."""
     target = curriculum.target
     shaping = curriculum.setting("shaping", target)
     for control, labels in LABELS.items():
@@ -186,8 +186,8 @@ def train_control(
     calibrations: Sequence[Calibration] = (),
     **how: Any,
 ) -> tuple[LearningResult, IntArray]:
-    """Return the results of seeds in the target of a control arm, and their charges."""
-    # Every control is charged the steps of the curriculum's `sources`.
+    """Return the results of seeds in a control arm's target, and the steps they are charged."""
+    # Every control is charged the steps that the curriculum's `sources` took.
     name = curriculum.target
     spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
     if is_shuffled(label, curriculum):
@@ -228,7 +228,7 @@ def entering(
     spent: IntArray | None = None,
     transfers: Sequence[Transfer] | None = None,
 ) -> tuple[Sequence[Any], list[Calibration]]:
-    """Return the potentials that seeds begin a task with, and their calibrations, if any."""
+    """Return the potentials with which seeds begin a task, and their calibrations, if any."""
     potentials = curriculum.potentials(name, sources, transfers=transfers)
     if (settings := curriculum.calibration(name)) is None:
         return potentials, []
@@ -236,7 +236,7 @@ def entering(
     return [calibration.potential for calibration in calibrations], calibrations
 
 
-DRAWS = 3  # unrelated tasks, which seeds take in turn: not all may be as easy to map
+DRAWS = 3  # unrelated tasks, which seeds take in turn, since some may be easier to map
 
 
 def unrelated_transfers(

@@ -1,8 +1,8 @@
 """A forecast, before training in the target, says whether a curriculum pays and where it starts.
 
 A trial (:mod:`curricle.comparison.trial`) answers whether it pays. For each potential the forecast
-states where learning starts: the return of the greedy policy on phi, and whether phi is so high
-that epsilon-greedy learning falls from there. For each source it states whether it learnt its task.
+states where learning starts: the return of the policy greedy on phi, and whether phi is so high
+that returns then fall. For each source it states whether the source learnt its own task.
 """
 
 import pickle
@@ -62,13 +62,13 @@ from curricle.transfer.transfer import FOUND, Calibrate, transfer_names
 
 # -- Did a source learn its own task? --------------------------------------------------------------
 #
-# Its greedy return says so, against its optimum or a fresh learner's. Values of a source that did
-# not learn can be worse than none. No step is charged to find out: the optimum follows from a
-# model, and a fresh learner's steps, twice as many, are simulated. Networks distilled from
-# miniatures are examined on held-out levels.
+# The greedy return of a source is compared with the optimum of its task, or with the return of a
+# fresh learner of twice as many steps. Values of a source that did not learn its task can be worse
+# than none. The comparison charges no step: the optimum follows from a model, and the fresh
+# learner is simulated. Networks distilled from miniatures are examined on held-out levels.
 
-LEARNT = 0.9  # share of the way from random to the reference from which a source learnt its task
-OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # the reference of a source
+LEARNT = 0.9  # a source learnt its task from this share of the way from random to the reference
+OPTIMUM, FRESH, UNKNOWN = "its optimum", "a fresh learner", ""  # kinds of reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +76,15 @@ class SourceLearning(Frozen):
     """How much of its own task a source learnt. Prints as a sentence."""
 
     name: str
-    seeds: tuple[int, ...]  # K of them
-    returns: FloatArray  # (K,): of the greedy policy of each seed's values, in the source's task
-    random_return: float  # of the uniformly random policy there
-    reference: float  # the return of an optimal policy, or a fresh learner's mean; NaN if unknown
+    seeds: tuple[int, ...]  # the K seeds
+    returns: FloatArray  # (K,): of each seed's greedy policy, in the source's task
+    random_return: float  # return of the uniformly random policy in the source's task
+    reference: float  # an optimal policy's return, or a fresh learner's mean return; NaN if unknown
     measured_by: str  # what the reference is: "its optimum", "a fresh learner", or nothing
-    # Standard error of the mean of `returns` that is due to rollouts, with that of the random
-    # return and of the reference; 0 where all are exact.
+    # Standard error that rollouts cause in the differences of the mean of `returns`, the random
+    # return and the reference; 0 where all three are exact.
     noise: float = 0.0
-    # Steps of the fresh learner, a seed; 0 without one. They are no steps of the curriculum.
+    # Steps a seed of the fresh learner; 0 without it. The curriculum is not charged for them.
     fresh_steps: int = field(default=0, kw_only=True)
 
     __repr__ = brief_repr
@@ -92,7 +92,7 @@ class SourceLearning(Frozen):
 
     @property
     def shares(self) -> FloatArray:
-        """Shares of the way from random to the reference, (K,); NaN if there is no such way."""
+        """Shares of the way from random to the reference, (K,); NaN if it is not above random."""
         way = self.reference - self.random_return
         if not way > STANDARD_ERRORS * self.noise:
             return np.full(len(self.seeds), np.nan)
@@ -100,7 +100,7 @@ class SourceLearning(Frozen):
 
     @property
     def share(self) -> float:
-        """The mean of the shares; NaN if there is no way from random to the reference."""
+        """The mean of the shares; NaN if the reference is not above random."""
         return float(self.shares.mean())
 
     @property
@@ -112,7 +112,7 @@ class SourceLearning(Frozen):
         got, random = f"{self.returns.mean():.4g}", f"{self.random_return:.4g}"
         failed, by = f"{self.name} did NOT learn its own task: {got}", self.measured_by
         if by == UNKNOWN:
-            # No better than random is a fact, whatever the optimum is.
+            # A source no better than random did not learn, whatever the optimum is.
             if self.returns.mean() - self.random_return <= STANDARD_ERRORS * self.noise:
                 return f"{failed}, no better than random ({random}); its values may mislead"
             return f"{self.name} returns {got} where random is {random}; its optimum is not known"
@@ -127,7 +127,7 @@ class SourceLearning(Frozen):
                 f"{failed} where random is {random} and {by} {self.reference:.4g}; its values may "
                 "mislead"
             )
-        # 100 % only where no more than a thousandth is missing
+        # The sentence says 100 % only where at most a thousandth is missing.
         per_cent = round(100 * self.share)
         per_cent = per_cent if self.share >= 0.999 else min(99, per_cent)
         only = "" if self.learnt else "only "
@@ -152,9 +152,11 @@ def source_learning(
     ----------
     curriculum : Curriculum
     sources : dict of str to SourceValues
-        Such as ``CurriculumResult.sources``. Only sources in dense tables that are read count.
+        Such as ``CurriculumResult.sources``. Sources are left out whose values are not in dense
+        tables, or which no transfer reads.
     fresh : bool
-        Whether to measure an unsolvable source that is not live by a learner of twice its steps.
+        Whether a fresh learner of twice the steps is the reference of a source that cannot be
+        solved; never for a live task.
     workers : int, optional
         Threads over seeds.
     progress : bool or callable, optional
@@ -190,7 +192,7 @@ def _learning(
         by = OPTIMUM
     elif fresh and not is_live(node.task):
         steps, by = 2 * int(learnt.steps_used.max()), FRESH
-        # Without sources, on random streams of its own.
+        # The fresh learner has no sources, and random streams of its own.
         off = GreedyEvaluation(method="off")
         name = f"{node.name}/fresh"
         alone = replace(node, name=name, budget=steps, eval_freq=steps, evaluation=off)
@@ -215,14 +217,14 @@ class DistilledSource(Frozen):
     """How far networks of K seeds go from the random policy's return to the optimum."""
 
     name: str
-    members: tuple[str, ...]  # M: the miniatures, then the relatives for tests only
-    levels: tuple[str, ...]  # (M,) the kind and the number of the levels of each test
+    members: tuple[str, ...]  # M tasks: the miniatures, then the relatives used only for tests
+    levels: tuple[str, ...]  # (M,) kind and number of the levels on which a member is tested
     shares: FloatArray  # (K, M): share of the way, by seed and member
 
     @property
     def expected(self) -> float:
         """The share to expect in the target: that in the last member, which is nearest to it."""
-        # benchmarks/networks/forecast.py measures how well it ranks sources.
+        # benchmarks/networks/forecast.py measures how well this share ranks sources.
         return float(self.shares[:, -1].mean())
 
     def __str__(self) -> str:
@@ -251,40 +253,40 @@ def distilled_sources(
 
 # -- The record of a forecast, and its sentences ------------------------------------------------
 #
-# Sentences about a potential are about the start and about its knowledge. Learning may still gain
-# more from a low start than from scratch.
+# Sentences about a potential describe the start, and signs that the potential misleads. Learning
+# may still gain more from a low start than from scratch.
 
 
 @dataclass(frozen=True)
 class ForecastRow:
-    """A potential that could enter the target: of a single source, or an aggregate."""
+    """A potential that could enter the target: that of a single transfer, or an aggregate."""
 
     name: str  # the transfer, as "source -> target [n]", or the aggregate's name
     aggregate: bool  # whether it is an aggregate of all transfers
     used: bool  # whether the curriculum would use it
-    seeds: tuple[PotentialQuality, ...] = field(repr=False)  # K of them
-    # K of its scale, from rollouts of its greedy policy.
+    seeds: tuple[PotentialQuality, ...] = field(repr=False)  # of each of K seeds
+    # The scale of each of K seeds, fitted to rollouts of the greedy policy.
     calibrations: tuple[Calibration, ...] = field(repr=False)
-    gain: Interval | None = None  # in mean return, strong, of a trial in the model; None without
-    verdict: str = ""  # a sentence on the start, on whether returns fall from there, with advice
-    anti_knowledge: str = ""  # a sentence on signs that phi is worse than no knowledge, if any
+    gain: Interval | None = None  # strong gain in mean return in the trial; None without a trial
+    verdict: str = ""  # a sentence on the start and on whether returns then fall, with advice
+    anti_knowledge: str = ""  # a sentence on signs that phi misleads; empty without signs
 
     __repr__ = brief_repr
 
     def mean(self, measure: str) -> float:
-        """Return the mean over seeds of a field of ``PotentialQuality``."""
+        """Return the mean over seeds of the field `measure` of ``PotentialQuality``."""
         return float(np.mean([getattr(quality, measure) for quality in self.seeds]))
 
     @property
     def scale(self) -> float:
-        """The mean scale that calibration finds; NaN if it finds none for most seeds."""
+        """The mean of the fitted scales; NaN if most seeds cannot be calibrated."""
         scales = [calibration.scale for calibration in self.calibrations if not calibration.refusal]
         most = scales and 2 * len(scales) > len(self.calibrations)
         return float(np.mean(scales)) if most else float("nan")
 
     @property
     def score(self) -> float:
-        """The number that orders candidates: the trial's gain, else the start; NaN if unknown."""
+        """The number that orders rows: the gain in the trial, else the start; NaN if unknown."""
         return self.mean("start") if self.gain is None else float(self.gain.estimate)
 
 
@@ -296,27 +298,27 @@ class Forecast:
     ----------
     target : str
     coverage : dict of str to Coverage or ObservationCoverage
-        Coverage of each transfer's mapping: of all pairs, or of the observations that the first
+        Coverage of each transfer's mapping, over all pairs or over the observations that the first
         seed's greedy policy meets.
     rows : tuple of ForecastRow
-        Aggregates, then single transfers, both with the highest score first.
+        The aggregates, then the single transfers, each group with the highest score first.
     optimum, random_return : float
-        Expected return of an optimal policy (NaN if the target is too large to solve), and of the
+        Expected returns of an optimal policy (NaN if the target is too large to solve) and of the
         random policy, with which learning from scratch starts.
     solved, exact : bool
         Whether potentials are compared with the exact Q*, and whether returns are exact.
     trained : dict of str to SourceValues
-        The sources' values, as :meth:`Curriculum.train` takes them; optimal with `perfect`.
+        The sources' values, as :meth:`Curriculum.train` takes them; optimal values with `perfect`.
     perfect : bool
         Whether the sources were solved instead of trained.
     sources : dict of str to SourceLearning or DistilledSource
         How much of its own task each source learnt, if that is known.
     trial : Trial or None
-        The comparison with learning from scratch, in the model.
+        The comparison with learning from scratch, played in the tasks' models.
     no_trial : str
         Why there is no trial, as text.
     knows_target : bool
-        Whether a mapping was found in the target's model, for which no step is charged.
+        Whether a search found a mapping in the target's model, for which no step is charged.
     """
 
     target: str
@@ -350,12 +352,12 @@ class Forecast:
 
     @property
     def best(self) -> ForecastRow:
-        """The row with the highest score, transfers alone included."""
+        """The row with the highest score, aggregate or single transfer."""
         return max(self.rows, key=lambda row: np.nan_to_num(row.score, nan=-np.inf))
 
     @property
     def computed_from(self) -> str:
-        """A clause on the values and mappings: from how many seeds, or learnt perfectly."""
+        """A clause on the seeds and steps of the sources, and on mappings found by a search."""
         return f"{self._learnt_from}{self._found}"
 
     @property
@@ -383,7 +385,7 @@ class Forecast:
 
     @property
     def basis(self) -> str:
-        """The numbers behind the answer with their assumptions, or why there are none."""
+        """The numbers behind the answer and their assumptions, or why there was no trial."""
         if self.trial is None:
             return f"no trial: {self.no_trial}"
         return f"{self.trial.numbers(self.used.name)}; {self.trial.assumes}"
@@ -428,7 +430,7 @@ class Forecast:
         if self.trial is not None and not self.best.used:
             lines.append(f"the highest gain in the trial: {self.best.name}")
         lines += map(str, self.sources.values())
-        # The transfers that may be anti-knowledge; a single one is its aggregate's row.
+        # Transfers that may be anti-knowledge; a single transfer has the row of its aggregate.
         alone = [row for row in self.rows if not row.aggregate] or self.rows[:1]
         lines += [f"{row.name} {row.anti_knowledge}" for row in alone if row.anti_knowledge]
         how = "exact" if self.exact else "returns by rollouts"
@@ -458,7 +460,7 @@ COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
 
 def _table_of(forecast: Forecast) -> tuple[list[str], list[tuple[str, ...]]]:
     """Return the columns of a forecast and its rows: name, with a star if it is used, and cells."""
-    # Gains where there was a trial, and values where potentials have them.
+    # Gains need a trial; columns about phi need potentials whose values are read.
     left_out = {"gain"} if all(row.gain is None for row in forecast.rows) else set()
     if not _values_are_read(forecast):
         left_out |= COLUMNS.keys() - {"gain", "start"}
@@ -471,23 +473,23 @@ def _table_of(forecast: Forecast) -> tuple[list[str], list[tuple[str, ...]]]:
 
 
 def _values_are_read(forecast: Forecast) -> bool:
-    """Return whether learning reads values of potentials; False where networks enter."""
+    """Return whether learning reads the potentials' values; False where networks enter."""
     return not all(np.isnan(row.mean("optimistic")) for row in forecast.rows)
 
 
 AnyTarget = Target | ObservationTarget
 
-# Thresholds of the verdicts; benchmarks/check_forecast.py compares them with training.
-GAIN, GOOD = 0.1, 0.5  # shares of the way from random to the optimum: weak, good
+# Thresholds of the sentences; benchmarks/check_forecast.py compares them with training.
+GAIN, GOOD = 0.1, 0.5  # a start is weak, good above these shares of the way to the optimum
 OPTIMISTIC = 0.5  # share of optimistic pairs above which learning keeps lowering values
-SLIPS, COLLAPSES = 0.2, 0.25  # mean excess / mean abs(V*) above which returns then fall
-ESTIMATED = 0.45  # the same if the excess is over the value of phi's own policy, less than V*
+SLIPS, COLLAPSES = 0.2, 0.25  # mean excess / mean abs(V*) from which returns may fall, will fall
+ESTIMATED = 0.45  # both, if the excess is over the value of phi's own policy, which is at most V*
 UNDERESTIMATE = 20.0  # typical rewards by which phi may be too low where the optimal policy goes
 RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
 def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
-    """Return a sentence on the start with a potential, whether returns fall then, and advice."""
+    """Return a sentence on a potential's start, on whether returns then fall, and on what to do."""
     start, optimistic = row.mean("start"), row.mean("optimistic")
     if not reads_values:
         policy = "" if np.isnan(start) else f", which returns {start:.3g} in the target as it is"
@@ -495,7 +497,7 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
     if np.isnan(start):
         return "is the same for all actions, so it has no greedy policy: use StateShaping"
     excess = row.mean("excess") / max(row.mean("mean_absolute_value"), 1e-12)
-    # If the optimum is unknown, any better start is a good one.
+    # If the optimum is unknown, any start above the random policy is good.
     gain = start - target.random_return
     whole = np.nan_to_num(target.optimum - target.random_return)
     good = gain > GOOD * whole
@@ -504,7 +506,7 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
         parts.append("a weak start" if gain > GAIN * whole else "near or below the random policy")
     parts.append(f"{optimistic:.0%} optimistic")
     slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
-    # A weak start has little to lose, and its policy is little evidence of phi's scale.
+    # From a weak start returns can hardly fall, and its policy is little evidence of phi's scale.
     if not good:
         advice = ["the gain from there is unknown"]
     elif optimistic > OPTIMISTIC and excess >= slips:
@@ -526,11 +528,11 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
 
 
 def anti_knowledge(row: ForecastRow, random_return: float) -> str:
-    """Return a sentence on signs that a potential is worse than no knowledge; '' without any."""
-    # Its greedy policy returns less than the random one by more than the seeds differ (Student's
-    # interval of 95 %; for a single seed, or where all agree, at all), or its order of the pairs is
-    # against that of Q* in every seed. The words are weak because some such potentials pay all the
-    # same: docs/trust.md says how many.
+    """Return a sentence on signs that a potential misleads; '' without signs."""
+    # Sign 1: Student's 95 % interval of the greedy policy's return lies below the random policy's
+    # return (for a single seed, or seeds that agree, the return itself does). Sign 2: phi and Q*
+    # correlate negatively in every seed. The sentence says "may", because some such potentials
+    # pay nevertheless: docs/trust.md says how many.
     signs = []
     starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
     high, mean = float(mean_interval(starts).high), float(starts.mean())
@@ -564,24 +566,24 @@ def forecast(
     progress: Progress = None,
     judged: "JudgedPotentials | None" = None,
 ) -> Forecast:
-    """Return a forecast: whether the transfers into a target pay, and where learning starts.
+    """Return the forecast of whether the transfers into a target pay and where learning starts.
 
-    A trial answers whether they pay: it plays the comparison with learning from scratch in the
-    tasks' models. It shares no random draw with :func:`compare` or :meth:`Curriculum.train`.
-    Without a model there is no trial, and potentials are only rolled out.
+    A trial tells whether they pay: it plays the comparison with learning from scratch in the tasks'
+    models, with other random draws than :func:`compare` and :meth:`Curriculum.train`. Without a
+    model there is no trial, and only the greedy policies of the potentials are rolled out.
 
     Parameters
     ----------
     curriculum : Curriculum
         ``curricle.forecast`` also takes a study of one arm or its path.
     target : str, optional
-        By default the task that all others lead to.
+        By default the task to which all other tasks lead.
     seeds : int or sequence of int
         Seeds of the sources from which potentials are made.
     aggregates : sequence of callable
-        Aggregates besides the library's four and the curriculum's own.
+        Aggregates to compare besides the library's four and the curriculum's.
     trained : dict of str to SourceValues or LearningResult, optional
-        Sources trained before, for the same seeds. A trial trains its sources anew.
+        Sources that were trained before, for the same seeds. A trial trains its sources anew.
     perfect : bool
         Whether to take the optimal values of each source instead of training it; without a trial.
     episodes : int, optional
@@ -599,7 +601,7 @@ def forecast(
         True shows a bar for each learnt task and for the potentials; a function is called with the
         name of each potential, and with "trial" after the trial.
     judged : JudgedPotentials, optional
-        Shares the computations of several forecasts for the same target.
+        Computations to share with other forecasts for the same target.
 
     Raises
     ------
@@ -645,7 +647,7 @@ def forecast(
             learning: Any = {"trained": trained, "workers": workers, "progress": bars.within()}
             before = curriculum.ancestors(name)
             sources = curriculum.train(numbers, only=before, **learning).sources
-        # Without values, potentials do not differ.
+        # Potentials whose values are not read do not differ.
         looked_at = [candidate for candidate in candidates if candidate.used or reads_values]
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
@@ -665,7 +667,7 @@ def forecast(
             try:
                 made_trial = run_trial(tried, seeds=trial_seeds, **how)
                 bars.tell("trial")
-            except CurricleError as error:  # the potentials can be looked at all the same
+            except CurricleError as error:  # the potentials can be judged without the trial
                 if trial is not None:
                     raise
                 no_trial = f"it failed: {error}"
@@ -676,7 +678,7 @@ def forecast(
         rows = [replace(row, gain=made_trial.gain(row.name)) for row in rows]
     rows.sort(key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf)))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
-    coverage: dict[str, Any]  # where the pairs of a mapping are few enough to count
+    coverage: dict[str, Any]  # of mappings whose pairs are few enough to count
     if isinstance(any_target, ObservationTarget):
         sample = any_target.observations(curriculum.potentials(name, sources)[0])
         coverage = {label: edge.mapping.coverage(sample) for label, edge in labels.items()}
@@ -703,7 +705,7 @@ def forecast(
 def _planned_trial(
     candidates: list[Candidate], trial: bool | None, perfect: bool
 ) -> tuple[list[Candidate], int, str]:
-    """Return a trial's candidates and seeds, or none and why; CurriculumError if it is required."""
+    """Return a trial's candidates, its seeds, and why there is no trial if there is none."""
     if perfect and trial:
         raise CurriculumError(
             "a trial trains the sources: with perfect=True, trial must be False or left out"
@@ -727,7 +729,7 @@ def _planned_trial(
 def _solved_sources(
     curriculum: Curriculum, name: str, seeds: tuple[int, ...], trained: Mapping[str, Learnt]
 ) -> dict[str, SourceValues]:
-    """Return the solutions of the sources of a target, as if learnt without a step."""
+    """Return the optimal values of a target's sources, as if they were learnt in 0 steps."""
     if trained:
         raise CurriculumError(
             "a forecast with perfect=True must have no trained sources: got " + ", ".join(trained)
@@ -752,15 +754,15 @@ Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K
 
 @dataclass(frozen=True)
 class JudgedPotentials:
-    """Targets, judgements of their potentials and trials' scratch arms, computed once."""
+    """Cache of targets, of judgements of their potentials, and of the trials' scratch arms."""
 
     memory: Memory = field(default_factory=Memory)
     _targets: dict[Any, AnyTarget] = field(default_factory=dict)
     _judgements: dict[Any, Judgement] = field(default_factory=dict)
 
     def target(self, task: Any, evaluation: GreedyEvaluation, episodes: int | None) -> AnyTarget:
-        """Return a task as a target, solved once."""
-        # The target keeps the task, and so its address; `episodes` is not checked yet.
+        """Return a task as a target; equal calls return the same target, which is solved once."""
+        # A target keeps its task alive, so that no other task gets the id; `episodes` is unchecked.
         key = id(task), evaluation, repr(episodes)
         if key not in self._targets:
             self._targets[key] = target_of(task, evaluation, episodes=episodes)
@@ -774,7 +776,7 @@ class JudgedPotentials:
         *,
         reads_values: bool,
     ) -> Judgement:
-        """Return the quality and scale of potentials, or the returns of networks' policies."""
+        """Return the qualities and calibrations of potentials; of networks only their returns."""
         n, key = len(potentials), None
         if all(isinstance(phi, PairPotential) for phi in potentials):
             key = id(target), *map(_digest, potentials)

@@ -1,15 +1,15 @@
 """Opponents: learners of the target that need no source, and so are charged no step.
 
-A curriculum pays if it gains more than the best of them. Beside the target's own learner, and the
-learners that a user adds, these are played unasked:
+A curriculum pays if it gains more than the best opponent. The target's own learner, the learners
+that a user adds, and by default these are opponents:
 
-- ``constant``: the own learner, its Q started at a constant: the mean, the minimum and the maximum
-  of a curriculum's potential over the pairs that learning can visit, seed by seed.
-- ``bounds``: the own learner, its Q started at the lowest and at the highest value that a state can
-  have by the task's rewards.
+- ``constant``: the target's learner with a constant initial Q: for each seed the mean, the minimum
+  or the maximum of a curriculum's potential over the pairs that learning can visit.
+- ``bounds``: the target's learner with a constant initial Q: the lowest or the highest value that
+  the task's rewards allow.
 - ``optimistic``: :class:`OptimisticQLearning`.
 
-A learner of networks has none of them. Where a target has no dense tables, only the constants.
+A target that a network learns has none of these; a target without dense tables has only constants.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -40,7 +40,7 @@ CONSTANTS: dict[str, Callable[[FloatArray], Any]] = {
     "constant minimum": np.min,
     "constant maximum": np.max,
 }
-"""The number at which Q starts everywhere, from phi of the pairs that learning can visit."""
+"""Label of a constant -> the initial Q, computed from phi of the pairs that learning can visit."""
 
 
 def check_opponents(opponents: Any) -> tuple[Opponent, ...]:
@@ -52,7 +52,7 @@ def check_opponents(opponents: Any) -> tuple[Opponent, ...]:
     return tuple(opponent for opponent in OPPONENTS if opponent in opponents)
 
 
-# -- Learners from scratch: the own learner, those that a user adds, and those that anyone would ---
+# -- Learners from scratch: the target's own, a user's further learners, and the default ones ------
 
 Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, by name in a dict
 
@@ -95,7 +95,7 @@ def scratch_curricula(learners: Learners, first: Curriculum) -> dict[str, Curric
 def unasked_learners(
     opponents: Collection[Opponent], scratches: Mapping[str, Curriculum]
 ) -> Iterator[tuple[str, Curriculum]]:
-    """Yield the learners of ``bounds`` and ``optimistic`` that no arm from scratch is yet."""
+    """Yield the learners of ``bounds`` and ``optimistic`` that no arm from scratch has yet."""
     usual = scratches[SCRATCH]
     task, learner = usual.tasks[usual.target], usual.setting("learner", usual.target)
     known = [arm.setting("learner", arm.target) for arm in scratches.values()]
@@ -103,7 +103,7 @@ def unasked_learners(
         return
     learners = list[Learner]()
     if "bounds" in opponents:
-        with suppress(SettingError, TaskError):  # without a horizon rewards bound no value
+        with suppress(SettingError, TaskError):  # without a horizon rewards do not bound values
             learners += [replace(learner, initial_value=bound) for bound in value_bounds(task)]
     if "optimistic" in opponents:
         with suppress(SettingError, TaskError):
@@ -118,12 +118,12 @@ def unasked_learners(
 
 
 def starts_anywhere(learner: Any) -> bool:
-    """Return whether a learner's Q can be started at any constant."""
+    """Return whether a learner's Q can start at any constant."""
     return isinstance(learner, Learner) and not learner.asks_task
 
 
 def is_large(curriculum: Curriculum) -> bool:
-    """Return whether a curriculum's target has more pairs than are learnt in several tables."""
+    """Return whether a target has too many pairs for learners that keep several tables."""
     model = generative_model(curriculum.tasks[curriculum.target])
     sparse = curriculum.setting("storage", curriculum.target).kind == "sparse"
     return sparse or model.states.size * model.actions.size > MOST_SHARED
@@ -139,13 +139,13 @@ def _name(learner: Any) -> str:
     return type(learner).__name__ + f"({', '.join(parts)})" * bool(parts)
 
 
-# -- Constants: how high or low a potential is, without what it knows ------------------------------
+# -- Constants: the level of a potential without its differences between pairs --------------------
 
 
 def constants_of(
     opponents: Collection[Opponent], curriculum: Curriculum
 ) -> Iterator[tuple[str, Curriculum]]:
-    """Yield the label of each constant of a curriculum, and the curriculum with its shaping."""
+    """Yield the label of each constant of a curriculum, and the curriculum with that constant."""
     target = curriculum.target
     if "constant" not in opponents or is_observation_task(curriculum.tasks[target]):
         return
@@ -161,20 +161,20 @@ def train_constant(
     potentials: Sequence[AnyPotential],
     **how: Any,
 ) -> tuple[LearningResult, FloatArray]:
-    """Return the target learnt from a constant, and the initial value of each seed's Q, (K,)."""
+    """Return the result in the target from a constant, and each seed's initial Q, (K,)."""
     node, pairs = curriculum.node(curriculum.target), VisitedPairs.of(curriculum)
     levels = [float(CONSTANTS[label](pairs.values(phi))) for phi in potentials]
-    # phi times 0 plus the level: a constant of the same kind of storage.
+    # phi times 0 plus the level is a constant that is stored like phi.
     constants = [phi.rescaled(0.0, level) for phi, level in zip(potentials, levels, strict=True)]
     return node.train(seeds, constants, **how), np.array(levels) + node.learner.initial_value
 
 
-# The pairs of the states that some policy can reach from a start and in which no episode ends, each
-# counted once, with what stands where no mapping knows anything: all that a learner of the target
-# can meet, and nothing that it cannot. Where a target has no dense tables, they are the pairs of
-# the states that rollouts of the uniformly random policy visit. No learner is charged for them.
+# The pairs that a learner of the target can visit: all pairs of the nonterminal states that some
+# policy reaches from a start, unmapped pairs included. Where a target has no dense tables, they are
+# the pairs of the states that rollouts of the uniformly random policy visit. Each pair counts once.
+# No learner is charged for the rollouts.
 
-EPISODES, LENGTH = 100, 1000  # random rollouts without dense tables, and their most steps
+EPISODES, LENGTH = 100, 1000  # number and longest length of the random rollouts
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ class VisitedPairs:
     """The pairs of a task that learning can visit."""
 
     task: Any
-    dense: bool  # whether all that can be reached is counted, rather than what rollouts visit
+    dense: bool  # True: all reachable pairs; False: pairs visited by rollouts
 
     @classmethod
     def of(cls, curriculum: Curriculum) -> Self:
@@ -193,7 +193,7 @@ class VisitedPairs:
 
     @cached_property
     def states(self) -> IntArray:
-        """The states of these pairs without repetition, (n,) int64."""
+        """The states of the pairs, every state once, (n,) int64."""
         if self.dense:
             mdp = tables(self.task)
             return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
@@ -202,5 +202,5 @@ class VisitedPairs:
         return np.unique(rollouts.states[:, :-1][rollouts.taken])
 
     def values(self, phi: AnyPotential) -> FloatArray:
-        """Return phi of these pairs, a float64 array with one value for each."""
+        """Return phi of the pairs, a float64 array with one value a pair."""
         return np.asarray(phi.pairs(self.states))

@@ -2,8 +2,9 @@
 
 All arms have one target and spend the same total of steps, sources included. Each task of each arm
 has a key. Equal keys mean equal results, which arms then share. A unit is a task of an arm for some
-seeds; it is trained after its sources, and an arm that fails is given up. A comparison trains its
-units in turn in memory (`Memory`); a study sends them to workers and stores them (`study.running`).
+seeds; it is trained after its sources. If a unit fails, the arms that need it are given up. A
+comparison trains units in turn in memory (`Memory`); a study sends units to workers and stores
+their results (`study.running`).
 """
 
 from collections import Counter
@@ -38,22 +39,22 @@ from curricle.text import brief_repr
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.transfer import Transfer, same_transfer
 
-Dependencies = Mapping[str, Any]  # all that a task's result depends on, but the seed
+Dependencies = Mapping[str, Any]  # all on which a task's result depends, except the seed
 
 
 @dataclass(frozen=True)
 class Unit:
     """One task of one arm, trained for some seeds at once."""
 
-    # Equal for units whose seeds learn the same: in a study a hash of all that the result depends
-    # on, except the seeds.
+    # Units with equal keys have equal results for equal seeds. In a study the key is a hash of
+    # `dependencies`.
     key: Any
-    arm: str  # the first that needs it
+    arm: str  # the first arm that needs the unit
     task: str
     seeds: tuple[int, ...]  # ascending
-    sources: Mapping[str, Any] = field(hash=False)  # tasks trained for these seeds before -> keys
-    dependencies: Dependencies = field(hash=False, repr=False)  # what the key is a hash of
-    snapshots: int  # value tables of the first seed that are kept during training
+    sources: Mapping[str, Any] = field(hash=False)  # task trained for these seeds before -> its key
+    dependencies: Dependencies = field(hash=False, repr=False)  # what the key hashes
+    snapshots: int  # number of value tables of the first seed to keep during training
 
     __repr__ = brief_repr
 
@@ -70,7 +71,7 @@ def numbered_seeds(seeds: Collection[int]) -> str:
 
 def seed_ranges(seeds: Iterable[int]) -> str:
     """Return ascending seeds as ranges of numbers, such as ``0-2+7``."""
-    # Within a run of consecutive numbers a number and its place differ by as much.
+    # In a run of consecutive numbers, number minus place is constant.
     runs = groupby(enumerate(seeds), lambda pair: pair[1] - pair[0])
     ends = [(run[0], run[-1]) for run in ([seed for _, seed in pairs] for _, pairs in runs)]
     return "+".join(f"{first}" if first == last else f"{first}-{last}" for first, last in ends)
@@ -80,28 +81,27 @@ def seed_ranges(seeds: Iterable[int]) -> str:
 class PlannedArm:
     """An arm that is to be trained."""
 
-    curriculum: Curriculum  # the budget of its target is the total, if there is one
+    curriculum: Curriculum  # its target's budget is the plan's total, if the plan has a total
     keys: Mapping[str, Any]  # of each task
-    dependencies: Mapping[str, Dependencies] = field(default_factory=dict)  # what keys are made of
+    dependencies: Mapping[str, Dependencies] = field(default_factory=dict)  # of each task
     scratch: bool = False  # whether it learns the target without sources, for all steps
-    # What it changes in another arm, as a control or a constant of its potential; empty if nothing.
+    # The label of a control or constant, which changes another arm; empty for other arms.
     change: str = ""
-    of: str = ""  # that arm
+    of: str = ""  # the arm that it changes
 
 
 KeysOf = Callable[[str, Curriculum, str], tuple[Mapping[str, Any], Mapping[str, Dependencies]]]
-"""The name of an arm, without its change, its curriculum and the change -> keys and dependencies of
-its tasks."""
+"""(arm without its change, curriculum, change) -> the keys and the dependencies of its tasks."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
     """The arms that are to be trained, and their keys."""
 
-    arms: Mapping[str, PlannedArm]  # from scratch first; an arm's controls and constants follow it
+    arms: Mapping[str, PlannedArm]  # scratch arms first; controls and constants follow their arm
     target: str  # the task that all arms end with
-    budget: int | None  # the target's steps without sources'; None without comparison
-    total: int | None  # steps that every arm spends, sources included
+    budget: int | None  # the target's budget; None if arms are not compared
+    total: int | None  # steps that every arm spends, sources included; None likewise
     eval_freq: int  # steps between checkpoints of the target
 
     @classmethod
@@ -115,7 +115,7 @@ class Plan:
         opponents: Sequence[Opponent] = (),
         compared: bool = True,
     ) -> Self:
-        """Return the plan of curricula, comparable if `compared`, and of learners from scratch."""
+        """Return the plan of curricula and learners from scratch, at one total if `compared`."""
         first = next(iter(curricula.values()))
         target, node = first.target, first.node(first.target)
         budget, total = None, None
@@ -173,7 +173,7 @@ class Plan:
 
     @property
     def dependencies(self) -> dict[tuple[str, str], Dependencies]:
-        """The data from which the key of each task of each arm is made."""
+        """The data of which the key of each task of each arm is a hash."""
         return self._by_task("dependencies")
 
     def _by_task(self, mapping: str) -> dict[tuple[str, str], Any]:
@@ -182,7 +182,7 @@ class Plan:
 
     @cached_property
     def needs(self) -> dict[tuple[str, str], Any]:
-        """The keys that each arm needs: its own, and those of the target of the arm it changes."""
+        """The keys that each arm needs: its keys, and the target's key of the arm it changes."""
         controls = {name: arm.of for name, arm in self.arms.items() if arm.of}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
         return self.keys | beside
@@ -194,9 +194,9 @@ class Plan:
 
     @property
     def live(self) -> bool:
-        """Whether a task runs in Python, one thread at a time."""
-        # This includes tasks seen through observations: their learners draw from random generators
-        # of the process.
+        """Whether some task can be learnt only in one thread at a time."""
+        # Such a task runs in Python, or is seen through observations: learners of observation tasks
+        # draw from random generators of the process.
         return any(
             is_live(task) or is_observation_task(task)
             for curriculum in self.curricula.values()
@@ -204,12 +204,12 @@ class Plan:
         )
 
     def changed(self, unit: Unit) -> Any:
-        """Return the key of the target that a unit changes; None for units that change nothing."""
+        """Return the target's key of the arm that a unit changes; None if it changes no arm."""
         of = self.arms[unit.arm].of
         return self.arms[of].keys[unit.task] if of and unit.task == self.target else None
 
     def read_by(self, unit: Unit) -> set[Any]:
-        """Return the keys whose results a unit reads: of sources, and of an arm that it changes."""
+        """Return the keys whose results a unit reads: its sources', and that of the changed arm."""
         return {*unit.sources.values(), self.changed(unit)} - {None}
 
     def without(self, arms: Collection[str]) -> Self:
@@ -227,7 +227,7 @@ class Plan:
         first: int | None = None,
     ) -> list[Unit]:
         """Return the units that are still to be trained, sources first."""
-        # `done` has the seeds that are trained by key; units whose first seed is `first` snapshots.
+        # `done` maps keys to trained seeds; only units whose first seed is `first` keep snapshots.
         units: dict[tuple[Any, tuple[int, ...]], Unit] = {}
         for name, arm in self.arms.items():
             for task in arm.curriculum.order:
@@ -249,14 +249,14 @@ class Plan:
 
 
 def most_source_steps(curriculum: Curriculum) -> int:
-    """Return an upper bound of the steps that a curriculum's sources take."""
+    """Return an upper bound on the steps that a curriculum's sources take."""
     return sum(curriculum.node(name).most_steps for name in curriculum.ancestors(curriculum.target))
 
 
 def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] | None = ()) -> None:
     """Raise CurriculumError unless all arms have one target with the same settings."""
-    # An arm may learn the target with another of `learners` than the first arm does, which learn it
-    # from scratch too; with any learner where that is None.
+    # Arms may learn the target with different `learners`, each of which learns it from scratch too;
+    # with any learners if `learners` is None.
     (name, first), *later = arms.items()
     target = first.target
     for other_name, other in later:
@@ -287,10 +287,10 @@ class Trained:
     """The results of the seeds of a unit."""
 
     result: LearningResult
-    source_steps: IntArray  # (K,): what each seed spent before
-    calibrations: Sequence[Calibration] = ()  # of each seed, where its potential was calibrated
-    potentials: Sequence[AnyPotential] = ()  # of each seed, as they entered, where they are known
-    initial_values: FloatArray | None = None  # (K,) of Q, where it starts at a constant
+    source_steps: IntArray  # (K,): the steps of each seed in its sources
+    calibrations: Sequence[Calibration] = ()  # of each seed, if potentials were calibrated
+    potentials: Sequence[AnyPotential] = ()  # of each seed, as it entered; empty if unknown
+    initial_values: FloatArray | None = None  # (K,) of a constant opponent's Q
 
 
 def train(
@@ -302,9 +302,9 @@ def train(
     unchanged: Trained | None = None,
     **how: Any,
 ) -> Trained:
-    """Train a unit of an arm with the results of its sources, and return its results."""
-    # With `charge` the target's budget pays for the sources too. An arm that changes another reads
-    # the potentials of that arm in `unchanged`, or computes them again.
+    """Train a unit of an arm with the results of its sources, and return the unit's results."""
+    # With `charge` the target's budget also pays for the sources. An arm that changes another arm
+    # reads the other arm's potentials from `unchanged`, or computes them again.
     curriculum, task, seeds = arm.curriculum, unit.task, unit.seeds
     if arm.change and task == curriculum.target:
         before: Any = ((), ())
@@ -327,12 +327,12 @@ def train(
 
 @dataclass
 class Failures:
-    """The units that failed in a run: the arms that need them are given up, others are trained."""
+    """The failed units of a run; arms that need a failed unit are given up, others are trained."""
 
-    needs: Mapping[tuple[str, str], Any]  # the keys that arms need (`Plan.needs`)
-    errors: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in their order
-    executor_failed: bool = False  # whether one of them was never trained, as the executor failed
-    _kept: set[Any] = field(default_factory=set, init=False)  # what arms without a failure need
+    needs: Mapping[tuple[str, str], Any]  # the keys that each arm needs (`Plan.needs`)
+    errors: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in this order
+    executor_failed: bool = False  # whether a unit was never trained because the executor failed
+    _kept: set[Any] = field(default_factory=set, init=False)  # keys of arms without a failure
 
     def __bool__(self) -> bool:
         return bool(self.errors)
@@ -347,18 +347,18 @@ class Failures:
         self._kept = {key for (arm, _), key in self.needs.items() if not none and arm not in lost}
 
     def keeps(self, unit: Unit) -> bool:
-        """Return whether an arm without a failure needs a unit; without scratch nothing is kept."""
+        """Return whether an arm without a failure needs a unit; no unit if scratch failed."""
         return not self.errors or unit.key in self._kept
 
 
 def arms_of(keys: Mapping[tuple[str, str], Any], some: Collection[Any]) -> set[str]:
-    """Return the arms that need a unit with one of these keys."""
+    """Return the arms that need a key among `some`."""
     return {arm for (arm, _), key in keys.items() if key in some}
 
 
 # -- A run in memory -------------------------------------------------------------------------------
 
-LARGEST_KEPT = 50_000_000  # bytes of tables up to which a source's values are kept for other plans
+LARGEST_KEPT = 50_000_000  # bytes; smaller source tables are kept for later plans
 
 
 class _Learning(NamedTuple):
@@ -366,11 +366,11 @@ class _Learning(NamedTuple):
 
     node: Node
     transfers: tuple[Transfer, ...]
-    sources: tuple[int, ...]  # the keys of all tasks before it
+    sources: tuple[int, ...]  # the keys of all tasks trained before the task
     change: str
 
     def equals(self, other: "_Learning") -> bool:
-        """Return whether both give equal results."""
+        """Return whether both learnings give equal results."""
         if self.node.task is not other.node.task or self[2:] != other[2:]:
             return False
         if len(self.transfers) != len(other.transfers):
@@ -382,7 +382,7 @@ class _Learning(NamedTuple):
 
 
 class Memory:
-    """Results of this process by key; tasks that give equal results have the same key."""
+    """The results of this process by key; tasks with equal results have one key."""
 
     def __init__(self) -> None:
         self._learnings = list[_Learning]()
@@ -391,14 +391,14 @@ class Memory:
     def keys_of(
         self, name: str, curriculum: Curriculum, change: str
     ) -> tuple[dict[str, int], dict[str, Any]]:
-        """Return the keys of an arm's tasks, as :meth:`Plan.made` asks for them."""
+        """Return the keys of an arm's tasks, and no dependencies, as :meth:`Plan.made` needs."""
         keys = dict[str, int]()
         for task in curriculum.order:
             before = tuple(keys[source] for source in curriculum.ancestors(task))
             changed = change if task == curriculum.target else ""
             new = _Learning(curriculum.node(task), curriculum.in_edges(task), before, changed)
-            known = (k for k, learning in enumerate(self._learnings) if learning.equals(new))
-            keys[task] = next(known, len(self._learnings))
+            equal = (k for k, learning in enumerate(self._learnings) if learning.equals(new))
+            keys[task] = next(equal, len(self._learnings))
             if keys[task] == len(self._learnings):
                 self._learnings.append(new)
         return keys, {}
@@ -411,13 +411,13 @@ class Memory:
         workers: int | None,
         bars: Bars,
     ) -> Iterator[None]:
-        """Train in turn the units of a plan without a result yet, all seeds of a unit together."""
-        # Yields after each unit. Those of a plan are in an order in which sources come first.
+        """Train the units of a plan that have no result yet; yield after each unit."""
+        # Units of a plan are in an order in which sources come first.
         units, missing = plan.units(seeds, {}), list[Unit]()
-        readers = Counter[Any]()  # how many units are still to read what each key's seeds learnt
-        for unit in reversed(units):  # whoever reads a source's values comes after it
-            known = self.trained.get((unit.key, seeds))
-            if known is None or (known.result.values is None and readers[unit.key]):
+        readers = Counter[Any]()  # key -> number of units that will still read its results
+        for unit in reversed(units):  # units that read a source come before it in this order
+            trained = self.trained.get((unit.key, seeds))
+            if trained is None or (trained.result.values is None and readers[unit.key]):
                 missing.append(unit)
                 readers.update(plan.read_by(unit))
         try:
@@ -438,7 +438,7 @@ class Memory:
                 self._forget(plan, unit.key, seeds)
 
     def _learnt(self, plan: Plan, unit: Unit, **how: Any) -> Trained:
-        """Return the results of a unit, from those of its sources."""
+        """Train a unit with the results of its sources, and return its results."""
         sources = {
             name: SourceValues.of(self.trained[key, unit.seeds].result)
             for name, key in unit.sources.items()
@@ -447,11 +447,11 @@ class Memory:
         return train(plan.arms[unit.arm], unit, sources, unchanged=unchanged, **how)
 
     def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
-        """Drop results that nothing reads any more, except small tables, which plans share."""
-        if (known := self.trained.get((key, seeds))) is None:
+        """Drop results that no unit will read, except small tables, which later plans may read."""
+        if (trained := self.trained.get((key, seeds))) is None:
             return
-        values = known.result.values
+        values = trained.result.values
         small = isinstance(values, np.ndarray) and values.nbytes <= LARGEST_KEPT
         if not small or key in (arm.keys[plan.target] for arm in plan.arms.values()):
-            bare = replace(known.result, values=None, snapshots=None)
-            self.trained[key, seeds] = replace(known, result=bare, calibrations=(), potentials=())
+            bare = replace(trained.result, values=None, snapshots=None)
+            self.trained[key, seeds] = replace(trained, result=bare, calibrations=(), potentials=())

@@ -1,6 +1,6 @@
-"""The differences of two tasks, none if they are the same problem; and tasks as plain data.
+"""The differences of two tasks (none if they are the same problem), and tasks as plain data.
 
-The plain data of a task is enough to see whether two stored studies have the same target.
+The plain data of two targets are enough to tell whether two stored studies have the same target.
 """
 
 import inspect
@@ -19,15 +19,15 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
 
 LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
-CLOSE = 1e-9  # relative difference of moments, or difference of start probabilities, that is none
+CLOSE = 1e-9  # difference of start probabilities, relative difference of moments, still equal
 
 
 def differences(task: Task, other: Task) -> tuple[str, ...]:
-    """Return the differences of two tasks, with both values or a state; () for the same problem.
+    """Return the differences of two tasks, with the two values or a state; () for the same problem.
 
-    It compares spaces, discount, time limit, end rule, rewards, transitions and start, by tables if
-    they fit in memory, and the parameters of tasks of the same type. Observation tasks are the same
-    problem if the same function with the same arguments makes their environments.
+    It compares spaces, discount, time limit, end rule, rewards, transitions and start, by tables
+    where these fit in memory, and the parameters of tasks of one type. Observation tasks are the
+    same problem if the same function with the same arguments makes their environments.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def differences(task: Task, other: Task) -> tuple[str, ...]:
 
 
 def _unequal(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the names whose values differ, with both values."""
+    """Yield the names whose values differ between two mappings, with both values."""
     for name in dict.fromkeys((*first, *second)):
         value, other = first.get(name, "absent"), second.get(name, "absent")
         if value != other:
@@ -102,7 +102,7 @@ def _of_tables(mdp: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     if ends.size:
         yield f"end rule ({state_name(space, int(ends[0]))} ends one of them only)"
     alive = ~(mdp.terminal | other.terminal)
-    # With a random weight for each state, two distributions over successors with the same mean
+    # Each state gets a random weight. Two distributions over successors that have the same mean
     # weight are equal with probability 1.
     weight = np.random.default_rng(0).normal(size=space.size)
     unit = max(largest_reward(mdp), largest_reward(other))
@@ -114,7 +114,7 @@ def _of_tables(mdp: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
             s, a = where[0]
             values = f": {first[s, a]:g} against {second[s, a]:g}" if name == "reward" else ""
             yield f"{name} (from {state_name(space, int(s))}{values})"
-            break  # the later moments differ as a consequence
+            break  # later moments differ because this moment differs
     if abs(mdp.start - other.start).max() > CLOSE:
         s = int(abs(mdp.start - other.start).argmax())
         yield f"start ({state_name(space, s)}: {mdp.start[s]:.3g} against {other.start[s]:.3g})"
@@ -125,14 +125,14 @@ MOMENTS = ("reward", "transitions", "rewarded outcomes")
 
 def moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
     """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A)."""
-    # The last separates joint distributions of reward and successor with the same first two.
+    # The third tells joint distributions of reward and successor apart whose first two agree.
     reward, weighed = _rewards(mdp), weight[mdp.next_state]
     values = (reward, weighed, np.cos(reward / unit + weighed))
     return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in values]
 
 
 def _rewards(mdp: FiniteMDP) -> FloatArray:
-    """Return the rewards, 0 for outcomes that cannot occur, which may hold any number."""
+    """Return the rewards, with 0 for outcomes that cannot occur, whose entries are arbitrary."""
     used = np.zeros((len(mdp.reward), 1), dtype=bool)
     used[mdp.outcome_row[~mdp.terminal]] = True
     return np.where(used & (mdp.probability > 0), mdp.reward, 0.0)
@@ -153,7 +153,7 @@ def _equal(first: Any, second: Any) -> bool:
     return bool(first == second)
 
 
-# -- The same from plain data, as a study's folder holds it ---------------------------------------
+# -- The same comparison from the plain data in a study's folder -----------------------------------
 
 AGREE = 1e-11  # relative difference of equal projections: 10^5 times the rounding of a sum
 DIGEST_BYTES = 8
@@ -165,11 +165,11 @@ class TaskSummary:
 
     kind: str  # its type
     spaces: dict[str, str]  # its spaces, discount and time limit
-    # Each part of its tables, projected onto a random direction that is the same for all tasks of
-    # one size, and the sum of the absolute terms: two tables with equal projections are equal but
-    # for a set of probability 0. Empty for a task whose tables are too large, or that has none.
+    # For each part of the tables, its projection onto a random direction (the same for all tasks of
+    # one size) and the sum of the absolute terms. Tables with equal projections are equal with
+    # probability 1. Empty for a task without tables, or with tables that are too large.
     projections: dict[str, tuple[float, float]]
-    parameters: dict[str, str]  # of its type, with a digest of what is too long
+    parameters: dict[str, str]  # parameters of its type; long values as digests
 
 
 def task_summary(task: Any) -> TaskSummary:
@@ -193,7 +193,7 @@ def task_summary(task: Any) -> TaskSummary:
 
 
 def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...]:
-    """Return the differences of two tasks, with both values if short; () for the same problem."""
+    """Return the differences of two summaries, with short values; () for the same problem."""
     lines = list(_unequal(task.spaces, other.spaces))
     alike = not lines or lines[0].split()[0] not in ("states", "actions", "observations")
     if alike and task.projections and other.projections:
@@ -201,7 +201,7 @@ def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...
             other_value, other_size = other.projections.get(name, (np.nan, 0.0))
             if not abs(value - other_value) <= AGREE * max(size, other_size):
                 lines.append(name)
-                break  # later parts differ as a consequence
+                break  # later parts differ because this part differs
         if not lines:
             return ()  # the same problem, perhaps from other parameters
     if task.kind != other.kind:
@@ -227,8 +227,8 @@ def plain_text(value: Any) -> str:
 
 
 def _of_any_process(text: str) -> str:
-    """Return a text without addresses, which differ between processes, and without folders."""
-    # The package of a study's own modules is named after its folder, and code after its file.
+    """Return a text without memory addresses and folders, which differ between processes."""
+    # Names of the packages of studies' own modules, and of code objects, contain folders.
     parts = r' at 0x[0-9a-f]+|\bcurricle_study_[0-9a-f]+\.|, file "[^"]*", line \d+'
     return re.sub(parts, "", text)
 

@@ -1,8 +1,8 @@
 """A trial: the comparison with learning from scratch, played in the tasks' models beforehand.
 
-It costs milliseconds and no step of the experiment. It has the budgets and the accounting of the
-experiment. Random streams are named after tasks, and a trial renames its tasks: so no seed of it
-draws the numbers of a seed of the experiment. It never counts as the experiment.
+A trial costs milliseconds and no step of the experiment. It has the experiment's budgets and
+accounting. Random streams are named after tasks, and a trial renames its tasks: so no seed of a
+trial draws the numbers of a seed of the experiment. A trial never counts as the experiment.
 """
 
 import warnings
@@ -37,9 +37,9 @@ from curricle.transfer.aggregate import COMPARED, Aggregate
 from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
-# -- Candidates: the ways of using a curriculum's sources, each a curriculum of its own -----------
+# -- Candidates: the curricula that use a curriculum's sources in different ways -------------------
 #
-# A forecast compares them: aggregates of all transfers into the target, and each transfer alone.
+# A forecast compares an aggregate of all transfers into the target, and each transfer alone.
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +47,10 @@ class Candidate:
     """A way of using the sources of a target."""
 
     name: str  # the aggregate's, or the transfer's as "source -> target [n]"
-    # The target, its transfers as this candidate uses them, and what these build on; no more.
+    # Only the target, its transfers as this candidate uses them, and the tasks that these need.
     curriculum: Curriculum
-    aggregate: bool  # whether it is an aggregate of all transfers
-    used: bool  # whether it is what the curriculum would do
+    aggregate: bool  # whether it combines all transfers
+    used: bool  # whether the curriculum itself uses its sources in this way
 
     def potentials(
         self, sources: Mapping[str, Learnt], seeds: Sequence[int]
@@ -66,7 +66,7 @@ def candidates_of(
     edges = curriculum.in_edges(target)
     raw = [replace(edge, calibrate=False) for edge in edges]
     usual, calibrated = curriculum.setting("aggregate", target), curriculum.calibration(target)
-    # The minimum, the mean and the maximum of a single potential are the same.
+    # All aggregates of a single potential are that potential.
     several = COMPARED if len(edges) > 1 else ()
     functions = list[Aggregate]()
     for function in (*several, usual, *aggregates):
@@ -93,8 +93,8 @@ def part_of(
     rename: Callable[[str], str] = str,
 ) -> Curriculum:
     """Return the part of a curriculum from which a target is learnt, with its tasks renamed."""
-    # `transfers` are those into the target, in place of the curriculum's own. Random streams are
-    # named after tasks, so that a renamed curriculum draws other numbers for the same seeds.
+    # `transfers` replace the curriculum's transfers into the target. Random streams are named after
+    # tasks, so that a renamed curriculum draws other numbers for the same seeds.
     before = {edge.source for edge in transfers}
     kept = before.union(*(curriculum.ancestors(name) for name in before), {target})
     edges = [edge for edge in curriculum.transfers if edge.target in kept - {target}]
@@ -104,7 +104,7 @@ def part_of(
         if isinstance(setting, Mapping):
             setting = {rename(name): value for name, value in setting.items() if name in kept}
         settings[which] = setting
-    # A budget that is not stated depends on how many sources there are in the whole.
+    # The default budget of a source depends on the number of sources in the whole curriculum.
     settings["budget"] = {rename(name): curriculum.setting("budget", name) for name in kept}
     return Curriculum(
         tasks={rename(name): task for name, task in curriculum.tasks.items() if name in kept},
@@ -118,12 +118,12 @@ def part_of(
 
 # -- A trial -----------------------------------------------------------------------------------
 
-STREAM = "/trial"  # what the names of a trial's random streams end with
-SEEDS, FEWEST = 20, 8  # seeds of a trial; the fewest that are worth it
-QUICK = 10.0  # estimated seconds on one processor up to which a forecast makes a trial unasked
+STREAM = "/trial"  # the end of the names of a trial's tasks and random streams
+SEEDS, FEWEST = 20, 8  # seeds of a trial; fewest seeds for which a trial is made by default
+QUICK = 10.0  # estimated seconds on one processor up to which a forecast makes a trial by default
 STEP, OUTCOME = 25e-9, 8e-9
-"""Seconds of a step in a model, and of one outcome in one step of an exact evaluation, about. They
-are constants, so that whether there is a trial does not depend on the machine."""
+"""About the seconds of a step in a model, and of one outcome in one step of an exact evaluation.
+They are constants, so that it does not depend on the machine whether there is a trial."""
 SETTLED = 1000  # steps of an exact evaluation after which most values no longer change
 WINDOW = 5  # checkpoints over which curves are smoothed, as in a comparison
 
@@ -135,7 +135,7 @@ class Trial:
     Attributes
     ----------
     comparison : Comparison
-        An arm for each candidate, under its name, and their opponents.
+        An arm for each candidate, under the candidate's name, and the opponents.
     assumes : str
         The assumptions of its verdict, as text.
     """
@@ -151,12 +151,12 @@ class Trial:
         return None if contrast is None else contrast.strong_gain
 
     def verdict(self, name: str) -> str:
-        """Return in a few words whether a candidate pays, by the area under its whole curve."""
+        """Return in a few words whether a candidate pays, by the interval of its gain."""
         gain = self.gain(name)
         return "it failed in the trial" if gain is None else verdict_words(gain)
 
     def numbers(self, name: str) -> str:
-        """Return a sentence on a candidate's gain, and on its steps and its best opponent's."""
+        """Return a sentence on a candidate's gain, its steps and its best opponent's steps."""
         comparison, gain = self.comparison, self.gain(name)
         if gain is None:
             return in_words(comparison.failed[name])
@@ -169,7 +169,7 @@ class Trial:
                 f"the threshold {comparison.threshold:.4g} is never reached within "
                 f"{comparison.total:,} steps, with sources or {by}; {gained}"
             )
-        # Where the budget cuts off only the slower side, more would be saved, or taken, beyond it.
+        # If only the slower side misses the threshold, the true difference in steps is larger.
         saved = comparison.contrasts[name].strong_steps_saved
         slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
         bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
@@ -204,7 +204,7 @@ def verdict_words(gain: Interval) -> str:
 
 
 def in_brief(interval: Interval) -> str:
-    """Return an interval without its number of seeds, thousands with commas."""
+    """Return an interval as text without its number of seeds, with commas in thousands."""
     bounds = (float(x) for x in (interval.estimate, interval.low, interval.high))
     rounded = [float(f"{bound:.3g}") for bound in bounds]
     estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded)
@@ -228,10 +228,10 @@ def run_trial(
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
     failed = dict[str, Exception]()
     with warnings.catch_warnings(), shown(progress) as bars:
-        # A calibration that is refused here will be refused in the experiment too, and said there.
+        # No warning about a refused calibration: the experiment will warn.
         warnings.simplefilter("ignore", UserWarning)
         trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
-    window = min(WINDOW, checkpoints(plan))  # cut where there are fewer checkpoints
+    window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
     comparison = comparison_of(plan, trained, threshold_before(plan, threshold), window, failed)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
@@ -242,7 +242,7 @@ def run_trial(
 
 
 def apart(curriculum: Curriculum) -> Curriculum:
-    """Return the same curriculum with random streams of its own."""
+    """Return the same curriculum with renamed tasks, and so with other random streams."""
     target = curriculum.target
     return part_of(curriculum, target, curriculum.in_edges(target), lambda name: name + STREAM)
 
@@ -261,7 +261,7 @@ def hindrance(curriculum: Curriculum) -> str:
 
 
 def trial_seconds(candidates: Sequence[Candidate]) -> float:
-    """Return the seconds on one processor that a seed of a trial takes, estimated and at most."""
+    """Return an estimated upper bound on the seconds of a seed of a trial on one processor."""
     plans = [candidate.curriculum for candidate in candidates]
     node = plans[0].node(plans[0].target)
     total = limits(node.budget)[0] + max(map(most_source_steps, plans))
@@ -277,7 +277,7 @@ def _node_seconds(node: Node, steps: int) -> float:
     """Return the seconds of learning a task for so many steps and of its greedy evaluations."""
     kernel, evaluation = node.evaluation.kernel(node.task), 0.0
     if isinstance(kernel, ExactEvaluation):
-        # At most every state, each with the outcomes of its greedy action.
+        # At most all states are evaluated, each with the outcomes of its greedy action.
         outcomes = len(kernel.tables.outcome_row) * kernel.tables.probability.shape[1]
         evaluation = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
     elif isinstance(kernel, RolloutEvaluation):
@@ -286,7 +286,7 @@ def _node_seconds(node: Node, steps: int) -> float:
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
-    """Return the candidates and seeds of the default trial; none if it would take long."""
+    """Return the candidates and the number of seeds of the default trial; none if it takes long."""
     for some in (list(candidates), [candidate for candidate in candidates if candidate.used]):
         seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
         if seeds >= FEWEST:

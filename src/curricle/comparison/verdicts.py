@@ -1,9 +1,9 @@
-"""Verdicts: which arm is better than which, from one return for each arm and seed.
+"""Verdicts: whether an arm gains more than its rivals, from one return for each arm and seed.
 
-Each question has its own family of tests, so that no answer depends on other questions: whether
-curricula pay (against scratch), whether they gain more than their controls, or more than their
-controls that know nothing, and arm against arm. All use sign-flip tests of paired differences. K
-seeds cannot have a p-value below 2^(1 - K), so that with too few seeds there is no verdict.
+Each question has its own family of tests, so that no answer depends on other questions. The
+questions: do curricula pay (gain more than their opponents), do they gain more than their controls,
+more than their placebos and constants, more than a stated arm? All use sign-flip tests of paired
+differences. The p-value of K seeds is at least 2^(1 - K), so that too few seeds give no verdict.
 
 Sources: Holm 1979; Berger, "Multiparameter hypothesis testing and acceptance sampling",
 Technometrics 24, 1982 (intersection-union tests).
@@ -30,8 +30,8 @@ from curricle.transfer.transfer import FOUND
 
 SIGNIFICANT = 0.05  # adjusted p-values below this count as a difference
 DRAWS, DRAWS_A_TEST = 10_000, 100
-"""Sign vectors drawn where there are too many seeds for all of them, at least; and for each test of
-a family, so that the smallest p-value can stay significant when it is adjusted."""
+"""Fewest sign vectors to draw where there are too many seeds to count all; and how many to draw for
+each test of a family, so that the smallest p-value can stay significant when it is adjusted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Verdict:
     Attributes
     ----------
     gain : Interval
-        Interval of the smallest of all true differences in return between the arm and its rivals.
+        Interval of the smallest true difference in return between the arm and a rival.
     rival : str
         The strongest rival: the rival with the highest mean return.
     rivals : int
@@ -86,7 +86,7 @@ class Verdict:
 
     @property
     def answer(self) -> str:
-        """The answer to whether the arm gains more: "yes", "no, less" or "not shown"."""
+        """Whether the arm gains more than all rivals: "yes", "no, less" or "not shown"."""
         return self.withheld or ("not shown", "yes", "no, less")[self.direction]
 
     def __str__(self) -> str:
@@ -102,20 +102,20 @@ def verdicts_of(
     *,
     interim: str = "",
 ) -> dict[str, Verdict]:
-    """Return for each question whether an arm gains more than all of its rivals.
+    """Return for each arm in `rivals` whether it gains more than all of its rivals.
 
-    For an arm with n rivals and the p-values p_c of the n paired differences, p = max_c p_c if it
-    is ahead of all (each of the n claims must hold: an intersection-union test, which needs no
-    correction), else p = n min p_c over the rivals ahead of it. If p below 5 % decides, either
-    wrong answer has a probability of at most 2.5 %. The interval is [min_c low_c, min_c high_c],
-    with lower bounds at 97.5 % each and upper bounds at 1 - 0.025 / n each: it covers the smallest
-    true difference in 95 % of studies. If p is below 5 % but the interval holds 0, which skewed
-    differences can cause, p is that of Student's tests, like the interval.
+    Let p_c be the p-values of an arm's n paired differences. If the arm is ahead of all rivals,
+    p = max_c p_c (all n claims must hold: an intersection-union test, which needs no correction);
+    else p = n min p_c over the rivals ahead of it. If p below 5 % decides, each wrong answer has a
+    probability of at most 2.5 %. The interval is [min_c low_c, min_c high_c] of lower bounds at
+    97.5 % and upper bounds at 1 - 0.025 / n: it covers the smallest true difference in 95 % of
+    studies. Skewed differences can make p fall below 5 % although the interval, which is Student's,
+    holds 0: then p is that of Student's tests too.
 
     Parameters
     ----------
     returns : dict of str to (K,) float64
-        One return for each arm and seed; seed k of all arms is paired.
+        One return for each arm and seed; the k-th returns of all arms are paired.
     rivals : dict of str to sequence of str
         The questions: arms, each with at least one rival. Holm corrects for their number.
     interim : str
@@ -129,7 +129,7 @@ def verdicts_of(
     Raises
     ------
     SettingError
-        If an arm is unknown, has no rival or other seeds than the rest, or a return is not finite.
+        If an arm is unknown, has no rival or another number of seeds, or a return is not finite.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def seeds_needed(questions: int = 1) -> int:
     """Return the fewest seeds K with which there can be a verdict.
 
     This is the smallest K whose smallest p-value, 2^(1 - K), is below 0.05 after multiplication by
-    the number of questions (one an arm), as Holm's correction.
+    the number of questions (one for each arm), as in Holm's correction.
 
     Examples
     --------
@@ -200,12 +200,12 @@ def difference(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _draws(tests: int) -> int:
-    """Return how many sign vectors are drawn where not all are counted."""
+    """Return how many sign vectors a test draws, in a family of so many tests."""
     return max(DRAWS, DRAWS_A_TEST * tests)
 
 
 def _p_value(differences: FloatArray, draws: int) -> float:
-    """Return the p-value of an arm's differences from n rivals (n, K), as :func:`verdicts_of`."""
+    """Return the p of an arm's differences from n rivals (n, K), as in :func:`verdicts_of`."""
     p = _of_all(differences, [sign_flip_test(row, resamples=draws) for row in differences])
     gain = _smallest_gain(differences)
     if p >= SIGNIFICANT or not gain.low <= 0 <= gain.high:
@@ -216,7 +216,7 @@ def _p_value(differences: FloatArray, draws: int) -> float:
 
 
 def _of_all(differences: FloatArray, p_values: npt.ArrayLike) -> float:
-    """Return the p-value of n rivals from those of the rivals alone."""
+    """Return the p-value against all n rivals from the p-values against single rivals."""
     p, means = np.asarray(p_values), differences.mean(axis=1)
     if (means > 0).all():
         return float(p.max())
@@ -238,7 +238,7 @@ def _smallest_gain(differences: FloatArray) -> Interval:
 
 NO_MORE = "not shown to gain more than from an unrelated task"
 ASKING = 'cr.compare(..., controls=["placebo"])'
-"""How the question is asked; in a study file by ``controls = ["placebo"]``."""
+"""How to ask why a curriculum pays; in a study file: ``controls = ["placebo"]``."""
 
 Why = Literal["", "not asked", "knowledge", "mapping", "placebo", "not shown"]
 
@@ -247,11 +247,11 @@ Why = Literal["", "not asked", "knowledge", "mapping", "placebo", "not shown"]
 class Reason:
     """Whether a curriculum pays by what it knows."""
 
-    pays: Verdict = field(repr=False)  # whether it gains more than its opponents
-    # Whether it gains more than its placebos and constants; None if it has none of either.
+    pays: Verdict = field(repr=False)  # does it gain more than its opponents?
+    # Does it gain more than its placebos and constants? None if it has no placebos or constants.
     over_nothing: Verdict | None
-    knows_target: bool = False  # whether a mapping was found in the target's model
-    # Whether it gains more than by a mapping that is found from an unrelated task; None: not asked
+    knows_target: bool = False  # did a search find a mapping in the target's model?
+    # Does it gain more than its unrelated control? None if this was not asked.
     over_unrelated: Verdict | None = None
 
     __repr__ = brief_repr
@@ -265,13 +265,13 @@ class Reason:
         if over is None:
             return "not asked"
         if over.direction > 0:
-            # A search that read the target's model knows it, whatever the source knows.
+            # A gain may come from a search that read the target's model instead of from the source.
             return "mapping" if self.knows_target else "knowledge"
         return "placebo" if over.direction < 0 else "not shown"
 
     @property
     def words(self) -> str:
-        """The reason as text, and that a mapping was found in the target's model; may be empty."""
+        """The reason as text, with a remark on a mapping found in the target's model."""
         reasons = {
             "knowledge": "by what it knows",
             "mapping": "by its source or by the search for its mapping",
@@ -286,6 +286,6 @@ class Reason:
 
 
 def not_asked(reasons: Sequence[Reason]) -> str:
-    """Return a question if controls do not tell why some curriculum pays; else an empty text."""
+    """Return the text that it was not asked why a curriculum pays; empty if it was asked."""
     open_ = any(reason.why == "not asked" for reason in reasons)
     return f"by what it knows? Not asked: {ASKING}" if open_ else ""

@@ -62,25 +62,26 @@ SETTINGS: dict[str, Any] = {
     "evaluation": GreedyEvaluation(),
     "storage": Storage(),
 }
-"""Settings that are a value for all tasks or a dict from task to value, and their defaults."""
-OF_TARGETS = ("aggregate", "unknown_value", "shaping")  # not of tasks without sources
-DEFAULT_STEPS = 100_000  # the budget of a task that no other builds on
+"""Setting -> its default; a setting is a value for all tasks, or a dict from task to value."""
+OF_TARGETS = ("aggregate", "unknown_value", "shaping")  # settings of tasks with sources
+DEFAULT_STEPS = 100_000  # the budget of a task on which no other task builds
 SOURCES_SHARE = 0.1
-"""Of the target's steps, for all sources without a budget. Fitted on the development families of
-benchmarks/pairs: more gains more on average, and loses more than a tenth more often."""
+"""Share of the target's steps for all sources without a stated budget. Fitted on the development
+families of benchmarks/pairs: a larger share gains more on average, but losses of more than a tenth
+are more frequent."""
 PULL = 0.1
 """Weight of the pull that keeps an actor-critic near a network distilled from miniatures. The
 strongest of 0, .1, .3 and 1 that costs less than .03 of the area under the curve on the grid worlds
 among the development targets of benchmarks/networks/miniatures.py."""
-ACTOR_CRITICS = ("PPO", "A2C")  # algorithms that a pull is known to fit
-MOST_SHARED = 10_000_000  # state-action pairs of a portfolio's task: 350 MB of tables a seed
+ACTOR_CRITICS = ("PPO", "A2C")  # algorithms for which the pull was tested
+MOST_SHARED = 10_000_000  # state-action pairs of a task with a portfolio: 350 MB of tables a seed
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
     """A task of a curriculum and how it is trained; made by :meth:`Curriculum.node`."""
 
-    name: str  # of the random stream too: a result does not depend on the other tasks
+    name: str  # it also names the random stream, so that results do not depend on other tasks
     task: Any
     aggregate: Aggregate
     unknown_value: float
@@ -128,7 +129,7 @@ class Node:
 
     @property
     def most_evaluation_steps(self) -> int:
-        """The most steps that a seed's greedy evaluations take; 0 where they take none."""
+        """The most steps that a seed's greedy evaluations take; 0 if they are exact or off."""
         if self.evaluation.method == "off" or self.takes_no_steps:
             return 0
         if not (self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)):
@@ -149,16 +150,16 @@ class Node:
 
     @property
     def deep(self) -> bool:
-        """Whether the task is seen through observations, and learnt by a network."""
+        """Whether the task is seen through observations and learnt by a network."""
         return is_observation_task(self.task)
 
     @property
     def takes_no_steps(self) -> bool:
-        """Whether a network learns the task from exact answers, and not by steps."""
+        """Whether a network learns the task from exact answers instead of steps."""
         return isinstance(self.task, Miniatures)
 
     def check_network(self, *, shaped: bool, tables: Sequence[str] = ()) -> None:
-        """Check a network's learner with Stable-Baselines3; ImportError where that is missing."""
+        """Check a network's learner with Stable-Baselines3; ImportError if it is not installed."""
         self.learner.algorithm_class()
         from curricle.deep.models import check_learner  # with torch, an extra
 
@@ -176,7 +177,7 @@ class Node:
         saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the task learnt by K seeds, with K potentials and warm-ups or none."""
+        """Return the result of K seeds in the task, with K potentials and warm-ups or without."""
         if self.takes_no_steps:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
@@ -200,7 +201,7 @@ class Node:
         return learn(self.task, self.learner, self.budget, **common)
 
     def unlearnt(self, result: LearningResult) -> BoolArray:
-        """Return which seeds' last return is too low to have converged, (K,) bool."""
+        """Return the seeds whose last return is too low for them to have converged, (K,) bool."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return np.zeros(len(result.seeds), np.bool_)
         _, floor = levels(self.budget, self.task, self.evaluation, target_of)
@@ -209,7 +210,7 @@ class Node:
         return np.array(recent) <= floor
 
     def decisions(self, result: LearningResult) -> Decisions:
-        """Return the stopping rule's decisions at each seed's checkpoints, if there is a rule."""
+        """Return the stopping rule's decisions at each seed's checkpoints."""
         if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
             return Decisions([[] for _ in result.seeds], result.seeds)
         level, floor = levels(self.budget, self.task, self.evaluation, target_of)
@@ -228,7 +229,7 @@ def calibrated(
     seeds: Sequence[int],
     charged: IntArray | None = None,
 ) -> list[Calibration]:
-    """Return the calibrations of a task's potentials within its budget, less (K,) charged steps."""
+    """Return the calibrations of a task's potentials, within its budget less (K,) charged steps."""
     steps, episodes = limits(node.budget)
     left = [steps] * len(seeds) if charged is None else (steps - charged).tolist()
     return [
@@ -240,7 +241,7 @@ def calibrated(
 
 
 def capped(budget: Budget) -> Budget:
-    """Return the budget of a source: a number of steps becomes a cap, others do not change."""
+    """Return the budget of a source: steps become the cap of a rule, other budgets stay."""
     if isinstance(budget, Episodes | StoppingRule):
         return budget
     return StoppingRule(limits(budget)[0], settled=SETTLED)
@@ -259,18 +260,18 @@ class Curriculum:
     ----------
     tasks : dict of str to Task
     transfers : sequence of Transfer
-        Several may share source and target (one source through several mappings).
+        Several transfers may share source and target, with different mappings.
     aggregate : callable or dict
         (N, S, A) -> (S, A), combines the potentials of all transfers into a task; default
-        :func:`mean`. A pair that a mapping leaves unmapped is NaN, which :func:`mean` skips.
+        :func:`mean`. A pair that a transfer leaves unmapped is NaN, which :func:`mean` skips.
     unknown_value : float or dict
-        The potential of pairs that all mappings leave unmapped; default 0.
+        The potential of pairs that all transfers leave unmapped; default 0.
     learner : Learner or dict
         Default ``QLearning()``.
     budget : int, Episodes, StoppingRule or dict
-        Steps, episodes, or a rule; default 100,000 steps. A source ends when its return has
-        converged: its number of steps is a cap, and all sources without a budget take at most a
-        tenth of the target's steps together. ``StoppingRule(5_000)`` is exactly 5,000 steps.
+        Steps, episodes, or a rule; default 100,000 steps. Training of a source ends when its return
+        has converged: its number of steps is a cap. All sources without a budget together take at
+        most a tenth of the target's steps. ``StoppingRule(5_000)`` is exactly 5,000 steps.
     shaping : Shaping or dict
         How the potentials of sources enter learning. Default :class:`QInitialisation`, with a
         :class:`Portfolio` where the learner has dense tables of up to 10 million pairs.
@@ -284,8 +285,8 @@ class Curriculum:
     Raises
     ------
     CurriculumError
-        When there is a cycle (which is named), a task is unknown, a mapping is not between the
-        tasks of its edge, or the shaping of a source leaves values that no target can read.
+        When transfers make a cycle (which is named), a task is unknown, a mapping is not made for
+        the tasks of its transfer, or the shaping of a source leaves values that no target can read.
 
     Examples
     --------
@@ -322,7 +323,7 @@ class Curriculum:
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
             node = self.node(name)
-            self.calibration(name)  # transfers that disagree on it are refused
+            self.calibration(name)  # refuses transfers with different calibrations
             if self.in_edges(name):
                 node.shaping.check(node.learner)
                 targets = [edge.target for edge in self.transfers if edge.source == name]
@@ -333,7 +334,7 @@ class Curriculum:
                     )
 
     def _check_graph(self) -> None:
-        """Find missing mappings; CurriculumError unless tasks and transfers are a graph."""
+        """Search missing mappings; CurriculumError unless tasks and transfers are a graph."""
         instance("tasks", self.tasks, Mapping, CurriculumError)
         instance("transfers", self.transfers, Sequence, CurriculumError)
         object.__setattr__(self, "tasks", dict(self.tasks))
@@ -353,7 +354,7 @@ class Curriculum:
                 transfer,
                 self.tasks[transfer.target],
                 self.tasks[transfer.source],
-                # Of several transfers each is skipped where it leaves a pair unmapped.
+                # An aggregate of several transfers skips those that leave a pair unmapped.
                 fit_unmapped=len(self.in_edges(transfer.target)) == 1
                 and self._stated("unknown_value", transfer.target) is None,
             )
@@ -372,7 +373,7 @@ class Curriculum:
 
     @property
     def target(self) -> str:
-        """The task that all others lead to; CurriculumError unless it is the only such task."""
+        """The task to which all other tasks lead; CurriculumError unless there is only one."""
         last = self.last_tasks
         if len(last) != 1:
             raise CurriculumError(
@@ -381,9 +382,10 @@ class Curriculum:
         return last[0]
 
     def knows_target(self, name: str) -> bool:
-        """Return whether a search read the model of a task for a mapping that leads to it.
+        """Return whether a search for a mapping read the model of a task.
 
-        So does a mapping into a task before it that is no smaller, and may be its copy.
+        A mapping that a search found for an earlier task counts too, if that task is not smaller:
+        it may be a copy.
         """
         whole, into = self.tasks[name], (name, *self.ancestors(name))
         return any(
@@ -396,7 +398,7 @@ class Curriculum:
 
     @property
     def last_tasks(self) -> tuple[str, ...]:
-        """The tasks that no other builds on."""
+        """The tasks on which no other task builds."""
         sources = {transfer.source for transfer in self.transfers}
         return tuple(name for name in self.tasks if name not in sources)
 
@@ -423,7 +425,7 @@ class Curriculum:
         return tuple(t for t in self.transfers if t.target == name)
 
     def calibration(self, name: str) -> Calibrate | None:
-        """Return the calibration of a task's potential; None without it."""
+        """Return the calibration settings of a task's potential; None if it is not calibrated."""
         settings = {transfer.calibration for transfer in self.in_edges(name)}
         if len(settings) > 1:
             raise CurriculumError(
@@ -452,7 +454,7 @@ class Curriculum:
         value = self._stated(which, name)
         if which == "budget":
             return self._budget(name, value)
-        if which == "learner" and value == SETTINGS["learner"]:  # miniatures have their target's
+        if which == "learner" and value == SETTINGS["learner"]:  # miniatures: their target's
             targets = [edge.target for edge in self.transfers if edge.source == name]
             distilled = targets and isinstance(self.tasks[name], Miniatures)
             return self.setting("learner", targets[0]) if distilled else value
@@ -471,7 +473,8 @@ class Curriculum:
             if critic and alike and edges[0].mapping.is_identity:
                 by_episodes = isinstance(self.setting("budget", name), Episodes)
                 return WeightTransfer(kl=0.0 if by_episodes else PULL)
-        # A portfolio needs dense tables, whatever the machine's memory, and no second optimist.
+        # A portfolio needs dense tables and a learner that is not optimistic itself. The limit does
+        # not depend on the machine's memory.
         possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
         if possible and self.setting("storage", name).kind != "sparse":
             model = generative_model(self.tasks[name])
@@ -480,14 +483,14 @@ class Curriculum:
         return QInitialisation()
 
     def _stated(self, which: str, name: str) -> Any:
-        """Return a setting of a task as stated; None for an `unknown_value` that is not stated."""
+        """Return a setting of a task as stated, else its default; None for an `unknown_value`."""
         stated = getattr(self, which)
         if not isinstance(stated, Mapping):
             return stated
         return stated.get(name, None if which == "unknown_value" else SETTINGS[which])
 
     def _budget(self, name: str, stated: Budget | None) -> Budget:
-        """Return the budget of a task: a source ends when its return has converged."""
+        """Return the budget of a task; a rule ends a source when its return has converged."""
         if name in self.last_tasks:
             return DEFAULT_STEPS if stated is None else stated
         if stated is not None:
@@ -530,7 +533,7 @@ class Curriculum:
         )
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":
-        """Return the same curriculum with other settings, such as ``budget=``, for a task."""
+        """Return the curriculum with other settings, such as ``budget=``, for one task."""
         changes: dict[str, Any] = {
             which: {**{n: self.setting(which, n) for n in self.tasks}, name: value}
             for which, value in settings.items()
@@ -549,22 +552,23 @@ class Curriculum:
         saves: str | Place | None = None,
         progress: Progress = None,
     ) -> CurriculumResult:
-        """Train all tasks in order and return their results; K seeds are K independent curricula.
+        """Train all tasks, sources first, and return their results; the K seeds are independent.
 
         Parameters
         ----------
         seeds : int or sequence of int
-            As in :func:`learn`. The k-th seed of a target builds on the k-th seed of its sources.
-            If a seed cannot be calibrated, its potential enters unscaled, with a warning, and
-            ``calibrations`` of the result says why.
+            As in :func:`learn`. The k-th seed of a target reads the k-th seed of its sources. If a
+            seed's potential cannot be calibrated, it enters unscaled with a warning, and
+            ``calibrations`` of the result gives the reason.
         only : str or sequence of str, optional
             Tasks to train, with all their sources; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
-            Results of tasks learnt before, for the same seeds (else CurriculumError).
+            Results of tasks that were learnt before; CurriculumError if they have other seeds.
         charge : bool
-            Whether the budget of :attr:`target` pays for its sources too, seed by seed.
+            Whether the budget of :attr:`target` includes the steps of its sources, seed by seed.
         snapshots : int
-            Tables of the first seed to keep during training, in each task (:class:`Snapshots`).
+            Number of tables of the first seed to keep during training of each task
+            (:class:`Snapshots`).
         workers : int, optional
             Threads over seeds.
         saves : path, optional
@@ -629,7 +633,7 @@ class Curriculum:
         return CurriculumResult(self, results, potentials, calibrations, known)
 
     def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
-        """Return the steps of each seed in all tasks before `name`; None if there are none."""
+        """Return the steps of each seed in all sources of `name`; None if it has no sources."""
         spent = [sources[source].steps_used for source in self.ancestors(name)]
         return np.sum(spent, axis=0, dtype=np.int64) if spent else None
 
@@ -640,10 +644,10 @@ class Curriculum:
         *,
         transfers: Sequence[Transfer] | None = None,
     ) -> list[AnyPotential]:
-        """Return a task's potential for each seed, made of its sources; none without sources.
+        """Return a task's potential for each seed, from its sources' values; [] without sources.
 
-        `transfers` are by default all into the task. CurriculumError when a source's values were
-        not kept, are not in a dense table, or are not in its task's own rewards.
+        `transfers` are by default all transfers into the task. CurriculumError when a source's
+        values were not kept, are not in a dense table, or include shaping rewards.
         """
         edges = self.in_edges(name) if transfers is None else tuple(transfers)
         how: dict[str, Any] = {"function": self.setting("aggregate", name)}

@@ -37,12 +37,12 @@ from curricle.planning.episode import Episode
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.calibration import AnyPotential, Calibration
 
-MOST_CURVES = 4  # tasks whose curves are shown beside each other, the last ones of a curriculum
+MOST_CURVES = 4  # curves that are shown side by side: those of a curriculum's last tasks
 
 
 @dataclass(frozen=True, eq=False)
 class SourceValues:
-    """The values that K seeds learnt in a task, which is all that later tasks need.
+    """The values that K seeds learnt in a task; later tasks need nothing else of it.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class SourceValues:
     steps_used : (K,) int64
         Steps of each seed in the task.
     own_rewards : bool
-        Whether the values are in the task's own rewards (:class:`LearningResult`).
+        Whether the values are free of shaping rewards (:class:`LearningResult`).
 
     Examples
     --------
@@ -94,11 +94,11 @@ class CurriculumResult:
     ----------
     curriculum : Curriculum
     nodes : dict of str to LearningResult
-        Results of the tasks trained here, and those in `trained` that are whole results.
+        Results of the tasks trained here, and whole results that were passed in `trained`.
     potentials : dict of str to list of MappedPotential or StateActionPotential
-        Potential of each seed in the tasks trained here; empty for a task without sources.
+        Potential of each seed, for the tasks trained here; empty for a task without sources.
     calibrations : dict of str to list of Calibration
-        Calibration of each seed, where transfers are calibrated, from the task's first steps.
+        Calibration of each seed, from the task's first steps, for tasks with calibrated transfers.
     given : dict of str to SourceValues
         Values of the tasks that were trained before.
 
@@ -135,12 +135,12 @@ class CurriculumResult:
         )
 
     def _ended(self, name: str) -> str:
-        """Return a sentence on the rule that ended a task's training; empty if no rule did."""
+        """Return a sentence on how a rule ended a task's training; empty without a rule."""
         if name not in self.curriculum.tasks:
             return ""
         try:
             return self.decisions(name).in_words
-        except CurricleError:  # a rule that cannot be judged any more
+        except CurricleError:  # the rule's decisions cannot be recomputed
             return ""
 
     def __getitem__(self, name: str) -> LearningResult:
@@ -149,11 +149,11 @@ class CurriculumResult:
 
     @cached_property
     def sources(self) -> dict[str, SourceValues]:
-        """The values that later tasks can read, of all tasks trained here or before."""
+        """The values of all tasks trained here or before, which later tasks can read."""
         return {**{name: SourceValues.of(node) for name, node in self.nodes.items()}, **self.given}
 
     def source_steps(self, name: str) -> IntArray:
-        """Return the steps of each seed in all tasks that a task builds on, (K,) int64."""
+        """Return the steps of each seed in all tasks on which a task builds, (K,) int64."""
         spent = self.curriculum._spent(name, self.sources)
         return np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
 
@@ -163,11 +163,11 @@ class CurriculumResult:
         return decisions
 
     def unlearnt(self, name: str) -> dict[str, BoolArray]:
-        """Return for each source which seeds did not learn it by its stopping rule, (K,) bool."""
+        """Return source -> the seeds that did not learn it by its stopping rule, (K,) bool."""
         sources = [task for task in self.curriculum.ancestors(name) if task in self.nodes]
         return {task: self.curriculum.node(task).unlearnt(self[task]) for task in sources}
 
-    # -- to take away --------------------------------------------------------------------------
+    # -- policies, curves and files ------------------------------------------------------------
 
     @property
     def policies(self) -> tuple[Any, ...]:
@@ -230,7 +230,7 @@ class CurriculumResult:
 
 
 def _in_words(fitted: list[Calibration]) -> str:
-    """Return a sentence on how many seeds could be calibrated, and to which scale."""
+    """Return a sentence on the number of calibrated seeds and their mean scale."""
     refused = sum(bool(calibration.refusal) for calibration in fitted)
     scale = np.mean([calibration.scale for calibration in fitted])
     sentence = f"calibrated to scale {scale:.3g} on average over {counted(len(fitted), 'seed')}"
@@ -296,7 +296,7 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
         check_value_arrays(arrays, len(seeds), pairs_of(saved, about["tasks"][name], task))
         values, steps = all_values_of(arrays, len(seeds)), frozen(arrays["steps_used"])
         known[name] = SourceValues(task, seeds, values, steps, bool(own_rewards))
-    fitted = dict[str, list[Calibration]]()  # without their potentials
+    fitted = dict[str, list[Calibration]]()  # still without potentials
     for name, of_fits, arrays in parts("calibrations"):
         fitted[name] = []
         for k, scalars in enumerate(of_fits):
@@ -304,7 +304,7 @@ def _from_file(saved: SavedFile, about: Mapping[str, Any], curriculum: Any) -> t
             scalars = {key: scalars[key] for key in SCALARS}
             fitted[name].append(Calibration(None, warm_up=warm_up, **scalars))
     _build_networks(curriculum, nodes, known, fitted)
-    # Potentials follow from the sources' values, as they did in training.
+    # Potentials are computed from the sources' values, as in training.
     sources = {**{name: SourceValues.of(node) for name, node in nodes.items()}, **known}
     potentials = {name: curriculum.potentials(name, sources) for name in about["trained"]}
     for name, of_seeds in fitted.items():
@@ -322,7 +322,7 @@ def _build_networks(
     known: dict[str, SourceValues],
     fitted: Mapping[str, list[Calibration]],
 ) -> None:
-    """Put networks in the place of their parameters, sources first."""
+    """Replace the parameters of networks by the networks, sources first."""
     learnt: dict[str, Learnt] = {**known, **nodes}
     if not any(curriculum.node(name).deep for name in learnt):
         return
@@ -352,17 +352,17 @@ def _build_networks(
 class StoredValues(NamedTuple):
     """The values that K seeds learnt in a task, as plain data."""
 
-    values: Any  # (K, S, A) float array, or K dicts of a network's parameters; None if not read
+    values: Any  # (K, S, A) float array, or K dicts of a network's parameters, or None
     steps_used: IntArray  # (K,) in the task
-    scales: Sequence[float] = ()  # of each seed's potential, if it is calibrated
+    scales: Sequence[float] = ()  # of each seed's potential, if calibrated
 
 
 def sources_read(curriculum: Any, name: str) -> set[str]:
-    """Return the tasks whose values training a task needs: its sources, and theirs for networks."""
+    """Return the tasks whose values training a task reads: its sources, and those of networks."""
     read, waiting = set[str](), [name]
     while waiting:
         for edge in curriculum.in_edges(waiting.pop()):
-            # A network that learnt on top of a potential needs that potential.
+            # A network that learnt on top of a potential can be rebuilt only with that potential.
             if edge.source not in read and curriculum.node(edge.source).deep:
                 waiting.append(edge.source)
             read.add(edge.source)
@@ -384,7 +384,7 @@ def source_values(
             node.learner.algorithm_class()  # raises an ImportError that names what to install
             from curricle.deep.models import network_values  # needs PyTorch
 
-            # A distilled network computes its values alone, whatever its task's sources are.
+            # A distilled network computes its values without its task's sources.
             shapings = [
                 None if node.takes_no_steps else node.shaping.with_potential(potential)
                 for potential in potentials or [None] * len(seeds)

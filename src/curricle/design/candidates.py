@@ -1,4 +1,4 @@
-"""Candidates for the sources of a target: drafts by kind, of which good ones are kept once."""
+"""Candidates for the sources of a target: drafts of all kinds, without useless and equal ones."""
 
 import math
 from collections import Counter
@@ -57,12 +57,12 @@ MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "coarser": coarser_tables,
 }
 KINDS = tuple(MAKERS)  # in the order of their turns
-LARGEST = 20_000_000  # state-action pairs of a task that is judged: tasks are refined together
-ROUNDING = 1e-9  # difference of returns, in units of the larger, that counts as none
-FINGERPRINT = 1e-6  # difference, in units of the larger, that equal tasks never have
+LARGEST = 20_000_000  # state-action pairs up to which a task is judged
+ROUNDING = 1e-9  # largest difference of equal returns, in units of the larger return
+FINGERPRINT = 1e-6  # difference that equal tasks never have, in units of the larger value
 PROPOSED = "proposed"
 MAPPINGS = (StateActionMapping, ObservationMapping)
-AGREES = 0.99  # share of the target's pairs that must read the same pair through the target
+AGREES = 0.99  # mappings between sources are kept where this share of target pairs agrees
 AS_TARGET = "same as the target"
 
 Propose = Callable[[Any], Iterable["SourceCandidate"]]
@@ -70,9 +70,9 @@ Propose = Callable[[Any], Iterable["SourceCandidate"]]
 
 @dataclass(frozen=True, eq=False)
 class SourceCandidate(Frozen):
-    """A task that may be a source of the target, and how the target reads it.
+    """A task that may be a source of the target, with mappings from the target.
 
-    CurriculumError when the name is not valid, or `mappings` are not mappings to the task.
+    CurriculumError when the name is not valid, or `mappings` do not lead to the task.
 
     Parameters
     ----------
@@ -81,12 +81,13 @@ class SourceCandidate(Frozen):
     task : Task
         A task with tables.
     mappings : StateActionMapping, ObservationMapping or sequence of them
-        From the target to the task; several where the target reads it in several ways, as two
-        predators both read the single predator of a smaller hunt.
+        From the target to the task. There are several where the target reads the task in several
+        ways: each of two predators can read the single predator of a smaller hunt.
     kind, words : str
         A kind of :func:`source_candidates`, or "proposed"; and a description for people.
     share : float, optional
-        Share of the target's size or distance: of a crop's side, or of the way to the goal.
+        Size relative to the target: of a crop its share of the side, of starts near the goal their
+        share of the largest distance.
     member : FamilyMember, optional
         The task's address, if it is a member of the target's family.
     optimum, random_return : float
@@ -128,7 +129,7 @@ class SourceCandidate(Frozen):
 
     @property
     def mapping(self) -> Any:
-        """The first of its mappings."""
+        """The first mapping."""
         return self.mappings[0]
 
     def __repr__(self) -> str:
@@ -139,12 +140,12 @@ class SourceCandidate(Frozen):
 def mappings_between(
     target: Any, after: SourceCandidate, before: SourceCandidate
 ) -> tuple[Any, ...]:
-    """Return the mappings by which a source reads an earlier source.
+    """Return the mappings by which the source `after` reads the earlier source `before`.
 
-    Members of a family map onto each other as the family declares. Other sources, which must have
-    tables, read each other through the target: a pair of the later source maps to the pair of the
-    earlier source that most of its target pairs read. Of several mappings it returns those in which
-    nearly all target pairs agree, or else those in which most agree.
+    The family declares the mappings of its members. Other sources, which must have tables, read
+    each other through the target: a pair of `after` maps to the pair of `before` that is read by
+    most of the target pairs that read it. Where `before` has several mappings, those are used in
+    which nearly all target pairs agree, or else those in which most agree.
 
     Parameters
     ----------
@@ -189,16 +190,17 @@ def mappings_between(
 
 
 def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
-    """Return the share of target pairs that agree, and the pair that most read, (S', A')."""
+    """Return the share of target pairs that agree, and the earlier pair most read, (S', A')."""
     shape = after.states.size, generative_model(after).actions.size
-    known, index = (reader >= 0) & (read != UNMAPPED), np.full(math.prod(shape), UNMAPPED, np.int64)
-    if not known.any():
+    reads_both = (reader >= 0) & (read != UNMAPPED)
+    index = np.full(math.prod(shape), UNMAPPED, np.int64)
+    if not reads_both.any():
         return 0.0, index.reshape(shape)
     size = before.states.size * generative_model(before).actions.size - ENDED
-    both = reader[known].astype(np.int64) * size + (read[known] - ENDED)
+    both = reader[reads_both].astype(np.int64) * size + (read[reads_both] - ENDED)
     pairs, counts = np.unique(both, return_counts=True)
     later, earlier = np.divmod(pairs, size)
-    order = np.lexsort((earlier, -counts, later))  # of equal counts the first pair
+    order = np.lexsort((earlier, -counts, later))  # the first pair if counts are equal
     first = order[np.unique(later[order], return_index=True)[1]]
     index[later[first]] = earlier[first] + ENDED
     index = index.reshape(shape)
@@ -212,7 +214,7 @@ class DroppedCandidate(NamedTuple):
     name: str
     kind: str
     reason: str
-    detail: str = ""  # the sentence of the error, or the name of the candidate that is the same
+    detail: str = ""  # text of the error, or name of the equal candidate
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +227,7 @@ class SourceCandidates:
     candidates : tuple of SourceCandidate
         The candidates; their kinds take turns.
     dropped : tuple of DroppedCandidate
-        The drafts before the last candidate that were dropped.
+        The drafts that were dropped before `most` candidates were complete.
     cut : bool
         Whether `most` ended the list before all drafts were judged.
     """
@@ -251,7 +253,7 @@ class SourceCandidates:
 
     @property
     def reasons(self) -> str:
-        """The reasons for dropping drafts, with their numbers, the most frequent first."""
+        """The reasons for dropping drafts with their counts, the most frequent first."""
         counts = Counter(dropped.reason for dropped in self.dropped).most_common()
         return "; ".join(f"{n} {reason}" for reason, n in counts)
 
@@ -270,10 +272,10 @@ class SourceCandidates:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A task with its returns, and values that differ between most tasks."""
+    """A task with its returns, and numbers that differ between most tasks."""
 
     mdp: FiniteMDP
-    refusal: str  # why it can be no candidate; empty if it can
+    refusal: str  # why the task is no candidate; empty if it is
     optimum: float = float("nan")
     random_return: float = float("nan")
     fingerprint: FloatArray | None = None
@@ -297,14 +299,15 @@ def source_candidates(
 
         - ``"member"``: easier members of the target's family;
         - ``"crop"``: the part around the goal, of a task with `crop`;
-        - ``"removed"``: without hazards, a predator, or penalties;
-        - ``"deterministic"``: without chance;
-        - ``"starts"``: starts near the goal;
-        - ``"coarser"``: neighbouring values of ordered components merged.
+        - ``"removed"``: the target without hazards, a predator, or penalties;
+        - ``"deterministic"``: the target without chance;
+        - ``"starts"``: the target with starts near the goal;
+        - ``"coarser"``: the target with neighbouring values of ordered components merged.
     most : int
         Most candidates to return.
     propose : callable, optional
-        Returns further :class:`SourceCandidate` of the target task, which come first.
+        Takes the target task and returns further candidates, :class:`SourceCandidate`, to judge
+        first.
 
     Raises
     ------
@@ -375,7 +378,7 @@ def source_candidates(
 
 
 def candidate_named(target: Any, kind: str, name: str) -> SourceCandidate:
-    """Return a candidate of a target by kind and name, without judging it or any other."""
+    """Return the candidate of a target with this kind and name, without judging any candidate."""
     for draft in MAKERS[kind](design_target(target)):
         if name in (draft.name, f"{draft.name} ({kind})"):
             task, mappings = draft.build()
@@ -384,8 +387,8 @@ def candidate_named(target: Any, kind: str, name: str) -> SourceCandidate:
 
 
 def _goal_of(target: DesignTarget, candidate: SourceCandidate) -> BoolArray | None:
-    """Return the states that the target's goal reads, if nothing ends either task; else None."""
-    # Where chance was removed from such a task, its largest rewards may be elsewhere.
+    """Return the source states that the target's goal reads; None if either task has an end."""
+    # Without chance, the largest rewards of a task without an end may be in other states.
     mdp = tables(candidate.task)
     if mdp.terminal.any() or target.mdp.terminal.any():
         return None
@@ -430,11 +433,11 @@ def _proposed(target: Any, propose: Propose) -> Iterator[Draft]:
         yield Draft(PROPOSED, name, candidate.words, build)
 
 
-# -- whether a task can be learnt, and whether two are the same ----------------------------------
+# -- whether a task can be learnt, and whether two tasks are the same ----------------------------
 
 
 def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
-    """Return the returns of a task with a goal, (S,), by default :func:`aims`; or its refusal."""
+    """Return a task with its returns or its refusal; `goal`, (S,), is by default :func:`aims`."""
     n_states, n_actions = mdp.outcome_row.shape
     if mdp.outcome_row.size > LARGEST:
         return Judged(mdp, "too large to be judged")
@@ -444,7 +447,7 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
     except CurricleError:
         return Judged(mdp, "no exact solution")
     goal = aims(mdp) if goal is None else goal
-    # Where no end can be entered, the largest rewards are no goal.
+    # A task whose ends cannot be entered has no goal, whatever its largest rewards are.
     endless = mdp.terminal.any() and not mdp.terminal[goal].any()
     far = goal_distance(mdp, goal)[mdp.start_states]
     far = far[far >= 0]
@@ -464,7 +467,7 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
 
 
 def same_up_to_homomorphism(task: Judged, other: Judged) -> bool:
-    """Return whether both tasks are mapped onto the same task by exact homomorphisms."""
+    """Return whether exact homomorphisms map both tasks onto one task."""
     first, second = task.mdp, other.mdp
     if (first.discount, first.time_limit) != (second.discount, second.time_limit):
         return False

@@ -1,10 +1,10 @@
-"""Choosing a curriculum: candidates and opponents are played in the target's model beforehand.
+"""Choosing a curriculum: trials of candidates and opponents in the target's model.
 
-Every candidate source is played at some source budgets and scales, all on a few seeds. The better
-half, without those that are shown to be worse than the leader, is played on more, until few are
-left. These finalists meet all opponents on seeds that none of them was chosen on, and that no
-experiment has unless it asks for them. Potentials of candidates enter by ``QInitialisation()``,
-without a portfolio, so that a trial shows what a source itself brings.
+Every candidate source is played at several source budgets and scales, on a few seeds. In each round
+the better half is kept, without curricula that are shown to be worse than the leader, and played on
+more seeds, until a few finalists are left. The finalists meet all opponents on fresh seeds, which
+no finalist was chosen on and no experiment has by default. Potentials of candidates enter by
+``QInitialisation()``, without a portfolio, so that a trial shows the gain of the source itself.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -48,13 +48,13 @@ from curricle.text import UNBOUNDED, brief_repr, folded, text_table
 from curricle.transfer.aggregate import minimum
 from curricle.transfer.transfer import Transfer, numbered
 
-SHARES = (0.02, 0.05, 0.15)  # source steps, as shares of the target's
+SHARES = (0.02, 0.05, 0.15)  # source steps, as shares of the target's steps
 SCALES = (1.0, 2.0)  # of the source's values
-MOST = 10  # candidates that are made
-ROUNDS = (4, 4, 8, 16)  # seeds that each round adds, for the better half of the one before
-FINALISTS, FINAL_SEEDS = 3, 20  # curricula that meet all opponents, and on how many fresh seeds
-FIRST_SEED, SEEDS_APART = 2_000_000, 1_000  # of a trial, and between those of two choices
-TARGET = "target"  # its name, without curricula of the user's
+MOST = 10  # candidates made by default
+ROUNDS = (4, 4, 8, 16)  # seeds that each round adds; every round keeps the better half
+FINALISTS, FINAL_SEEDS = 3, 20  # curricula that meet all opponents, and the number of fresh seeds
+FIRST_SEED, SEEDS_APART = 2_000_000, 1_000  # of trials; from one choice to the next
+TARGET = "target"  # name of the target where the user passes no curriculum
 OF_TARGET = ("learner", "budget", "eval_freq", "evaluation", "storage")
 SHOWN = 8  # rows of a printed table
 ROW = ("name", "source_steps", "seeds", "mean_return", "gain", "gain_low", "gain_high", "answer")
@@ -90,7 +90,7 @@ class Option(NamedTuple):
 
 
 def options_of(candidates: Sequence[SourceCandidate], budget: int) -> Iterator[Option]:
-    """Yield every candidate at each source budget and scale, for a target's budget in steps."""
+    """Yield every candidate at each source budget and scale; `budget` is the target's, in steps."""
     for candidate, share, scale in product(candidates, SHARES, SCALES):
         name = f"{candidate.name}, {share:.0%}" + f", x {scale:g}" * (scale != 1)
         yield Option(name, candidate, max(1, int(share * budget)), scale)
@@ -104,19 +104,19 @@ class Choice:
     ----------
     name : str
         The chosen curriculum: its source, the source's share of the target's steps, and the scale
-        where it is not 1; empty if none pays.
+        if it is not 1; empty if no curriculum pays.
     curriculum : Curriculum or None
-        The chosen curriculum as it was tried, that of a candidate with ``QInitialisation()`` and no
-        portfolio; None if none pays, or it cannot be carried over to the target.
+        The chosen curriculum as it was played, with ``QInitialisation()`` and no portfolio if it
+        uses a candidate; None if no curriculum pays, or it cannot be carried over to the target.
     alone : str
-        The best opponent, which needs no source.
+        The best opponent in words, which needs no source.
     comparison : Comparison
         The finalists against all opponents, on seeds that no finalist was chosen on.
     rows : tuple of dict
-        One for each curriculum, finalists first: name, source_steps, seeds, mean_return, gain,
-        gain_low, gain_high (over the best opponent), answer: a verdict, or when it was left out.
+        A row for each curriculum, finalists first: name, source_steps, seeds, mean_return; gain,
+        gain_low, gain_high over the best opponent; answer, which is a verdict or the last round.
     remarks : tuple of str
-        Sentences below the table: on curricula that failed, and on where they were played.
+        Sentences below the table: on failed curricula, and on the relative that was played.
     """
 
     name: str
@@ -131,7 +131,7 @@ class Choice:
 
     @property
     def sentence(self) -> str:
-        """The choice, in a sentence."""
+        """The choice as a sentence."""
         best = self.name or self.rows[0]["name"]
         verdict = self.comparison.verdicts[best]
         gain = f"{short(verdict.gain)} in mean return on {self.comparison.seeds} fresh seeds"
@@ -157,11 +157,11 @@ class Choice:
 
 # -- Halving ---------------------------------------------------------------------------------------
 
-Play = Callable[[Plan, tuple[int, ...], str], Comparison]  # of a plan, seeds and a title
+Play = Callable[[Plan, tuple[int, ...], str], Comparison]  # plan, seeds and title -> result
 
 
 def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
-    """Return which curriculum of a plan pays most, if any; its name, without the curriculum."""
+    """Return the choice among a plan's curricula, without the curriculum itself."""
     first = FIRST_SEED + whole_number("seed", seed, 0, SettingError) * SEEDS_APART
     curricula = [name for name, arm in plan.arms.items() if not (arm.scratch or arm.of)]
     if why := next(filter(None, (hindrance(plan.curricula[name]) for name in curricula)), ""):
@@ -202,20 +202,21 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
     left = left[:FINALISTS]
     final = played(FINAL_SEEDS, "last round", constants=True)
     pays = {name: verdict.direction > 0 for name, verdict in final.verdicts.items()}
-    last = sorted(pays, key=lambda name: (not pays[name], -final.returns[name].mean()))
-    for name in last:
+    finalists = sorted(pays, key=lambda name: (not pays[name], -final.returns[name].mean()))
+    for name in finalists:
         contrast = final.contrasts[name]
         answer = f"{contrast.verdict}, against {final.best_opponent(name)}"
         add_row(name, final[name], final.returns[name], contrast.strong_gain, answer)
-    others = sorted(rows.keys() - {*last}, key=lambda name: (-rows[name]["gain"], name))
+    others = sorted(rows.keys() - {*finalists}, key=lambda name: (-rows[name]["gain"], name))
     remarks = [f"and {len(rows) - SHOWN} more"] * (len(rows) > SHOWN)
     remarks += [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
-    listed = tuple(rows[name] for name in (*last, *others))
-    return Choice(last[0] * pays[last[0]], None, _best_alone(final), final, listed, tuple(remarks))
+    listed = tuple(rows[name] for name in (*finalists, *others))
+    best = finalists[0] * pays[finalists[0]]
+    return Choice(best, None, _best_alone(final), final, listed, tuple(remarks))
 
 
 def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
-    """Return whether a mean return may be as high as another; it may if no interval tells."""
+    """Return whether a mean return may be as high as another; True without an interval."""
     return not mean_interval(returns - others).high < 0
 
 
@@ -243,7 +244,7 @@ def choose(
     progress: Progress = None,
     **settings: Any,
 ) -> Choice:
-    """Return which curriculum to learn a target with, if any, by trials in its model.
+    """Return which curriculum, if any, to learn a target with, after trials in the target's model.
 
     Each source is tried with 2, 5 and 15 % of the target's steps and its values times 1 and 2;
     several mappings are joined by :func:`minimum`, and potentials enter by ``QInitialisation()``
@@ -256,15 +257,16 @@ def choose(
     target : Task or FamilyMember
         With tables, as :func:`source_candidates` needs them.
     candidates : sequence of SourceCandidate and Curriculum, or dict of str to Curriculum
-        Further candidates; curricula are played as they are.
+        Further candidates. Curricula are played unchanged.
     kinds, most : sequence of str and int
-        The kinds of candidates that are made, none if empty, and how many at most.
+        The kinds of candidates to make (none if empty), and the most candidates to make.
     on : Task or FamilyMember, optional
-        A smaller relative in which to choose instead, with as many steps a state. The kind of
-        source, the relation of its size to the target's, its steps a state and its scale are then
-        carried over.
+        A smaller relative of the target in which to choose, with as many steps a state. The chosen
+        kind of source, its size relative to the target, its steps a state and its scale are then
+        carried over to the target.
     seed, workers, progress : optional
-        Equal seeds give equal choices; the others are as in :func:`compare`, with a bar a round.
+        Equal seeds give equal choices. `workers` and `progress`, a bar a round, as in
+        :func:`compare`.
     **settings
         The target's ``budget`` (100,000 steps), ``learner``, ``eval_freq``, ``evaluation`` and
         ``storage``; by default those of the first curriculum in `candidates`.
@@ -272,8 +274,8 @@ def choose(
     Returns
     -------
     Choice
-        With a curriculum only if it gains more than the best of all opponents (p < .05, corrected
-        for the finalists).
+        It has a curriculum only if that gains more than the best opponent (p < .05, corrected for
+        the number of finalists).
 
     Raises
     ------
@@ -314,7 +316,7 @@ def choose(
         curriculum = None
         played = f"{fewer:,} states instead of {states:,}, {steps:,} steps instead of {budget:,}"
         remarks += [f"played in a relative: {played}; assumes that what pays there pays here"]
-        if choice.name in options:  # a curriculum of the user's is not carried over
+        if choice.name in options:  # a user's curriculum is not carried over
             option, sentence = _carried_over(target, options[choice.name], on)
             curriculum = option and option.curriculum(TARGET, _task(target), settings)
             remarks.append(sentence)
@@ -328,7 +330,7 @@ def trial_curricula(
     most: int,
     settings: Mapping[str, Any],
 ) -> tuple[dict[str, Curriculum], dict[str, Option]]:
-    """Return the curricula to play by name, and the options that some of them are."""
+    """Return the curricula to play by name, and the options by name that candidates give."""
     stated = [*candidates.values()] if isinstance(candidates, Mapping) else [*candidates]
     if not all(isinstance(candidate, Curriculum | SourceCandidate) for candidate in stated):
         raise CurriculumError(f"candidates must be curricula or SourceCandidates: got {stated!r}")
@@ -362,12 +364,12 @@ def _task(target: Any) -> Any:
 
 # -- Carried over from a smaller relative ----------------------------------------------------------
 
-FEWEST_STEPS = 1_000  # of the relative as a target
-MOST_DRAFTS = 50  # of the target that are looked at
+FEWEST_STEPS = 1_000  # fewest steps of the relative as a target
+MOST_DRAFTS = 50  # drafts of the target among which to look
 
 
 def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, str]:
-    """Return the target's option that is as an option is to a smaller relative, and its words."""
+    """Return the target's option that matches an option of a smaller relative, and a sentence."""
     like, states = option.candidate, option.candidate.task.states.size
     share, a_state = states / _task(on).states.size, option.steps / states
     sentence = (
@@ -379,14 +381,14 @@ def _carried_over(target: Any, option: Option, on: Any) -> tuple[Option | None, 
         if draft.member is not None and like.member is not None:
             size = draft.member.task.states.size / _task(target).states.size
             pairs = (draft.member.parameters, target), (like.member.parameters, on)
-            here, there = ({k for k in x if x[k] != of.parameters[k]} for x, of in pairs)
-            return here != there, abs(log(size / share))
+            easier, easier_on = ({k for k in x if x[k] != of.parameters[k]} for x, of in pairs)
+            return easier != easier_on, abs(log(size / share))
         if like.share is None:
             return draft.words != like.words, 0.0
         return False, abs((like.share if draft.share is None else draft.share) - like.share)
 
     drafts, nothing = cast(Iterator[Draft], iter(())), cast(Any, None)
-    if like.kind == "member" and isinstance(target, FamilyMember):  # its tables are not needed
+    if like.kind == "member" and isinstance(target, FamilyMember):  # a member without its tables
         drafts = family_members(DesignTarget(nothing, target, nothing, nothing))
     elif like.kind in MAKERS and has_tables(_task(target)):
         drafts = MAKERS[like.kind](design_target(target))

@@ -2,8 +2,8 @@
 
 Parts of the target: easier members of its family, windows around the goal, starts near the goal
 (Asada et al. 1996, "learning from easy missions"; Florensa et al. 2017, "reverse curriculum
-generation for reinforcement learning"). Simpler models of the whole
-of it: without hazards, a predator or penalties, without chance, and with coarser tables.
+generation for reinforcement learning"). Simpler models of the whole target: without hazards, a
+predator or penalties, without chance, and with coarser tables.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,10 +37,10 @@ from curricle.transfer.by_components import (
 )
 from curricle.transfer.mapping import StateActionMapping, pair_mapping
 
-MOST_LISTED = 10_000  # easier members: addresses alone, of which few are built
-MOST_GOALS = 4  # cells of a goal around which parts are taken
+MOST_LISTED = 10_000  # easier members to list; few of them are built
+MOST_GOALS = 4  # goal cells around which parts are cut
 COMPONENTS = {"rows": "row", "columns": "column", "positions": "position"}
-"""The component of a state that an axis of `crop` cuts."""
+"""Axis of `crop` -> the component of a state that it cuts."""
 SWITCHES: dict[type, tuple[str, Any]] = {
     FrozenLake: ("slippery", False),
     CliffWalking: ("slippery", False),
@@ -48,9 +48,9 @@ SWITCHES: dict[type, tuple[str, Any]] = {
     DeepSea: ("slip", 0.0),
     Taxi: ("rainy", False),
 }
-"""The parameter of a task, and its value with which moves do what they are meant to."""
-LARGEST_MERGED = 2_000_000  # outcomes of all pairs up to which a table is merged
-FEWEST = 4  # values of a component that is worth merging
+"""Type of a task -> its parameter for slipping, and the value without slipping."""
+LARGEST_MERGED = 2_000_000  # outcomes of all pairs up to which tables are merged
+FEWEST = 4  # fewest values of a component that is merged
 
 Item = TypeVar("Item")
 Range = tuple[int, int]
@@ -64,7 +64,7 @@ class DesignTarget(NamedTuple):
     """A target, its tables and its goal, from which drafts are made."""
 
     task: Any
-    member: FamilyMember | None  # its address, if it is a member of a family
+    member: FamilyMember | None  # the target's address, if it is a member of a family
     mdp: FiniteMDP
     goal: BoolArray  # (S,)
 
@@ -78,13 +78,13 @@ class Draft(NamedTuple):
     kind: str
     name: str
     words: str
-    build: Callable[[], Made]  # the task and its mappings; CurricleError if there is no such task
+    build: Callable[[], Made]  # returns the task and its mappings, or raises CurricleError
     share: float | None = None
     member: FamilyMember | None = None
 
 
 def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[[], Made]:
-    """Return the `build` of a task that `make` returns; `reads(target, source)` is the mapping."""
+    """Return a `build` for the task that `make` returns, with mapping `reads(target, source)`."""
 
     def build() -> Made:
         source = make()
@@ -97,7 +97,7 @@ def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[
 
 
 def design_target(target: Any) -> DesignTarget:
-    """Return a target, a task or a member of a family, with its tables; TaskError for others."""
+    """Return a task or member with its tables and goal; TaskError if it has no tables."""
     member = target if isinstance(target, FamilyMember) else None
     task = target if member is None else member.task
     mdp = tables(task)
@@ -105,7 +105,7 @@ def design_target(target: Any) -> DesignTarget:
 
 
 def aims(mdp: FiniteMDP) -> BoolArray:
-    """Return the goal, (S,) bool: the best ends, or else the states of the largest reward."""
+    """Return the goal, (S,) bool: the best terminal states, else states of the largest reward."""
     try:
         return goal_states(mdp)
     except TaskError:
@@ -115,10 +115,10 @@ def aims(mdp: FiniteMDP) -> BoolArray:
 
 
 def spread(items: Iterable[Item]) -> list[Item]:
-    """Return items in an order whose first few are spread over all items: the middle first."""
+    """Return items, the middle item first, so that the first few are spread over all items."""
     items = list(items)
     order, parts = list[Item](), [(0, len(items))]
-    for low, high in parts:  # grows while it is read
+    for low, high in parts:  # `parts` grows during the loop
         if low < high:
             middle = (low + high - 1) // 2
             order.append(items[middle])
@@ -130,7 +130,7 @@ def spread(items: Iterable[Item]) -> list[Item]:
 
 
 def family_members(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the members that are harder than the target in no parameter, spread over them."""
+    """Yield members that are harder than the target in no parameter, in the order of `spread`."""
     if target.member is None:
         return
     parameters = target.member.parameters
@@ -153,7 +153,7 @@ def _member(target: Any, source: Any) -> Made:
 
 
 def crops(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the windows around the goal of a task that has `crop`, half the size first."""
+    """Yield windows around the goal of a task that has `crop`, those of half the size first."""
     task = target.task
     if isinstance(task, DeepSea):
         for rows in spread(range(1, task.size)):
@@ -179,7 +179,7 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
 
 def _axes(task: Any, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
     """Return the half-open range of each axis that `crop` cuts, and where the goal lies on it."""
-    # None without such a `crop`.
+    # Return None for a task without such a `crop`.
     if not (hasattr(task, "crop") and hasattr(task, "states")):
         return {}
     axes, layout = dict[str, tuple[Range, list[int]]](), getattr(task, "layout", None)
@@ -189,7 +189,7 @@ def _axes(task: Any, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
             component = task.states.component(name)
             extent = component.low, component.high + 1
             axes[axis] = extent, task.states.decode(goal)[name].tolist()
-        elif name in ("row", "column"):  # a state names objects, and no cell
+        elif name in ("row", "column"):  # states name objects instead of cells
             if layout is None:
                 return {}
             n = ("row", "column").index(name)
@@ -201,7 +201,7 @@ def _axes(task: Any, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
 
 
 def _window(extent: Range, side: int, place: int) -> Range:
-    """Return a range of this length around a place, moved so that it lies in the extent."""
+    """Return the range of length `side` around a place, moved into the extent."""
     low, high = extent
     side = min(side, high - low)
     first = min(max(place - side // 2, low), high - side)
@@ -209,7 +209,7 @@ def _window(extent: Range, side: int, place: int) -> Range:
 
 
 def _cut(task: Any, part: dict[str, Range]) -> Any:
-    """Return a part of a task; an agent that must begin inside begins as far right as possible."""
+    """Return a part of a task; an agent that would start outside starts as far right as it can."""
     if "agent" not in signature(task.crop).parameters:
         return task.crop(**part)
     low, high = part["columns"]
@@ -225,7 +225,7 @@ def _cut(task: Any, part: dict[str, Range]) -> Any:
 
 
 def start_rings(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with starts in 1 to d steps from the goal, half the way first."""
+    """Yield the target with starts 1 to d steps from the goal, half the largest d first."""
     far = int(goal_distance(target.mdp, target.goal)[target.mdp.start_states].max(initial=0))
     goal = np.flatnonzero(target.goal)
     for most in spread(range(1, far)):
@@ -237,9 +237,9 @@ def start_rings(target: DesignTarget) -> Iterator[Draft]:
 
 
 # -- something removed -----------------------------------------------------------------------------
-# Hazards are pits and fires of a GridWorld, holes of a FrozenLake and pits of a KeyLockPit. In any
-# table where most steps have the same reward, a penalty is a lower reward; without it the reward is
-# that of most steps.
+# Hazards are pits and fires of a GridWorld, holes of a FrozenLake and pits of a KeyLockPit. In a
+# table where most steps have the same reward, lower rewards are penalties; a penalty is removed by
+# putting the reward of most steps in its place.
 
 
 def removals(target: DesignTarget) -> Iterator[Draft]:
@@ -255,14 +255,14 @@ def removals(target: DesignTarget) -> Iterator[Draft]:
     rewards = mdp.reward[row][mdp.probability[row] > 0]
     values, counts = np.unique(rewards, return_counts=True)
     most = int(counts.argmax()) if counts.size else 0
-    if counts.size and 2 * counts[most] > counts.sum() and most > 0:  # some are lower
+    if counts.size and 2 * counts[most] > counts.sum() and most > 0:  # some rewards are lower
         reward = np.maximum(mdp.reward, values[most])
         build = paired(task, partial(replace, mdp, reward=reward))
         yield Draft("removed", "no penalties", "no reward is below that of most steps", build)
 
 
 def _without_hazards(task: Any) -> Iterator[Draft]:
-    names = dict[str, str]()  # of the characters of the map that are hazards
+    names = dict[str, str]()  # hazard's character on the map -> its name
     if isinstance(task, GridWorld):
         rewards = {"F": task.rewards.fire, "P": task.rewards.pit}
         names = {sign: OBJECTS[sign] for sign, reward in rewards.items() if reward < 0}
@@ -294,7 +294,7 @@ def _without_hazards(task: Any) -> Iterator[Draft]:
 
 
 def _cleared(task: Any, places: Places) -> Any:
-    """Return the task with free cells in these places of its map."""
+    """Return the task with the map's cells at these places made free."""
     free = "F" if isinstance(task, FrozenLake) else "."
     lines = [list(line) for line in task.map]
     for row, column in places:
@@ -303,7 +303,7 @@ def _cleared(task: Any, places: Places) -> Any:
 
 
 def _with_predators(task: Pursuit, n: int) -> Made:
-    """Return the pursuit with the first n predators; groups of n read it in turn."""
+    """Return the pursuit of the first n predators, with a mapping for each group of n."""
     capture = min(task.capture, n) if isinstance(task.capture, int) else task.capture
     source, many = replace(task, predators=n, capture=capture), task.predator_names
     mappings = []
@@ -319,7 +319,7 @@ def _with_predators(task: Pursuit, n: int) -> Made:
 
 
 def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target without chance; fails where two next states are equally likely."""
+    """Yield the target without chance; its build fails if likeliest outcomes are not unique."""
     task, mdp = target.task, target.mdp
     if (np.count_nonzero(mdp.probability, axis=1) <= 1).all():
         return
@@ -334,7 +334,7 @@ def likeliest_outcomes(target: DesignTarget) -> Iterator[Draft]:
 
 
 def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
-    """Return the tables with an outcome a row; TaskError where two are equally likely."""
+    """Return the tables with the likeliest outcome of each row; TaskError if two are equal."""
     after, chances = merged_outcomes(mdp.next_state, mdp.probability)
     best = chances.max(axis=1)
     ties = np.isclose(chances, best[:, None], rtol=1e-9, atol=0).sum(axis=1) > 1
@@ -346,7 +346,7 @@ def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
             f"{bad[0][0]}, action {bad[0][1]} has several"
         )
     chosen = np.take_along_axis(after, chances.argmax(axis=1)[:, None], axis=1)
-    chosen = np.maximum(chosen, 0)  # rows of terminal states may have no outcome, and are not used
+    chosen = np.maximum(chosen, 0)  # unused rows of terminal states may have no outcome
     share = np.where(mdp.next_state == chosen, mdp.probability, 0.0)
     total, chance = (x.sum(axis=1, keepdims=True) for x in (share * mdp.reward, share))
     reward = total / np.where(chance > 0, chance, 1.0)
@@ -355,12 +355,12 @@ def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
 
 # -- coarser tables --------------------------------------------------------------------------------
 # State aggregation as in Singh, Jaakkola, Jordan 1995, "reinforcement learning with soft state
-# aggregation", with hard clusters: a cluster goes on as its states do on average.
+# aggregation", with hard clusters: outcomes of a cluster are averaged over its states.
 
 
 def coarser_tables(target: DesignTarget) -> Iterator[Draft]:
-    """Yield the target with neighbouring values merged, of all ordered components and of each."""
-    # Ordered are values without labels, or with those of `Bins`; ``state`` is a numbering.
+    """Yield the target with pairs of values merged, in all ordered components or in one."""
+    # Values are ordered if they have no labels, or labels of `Bins`; ``state`` is not ordered.
     states = target.mdp.states
     names = list[str]()
     for component in states.components if states.names != ("state",) else ():
@@ -386,7 +386,7 @@ def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
         )
     space, cluster = _clusters(mdp, names)
     terminal, start = np.zeros(space.size, bool), np.zeros(space.size)
-    terminal[cluster] = mdp.terminal  # a cluster has states of one sort
+    terminal[cluster] = mdp.terminal  # terminal and other states are in different clusters
     np.add.at(start, cluster, mdp.start)
     probability, after, reward = _average(mdp, cluster, space.size)
     n_actions = mdp.outcome_row.shape[1]
@@ -430,13 +430,13 @@ def _clusters(mdp: FiniteMDP, names: tuple[str, ...]) -> tuple[Space, IntArray]:
 
 
 def _average(mdp: FiniteMDP, cluster: IntArray, n: int) -> tuple[Any, Any, Any]:
-    """Return chances, next clusters and mean rewards of the pairs of clusters, (n A, O') each."""
+    """Return chances, next clusters and mean rewards of n clusters' pairs, (n A, O') each."""
     n_actions, row = mdp.outcome_row.shape[1], mdp.outcome_row.ravel()
     size = np.bincount(cluster, minlength=n)
     pair = (cluster[:, None] * n_actions + np.arange(n_actions)).ravel()
     chance = mdp.probability[row] / size[cluster].repeat(n_actions)[:, None]
     reward, goes = mdp.reward[row], cluster[mdp.next_state[row]]
-    # The rows of terminal states are never used, and may say anything.
+    # The rows of terminal states are never used, so their content is arbitrary.
     ends = np.repeat(mdp.terminal, n_actions)
     goes[ends] = np.repeat(cluster, n_actions)[ends, None]
     chance[ends], reward[ends] = 1.0, 0.0

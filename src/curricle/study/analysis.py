@@ -1,4 +1,4 @@
-"""Results of a study that need its tasks: its record, forecasts, certificates, episodes, play."""
+"""The parts of a study's results that need its tasks: record, forecasts, certificates, episodes."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -55,7 +55,7 @@ from curricle.text import counted
 from curricle.transfer.rollouts import target_of
 from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
-# -- What a study's folder records of it before it is run: plain data of its tasks and curricula ---
+# -- The record of a study before it is run: plain data of its tasks and curricula -----------------
 
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
@@ -84,7 +84,7 @@ def curricula_record(
 ) -> CurriculaRecord:
     """Return the record of curricula by arm, with the keys of their stored results, if any.
 
-    `controls` names for each control the arm that it belongs to.
+    `controls` maps a control to its arm.
     """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for arm, curriculum in curricula.items():
@@ -119,11 +119,11 @@ def curricula_record(
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
 
 
-def _number(value: Any, known: list[Any], same: Any) -> int:
-    """Return the place of a value in a list of different values; append it if it is new."""
-    place = next((n for n, other in enumerate(known) if same(value, other)), len(known))
-    if place == len(known):
-        known.append(value)
+def _number(value: Any, values: list[Any], same: Any) -> int:
+    """Return the index of a value in a list of different values; append a new value."""
+    place = next((n for n, other in enumerate(values) if same(value, other)), len(values))
+    if place == len(values):
+        values.append(value)
     return place
 
 
@@ -158,7 +158,7 @@ def _aggregate(curriculum: Curriculum, name: str, nameless: str) -> str:
 
 
 def _depends_on_total(curriculum: Curriculum) -> str:
-    """Return why learning in a target depends on its budget at every step; empty if it does not."""
+    """Return why every step of learning a target depends on the budget; empty if it does not."""
     target = curriculum.target
     learner, shaping = (curriculum.setting(which, target) for which in ("learner", "shaping"))
     if curriculum.calibration(target) is not None:
@@ -171,9 +171,9 @@ def _depends_on_total(curriculum: Curriculum) -> str:
     return ""
 
 
-# -- What only the tasks say of results: forecasts, certificates, episodes; stored when a run ends -
+# -- Forecasts, certificates and episodes, which need the tasks; stored when a run ends ------------
 
-EFFORT = 800_000  # target pairs times forecasts times seeds at most: about ten seconds
+EFFORT = 800_000  # most target pairs x forecasts x seeds: about ten seconds
 MOST_SEEDS = 3  # seeds of a forecast
 LARGEST_CERTIFIED = 20_000_000  # target pairs up to which a potential is certified
 DIGEST_BYTES = 8
@@ -181,7 +181,7 @@ LARGEST_TABLE = 20_000_000  # pairs (S x A) of a task up to which its episodes a
 
 
 def analyse(study: StudyResults, arms: Arms) -> None:
-    """Write the analysis of a study whose arms are compared, unless it is there.
+    """Write the analysis of a study whose arms are compared, unless it is stored.
 
     It covers the first seeds that every arm has finished.
     """
@@ -212,7 +212,7 @@ def analyse(study: StudyResults, arms: Arms) -> None:
 def analysed(
     results: Mapping[str, CurriculumResult], record: CurriculaRecord, of: str = ""
 ) -> Analysis:
-    """Return the analysis of trained curricula by arm; `of` is a digest of the results."""
+    """Return the analysis of trained curricula by arm; `of` is a digest of their results."""
     groups = [arms for arms in record.groups() if record.arms[arms[0]].transfers]
     sections = tuple(_section(arms, results, len(groups)) for arms in groups)
     episodes: dict[str, dict[str, EpisodePair]] = {}
@@ -227,7 +227,7 @@ def analysed(
 def before_and_after(
     snapshots: Snapshots | None, task: Task, *, discounted: bool
 ) -> EpisodePair | None:
-    """Return an episode of the first and of the last greedy policy; None without a grid."""
+    """Return an episode of the first and one of the last greedy policy; None without a grid."""
     view = None if snapshots is None else GridView.for_replay(task)
     if snapshots is None or view is None:
         return None
@@ -266,7 +266,7 @@ def _section(
             text, holds = str(certificate), certificate.holds
             alike = certificates[text].arms if text in certificates else ()
             certificates[text] = CertificateRecord(arms=(*alike, arm), holds=holds, text=text)
-    except CurricleError as error:  # what was learnt stands all the same
+    except CurricleError as error:  # the results are valid without the forecast
         left_out.append(f"What is missing here is left out: {error}")
     return SectionRecord(
         arms=arms,
@@ -325,7 +325,7 @@ def _forecast(
         seeds=first[target].seeds[:seeds],
         aggregates=[results[arm].curriculum.setting("aggregate", target) for arm in arms[1:]],
         trained={name: first.sources[name].first(seeds) for name in sources},
-        trial=False,  # the experiment itself has been made
+        trial=False,  # the experiment itself has been run
     )
     rows = list[RowRecord]()
     for row in foreseen.rows:
@@ -347,7 +347,7 @@ def _entering(result: CurriculumResult, target: str) -> PairPotential:
     return phi
 
 
-# -- An episode of what a study learnt: as its folder stores it, or played in the task itself ------
+# -- Episodes of learnt policies: read from a study's folder, or played in the task ----------------
 
 IN_THE_TASK = "--study FILE, the study's own file, plays one in the task itself"
 

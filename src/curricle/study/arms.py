@@ -1,4 +1,4 @@
-"""A study's plan, its units as they are sent to workers, and the results that workers return."""
+"""A study's plan, the units that are sent to workers, and the results that workers return."""
 
 import json
 from collections.abc import Collection, Iterator, Mapping
@@ -37,15 +37,15 @@ from curricle.study_file.schema import NameGraph
 from curricle.study_file.vary import target_alone
 from curricle.transfer.transfer import mappings_digest
 
-# -- What a unit's result depends on, its key, and why a stored unit does not fit a study any more -
+# -- The dependencies of a unit's result, its key, and the reasons why a stored unit is stale ------
 
 KEY_BYTES = 8
-AUTO = "auto"  # the mapping of a transfer table for which the best is searched
-Stored = Mapping[str, Mapping[int, Any]]  # key -> seed -> :class:`StoredUnit`, at least one
+AUTO = "auto"  # the mapping of a transfer table for which a search finds the best
+Stored = Mapping[str, Mapping[int, Any]]  # key -> seed -> StoredUnit; every key has a seed
 
 
 def key_of(dependencies: Dependencies) -> str:
-    """Return a short hash of dependencies: units of one key have one result."""
+    """Return a short hash of dependencies: units with equal keys have equal results."""
     data = json.dumps(dependencies, sort_keys=True)
     return blake2b(data.encode(), digest_size=KEY_BYTES).hexdigest()
 
@@ -74,8 +74,8 @@ def dependencies_of(
         }
         if not is_target:
             dependencies["source_budget"] = str(curriculum.setting("budget", name))
-        # Mappings that were searched stand beside the user's modules: another version of the
-        # searches may choose others, also where candidates tie.
+        # Digests of found mappings stand beside those of the user's modules, because another
+        # version of the searches may find other mappings, also where candidates tie.
         searched = {
             f"the mapping found for {edge['source']} -> {name}": mappings_digest(
                 t for t in curriculum.transfers if (t.source, t.target) == (edge["source"], name)
@@ -89,7 +89,7 @@ def dependencies_of(
 
 
 def replaced_keys(wanted: Mapping[str, Dependencies], stored: Stored) -> dict[str, str]:
-    """Return for each wanted key the stored key that it replaces: of its task, fewest changes."""
+    """Return wanted key -> the stored key of the same task with the fewest changes."""
     pairs = [
         (len(list(changes_of(units, dependencies))), key, old)
         for key, dependencies in wanted.items()
@@ -110,36 +110,36 @@ def _of(units: Mapping[int, Any]) -> Dependencies:
 
 def changes_of(units: Mapping[int, Any], here: Dependencies) -> Iterator[str]:
     """Yield a clause for each change between the dependencies of stored units and `here`."""
-    there = _of(units)
-    if there["curricle"] != here["curricle"]:
-        yield f"Curricle was {there['curricle']} and is {here['curricle']}"
-    old_code, code = there["code"], here["code"]
+    stored = _of(units)
+    if stored["curricle"] != here["curricle"]:
+        yield f"Curricle was {stored['curricle']} and is {here['curricle']}"
+    old_code, code = stored["code"], here["code"]
     for file in sorted(file for file in {*old_code, *code} if old_code.get(file) != code.get(file)):
         fate = "changed" if file in old_code else "is used now"
         yield f"{file} {fate if file in code else 'is used no longer'}"
-    for source in sorted({*there["sources"], *here["sources"]}):
-        if there["sources"].get(source) != here["sources"].get(source):
+    for source in sorted({*stored["sources"], *here["sources"]}):
+        if stored["sources"].get(source) != here["sources"].get(source):
             yield f"its source {source} changed"
     for name in ("task", "parts_of", "transfers", "total", "source_budget"):
-        for place, (old, new) in differences(there.get(name), here.get(name), name):
+        for place, (old, new) in differences(stored.get(name), here.get(name), name):
             yield f"{place.removeprefix('task.')} was {shown(old)} and is {shown(new)}"
 
 
-# -- The plan of a study, and its units as they are sent to workers --------------------------------
+# -- The plan of a study, and the units that are sent to workers -----------------------------------
 
 
 class Arms(Plan):
-    """The plan of a study, whose keys are hashes of plain data."""
+    """The plan of a study; its keys are hashes of plain data."""
 
     @property
     def code(self) -> dict[str, str]:
-        """The digests of the user's modules, by file, and of found mappings that arms use."""
+        """The digests of the user's modules by file, and of the found mappings that arms use."""
         parts = [depends["code"] for depends in self.dependencies.values()]
         return {file: code[file] for code in parts for file in code}
 
     @classmethod
     def of(cls, study: StudyConfig) -> Self:
-        """Return a study's arms; SettingError or CurriculumError if they are not comparable."""
+        """Return a study's arms; SettingError or CurriculumError if they cannot be compared."""
         scratches = study.scratch_curricula() if study.scratch else {}
         controls = study.controls or ()
         if controls and not (scratches and study.compared):
@@ -167,7 +167,7 @@ class Arms(Plan):
             for task, key, depends in parts:
                 if change and (shuffled or task == target):
                     depends = {**depends, "control": change}
-                    if change in CONSTANTS:  # which have a shaping of their own
+                    if change in CONSTANTS:  # constants have their own shaping
                         plain = {k: v for k, v in depends["task"].items() if k != "shaping"}
                         depends["task"] = plain
                     key = key_of(depends)
@@ -185,7 +185,7 @@ def units_of(
     shard: tuple[int, int] = (1, 1),
 ) -> list[Unit]:
     """Return the units of a shard (i, n) that are still to be trained, sources first."""
-    first = min(study.seeds)  # of all shards: merged, they hold the snapshots of one run
+    first = min(study.seeds)  # of all shards, which together hold the snapshots of one run
     how: Any = {"seeds_per_unit": study.seeds_per_unit, "snapshots": study.snapshots}
     return arms.units(seeds_of(study, shard), done, first=first, **how)
 
@@ -211,8 +211,8 @@ def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def arms_from_json(config: str, folder: str, code: str) -> Arms:
-    """Return the arms of the study that a JSON text describes; cached, since many units ask."""
-    # The process that began the run has printed which mappings were found.
+    """Return the arms of the study in a JSON text; cached, because many units need them."""
+    # Found mappings are not printed again: the process that began the run printed them.
     study = StudyConfig.from_data(json.loads(config), Path(folder), say=lambda _: None)
     arms = Arms.of(study)
     here, there = arms.code, json.loads(code)
@@ -229,26 +229,26 @@ class UnitInput(NamedTuple):
 
     config: str  # JSON of `StudyConfig.to_data`
     folder: str  # of the study's own modules
-    code: str  # JSON of Arms.code: the modules must be as they were when the run began
+    code: str  # JSON of Arms.code, since modules must not change during a run
     unit: Unit
     sources: Mapping[str, StoredValues]
-    checkpoints: Place | None = None  # from which a killed unit goes on, to the same result
-    stored: Mapping[str, StoredSource] = {}  # the sources that the worker reads itself
-    place: Place | None = None  # the study's folder, where the worker writes the result itself
-    files: Mapping[str, bytes] = {}  # the own modules by path, where there is no such folder
-    versions: Mapping[str, str] = {}  # of the run: later workers are compared too
+    checkpoints: Place | None = None  # a killed unit resumes from them, with the same result
+    stored: Mapping[str, StoredSource] = {}  # sources that the worker reads from the study's folder
+    place: Place | None = None  # the study's folder if the worker writes the result there
+    files: Mapping[str, bytes] = {}  # the user's modules by path, for machines without `folder`
+    versions: Mapping[str, str] = {}  # the run's versions, which every worker must have
     live: bool = False  # whether units must not run side by side in one process
 
 
 def train_unit(sent: UnitInput) -> UnitResult:
-    """Train a unit and return its results, which depend on `sent` but not on its `checkpoints`."""
+    """Train a unit and return its results, which do not depend on the `checkpoints`."""
     arms = arms_from_json(sent.config, sent.folder, sent.code)
     unit = sent.unit
     arm = arms.arms[unit.arm]
     storage: Storage = arm.curriculum.setting("storage", unit.task)
     if storage.memory_limit is not None:
-        # A study's limit is for one seed: so what is learnt does not depend on how many seeds are
-        # trained together.
+        # The memory limit is for one seed, so that results do not depend on the number of seeds
+        # that are trained together.
         for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
         arm = replace(arm, curriculum=arm.curriculum.replace(unit.task, storage=for_all))
     sources = source_values(arm.curriculum, unit.seeds, sent.sources)
@@ -265,7 +265,7 @@ def train_unit(sent: UnitInput) -> UnitResult:
 
 
 def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[DecisionRow]:
-    """Return a row for each decision of the stopping rule, or else a row for each seed's end."""
+    """Return a row for each decision of the stopping rule; without a rule a row for each seed."""
     result, budget = trained.result, curriculum.setting("budget", unit.task)
     rows = list[DecisionRow]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):

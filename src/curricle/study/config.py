@@ -1,7 +1,7 @@
-"""A study's configuration: its tables, how a file is read into them, and their curricula.
+"""A study's configuration: its tables, reading a file into them, and the curricula they describe.
 
-A file is validated twice: as it is written (:class:`FileTable`), to find keys that nothing reads,
-and with every arm complete (:class:`StudyConfig`), which is run, stored and hashed into keys.
+A file is validated twice: as it is written (:class:`FileTable`), to find unused keys; and with
+complete arms (:class:`StudyConfig`), which is what is run, stored and hashed into keys.
 """
 
 import ast
@@ -87,16 +87,16 @@ from curricle.text import counted, shortened
 from curricle.transfer.by_components import member_mappings
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
-Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key path
+Messages = Iterator[tuple[KeyPath, str]]  # key path and text of each mistake
 
-# -- The tables of a study: as a file writes them, and as they are with all settings filled in -----
+# -- The tables of a study: as written in a file, and with all settings filled in ------------------
 
 Unvalidated = WrapValidator(lambda value, _: as_table(value))
-"""A table that is in the JSON Schema, but is validated only when it is complete."""
+"""Type of a table that is in the JSON Schema, but is validated only when it is complete."""
 
 
 class RunTable(Table):
-    """How a study is run and read: the top-level keys that are not settings of tasks."""
+    """The top-level keys that are not settings of tasks: how a study is run and compared."""
 
     name: Name
     """Name of the study."""
@@ -135,13 +135,13 @@ class ArmTables(Table):
 
     @model_validator(mode="after")
     def _all_fits(self) -> Self:
-        """Refuse keys for observations where tasks have tables, and keys for tables elsewhere."""
+        """Refuse keys for observations at tasks with tables, and keys for tables at other tasks."""
         messages: list[tuple[KeyPath, str]] = []
         for name, task in self.tasks.items():
             messages += [(("tasks", name, *path), text) for path, text in task.mismatches(name)]
         for index, edge in enumerate(self.transfers):
             if not {edge.source, edge.target} <= self.tasks.keys():
-                continue  # reported with the names
+                continue  # wrong names are reported elsewhere
             here, target = ("transfers", index), self.tasks[edge.target]
             if self.tasks[edge.source].deep and not target.deep:
                 text = f"must have tables as its target has: {edge.source} is seen through "
@@ -168,7 +168,7 @@ class ArmTables(Table):
 
 
 class ArmPatch(Settings):
-    """An arm as it is written: its changes of the study's curriculum."""
+    """An arm as written in a file: its changes of the study's curriculum."""
 
     tasks: dict[str, dict[str, Any]] = Field({})
     """Changes of tasks, by name."""
@@ -178,7 +178,7 @@ class ArmPatch(Settings):
 
 
 class FileTable(RunTable, Settings):
-    """A study as it is written in a file."""
+    """A study as written in a file."""
 
     families: dict[str, FamilyTable] = Field({})
     """Families of tasks by name, each with defaults of its own."""
@@ -202,7 +202,7 @@ def json_schema() -> dict[str, Any]:
     definitions: dict[str, Any] = {**schema["$defs"], FileTable.__name__: schema}
     titles = {task.__name__ for task in TASKS}
     for kind in _subclasses(Table):
-        # Not ``use_attribute_docstrings``: it reads the sources at each start, for half a second.
+        # Not ``use_attribute_docstrings``, which reads source files for half a second at a start.
         properties = definitions.get(kind.__name__, {}).get("properties", {})
         for base in kind.__mro__ if properties else ():
             for key, text in _docstrings(base):
@@ -210,7 +210,7 @@ def json_schema() -> dict[str, Any]:
                     properties[key].setdefault("description", " ".join(text.split()))
     for definition in schema["$defs"].values():
         if (title := definition.get("title")) in titles:
-            # An arm may give what a task leaves open, but for its type.
+            # A task may omit every key but its type, because an arm may state it.
             definition["required"] = ["family" if title == FamilyTask.__name__ else "type"]
     dialect = "https://json-schema.org/draft/2020-12/schema"
     return {"$schema": dialect, **schema, "title": "Curricle study"}
@@ -223,7 +223,7 @@ def _subclasses(kind: Any) -> Iterator[type]:
 
 @cache
 def _docstrings(kind: type) -> list[tuple[str, str]]:
-    """Return the fields of a table that is written by hand, and the docstrings below them."""
+    """Return the fields of a table's class, and the docstrings below them."""
     if not kind.__module__.startswith("curricle.study") or "makes" in vars(kind):
         return []
     (table,) = ast.parse(getsource(kind)).body
@@ -235,24 +235,24 @@ def _docstrings(kind: type) -> list[tuple[str, str]]:
     return texts
 
 
-# -- What a study file says, complete and checked, and the curricula that it describes -------------
+# -- A complete, checked study, and the curricula that it describes --------------------------------
 
 
 class Trials(Table):
-    """The trials of a tuning: what the study of them has in place of the study's own."""
+    """The trials of a tuning: the fields in which the study of the trials differs."""
 
     seeds: tuple[int, ...]
     arms: dict[str, ArmTables]
     scratches: dict[str, ArmTables]
     variants: dict[str, VariantRecord]
-    """Of each trial the arm that it is of, and its settings."""
+    """The arm and the settings of each trial."""
 
 
 class StudyConfig(RunTable):
     """A complete study: every arm has all its settings, and every map is there.
 
     :func:`read_study` makes it from a file, :meth:`from_data` from :meth:`to_data`. Results depend
-    on it alone and on the modules of its own functions.
+    only on it and on the user's modules that it names.
 
     Parameters
     ----------
@@ -263,17 +263,17 @@ class StudyConfig(RunTable):
     arms : dict of str to ArmTables
         The tasks and transfers of each arm.
     scratches : dict of str to ArmTables, optional
-        The arms from scratch that a sweep or a tuning made; by default those of the first arm.
+        The arms from scratch that a sweep or a tuning made; by default made from the first arm.
     variants : dict of str to VariantRecord, optional
         The settings that a sweep or a tuning gave each arm, scratch included.
     tune : Trials, optional
         The settings that are tried for every arm before the study is run.
     own_learners : bool, optional
-        Whether arms may learn the target with different learners, as they are tuned.
+        Whether arms may learn the target with different learners, because each was tuned.
     tuned : TunedRecord, optional
-        The trials by which the arms' settings were chosen.
+        The results of the trials that chose the arms' settings.
     chosen : str, optional
-        What the choice of its arm printed.
+        The printed choice of the arm.
 
     Examples
     --------
@@ -320,8 +320,8 @@ class StudyConfig(RunTable):
     ) -> Self:
         """Return the configuration that plain data describe, as :meth:`to_data` returns them.
 
-        `folder` has the modules of the study's own functions, `positions` are for messages, and
-        `say` is called with each line about a found mapping. Raises pydantic.ValidationError.
+        `folder` holds the user's modules, messages use `positions`, and `say` is called with lines
+        about found mappings. Raises pydantic.ValidationError.
         """
         families = tuple(table(positions.study.get("families"))) if positions else ()
         context = {"folder": folder, "families": families}
@@ -348,7 +348,7 @@ class StudyConfig(RunTable):
 
     @property
     def folder(self) -> Path:
-        """The folder of the modules with the study's own functions."""
+        """The folder of the user's modules that the study names."""
         return self._folder
 
     @property
@@ -368,14 +368,14 @@ class StudyConfig(RunTable):
 
     @property
     def played(self) -> tuple[Opponent, ...]:
-        """The opponents of its arms; by default none where arms are not compared with scratch."""
+        """The opponents of the arms; by default none if arms are not compared with scratch."""
         unasked = OPPONENTS if self.compared else ()
         return () if not self.scratch else unasked if self.opponents is None else self.opponents
 
     def scratch_curricula(self) -> dict[str, Curriculum]:
         """Return the arms that learn the target from scratch, ``scratch`` first.
 
-        ConfigError names each learner that does not fit the target, or is the target's own.
+        ConfigError names each learner that does not fit the target, or equals the target's learner.
         """
         if self.scratches is not None:
             return self._built(self.scratches)
@@ -396,8 +396,8 @@ class StudyConfig(RunTable):
         return self._built({arm: self.arms[arm]})[arm]
 
     def address(self, arm: str, name: str) -> Any:
-        """Return a task of an arm: its address in a family if it has one, with the same start."""
-        self.curriculum(arm)  # makes its tasks
+        """Return a task of an arm; if it is a family's member, its address with the same start."""
+        self.curriculum(arm)  # makes the tasks of the arm
         return _Builder(arm, self.arms[arm], self, Problems(self._positions)).address(name)
 
     def check_networks(self) -> None:
@@ -421,7 +421,7 @@ class StudyConfig(RunTable):
         problems.raise_any()
 
     def varied(self, **fields: Any) -> Self:
-        """Return the study with these fields of plain data; ConfigError names an invalid field."""
+        """Return the study with other `fields`, plain data; ConfigError names an invalid field."""
         data = {**self.to_data(), **fields}
         try:
             made = self.from_data(data, self._folder, self._positions, say=self._say)
@@ -433,7 +433,7 @@ class StudyConfig(RunTable):
         return made
 
     def of_trials(self) -> Self:
-        """Return the study whose arms are the trials of this study, which is tuned."""
+        """Return the study whose arms are the trials of this study's tuning."""
         fields = {**self.to_data()["tune"], "controls": None, "tune": None, "own_learners": True}
         made = self.varied(**fields, opponents=(), snapshots=0)
         trials = {
@@ -452,7 +452,7 @@ class StudyConfig(RunTable):
 
 
 class _Builder:
-    """Builds the curriculum of an arm; arms share the tasks and mappings that a study has made."""
+    """Builds the curriculum of an arm; arms of a study share the tasks and mappings it made."""
 
     def __init__(self, name: str, arm: ArmTables, study: StudyConfig, problems: Problems):
         self.name, self.arm, self.study, self.problems = name, arm, study, problems
@@ -463,7 +463,7 @@ class _Builder:
         )
 
     def curriculum(self) -> Curriculum | None:
-        """Return the curriculum; None where something was refused."""
+        """Return the curriculum; None if any part of it was refused."""
         learnt, before = self.graph.learnt, len(self.problems.messages)
         tasks, settings = self._tasks(), self._settings()
         transfers = list[Any]()
@@ -482,7 +482,7 @@ class _Builder:
     def _mappings(self, edge: Any, tasks: dict[str, Any], settings: Any) -> tuple[Any, ...]:
         """Return the mappings of a transfer; arms with equal transfers share them."""
         target, source = tasks[edge.target], tasks[edge.source]
-        # As the curriculum itself.
+        # As a curriculum does.
         alone = sum(other.target == edge.target for other in self.arm.transfers) == 1
         fit = alone and settings["unknown_value"].get(edge.target) is None
         fitted = edge.mapping == "auto" and fit
@@ -516,7 +516,7 @@ class _Builder:
         return tasks
 
     def _member(self, name: str) -> Any:
-        """Return the member of a family or the candidate that a task is, if any; arms share it."""
+        """Return the family member or candidate of a task, if it is either; arms share it."""
         task, key = self.arm.tasks[name], f"member {self._key(name)}"
         if isinstance(task, FamilyTask) and key not in self.made:
             self.made[key] = task.member(self.folder)
@@ -526,13 +526,13 @@ class _Builder:
         return self.made.get(key)
 
     def address(self, name: str) -> Any:
-        """Return a task that is made: its address in a family if it has one, with its start."""
+        """Return a task that was made; if it is a family's member, its address with its start."""
         task = self.arm.tasks[name]
         by_family = isinstance(task, FamilyTask) and not task.start_states
         return self._member(name) if by_family else self.made[self._key(name)]
 
     def _key(self, name: str) -> str:
-        """Return the data on which a task depends: its keys, and the mazes it is a part of."""
+        """Return the data on which a task depends: its keys, and the mazes it is cropped from."""
         drawings = [self.arm.tasks[drawing] for drawing in self.graph.drawings(name)]
         return repr([drawing.model_dump_json(exclude=set(SETTINGS)) for drawing in drawings])
 
@@ -557,7 +557,7 @@ class _Builder:
         return settings
 
 
-# -- From a file to its configuration, or a sentence for every mistake in it -----------------------
+# -- From a file to its configuration, or to a sentence for every mistake --------------------------
 
 
 def read_study(
@@ -565,7 +565,7 @@ def read_study(
 ) -> StudyConfig:
     r"""Return the study that a TOML file describes.
 
-    Tasks and curricula are built when they are asked for.
+    Tasks and curricula are built at first use.
 
     Parameters
     ----------
@@ -573,7 +573,7 @@ def read_study(
     set : sequence of str
         Changes such as ``"tasks.chase.budget=1000"``: a dotted key and a value, TOML or else text.
     arms : sequence of str
-        The only arms of the file to keep, without the others; by default all of them.
+        The arms of the file to keep; by default all arms.
 
     Raises
     ------
@@ -621,7 +621,7 @@ def read_study(
 def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:
     """Return the configuration of a study as it was read; ConfigError lists all its mistakes."""
     problems = Problems(replace(positions, study=study))
-    for name, family in table(study.get("families")).items():  # on which tasks depend
+    for name, family in table(study.get("families")).items():  # first, because tasks need them
         if ":" in name:
             text = "must have a name without a colon, which functions have"
             problems.add([(("families", name), text)])
@@ -655,7 +655,7 @@ def configured(study: dict[str, Any], folder: Path, positions: Positions) -> Stu
 
 
 def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
-    """Yield the mistakes in arms and further learners from scratch, as they are written."""
+    """Yield the mistakes in arms and further learners from scratch as written in a file."""
     tasks, transfers = table(study.get("tasks")), study.get("transfers")
     transfers = transfers if isinstance(transfers, list) else []
     learners = table(study.get("scratch_learners"))
@@ -693,11 +693,11 @@ def _wrong_arms(study: dict[str, Any], complete: dict[str, Any]) -> Messages:
             yield ("scratch_learners", name), f"has a name that {why}"
 
 
-DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")  # what a crop may be a part of
+DRAWN = ("maze", "crop", "four_rooms", "key_lock_pit", "family")  # types that a crop can have
 
 
 def _wrong_names(plan: dict[str, Any]) -> Messages:
-    """Yield the mistakes in the names of a curriculum, parts of which may be malformed."""
+    """Yield mistakes in the names of a curriculum, which may be malformed elsewhere."""
     graph, whole = NameGraph.of(plan), True
     tasks, transfers = table(plan.get("tasks")), plan.get("transfers")
 
@@ -735,10 +735,10 @@ def _wrong_names(plan: dict[str, Any]) -> Messages:
         yield ("tasks",), f"must have one that no other builds on: got {targets}"
 
 
-# -- Functions of curricula that take a study too, or the path of its file -------------------------
+# -- Functions of curricula that also take a study or the path of its file -------------------------
 
 Study = StudyConfig | str | PathLike[str]  # a study, or the path of its file
-FORECAST_SEEDS = 3  # seeds of a study that a forecast takes, as many as it takes of a curriculum
+FORECAST_SEEDS = 3  # first seeds of a study to forecast with, as many as by default
 Subject = TypeVar("Subject")
 Rest = ParamSpec("Rest")
 Result = TypeVar("Result")
@@ -757,7 +757,7 @@ def of_studies(
     function: Callable[Concatenate[Subject, Rest], Result],
     arguments: Callable[[StudyConfig], tuple[Subject, dict[str, Any]]],
 ) -> Callable[Concatenate[Subject | Study, Rest], Result]:
-    """Return the function such that it also takes a study, with the settings in `arguments`."""
+    """Return a function that also takes a study; `arguments` turns a study into arguments."""
     first = next(iter(signature(function).parameters))
 
     @wraps(function)
@@ -773,7 +773,7 @@ def of_studies(
 
 
 def rivals(study: StudyConfig) -> dict[str, Any]:
-    """Return the learners without sources that play in a study, as compare and forecast take."""
+    """Return a study's opponents and scratch learners as arguments of compare and forecast."""
     scratch = {name: built(table, study.folder) for name, table in study.scratch_learners.items()}
     return {"scratch": scratch, "opponents": study.played}
 

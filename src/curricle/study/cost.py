@@ -1,4 +1,4 @@
-"""An estimate of what a study costs, before anything is trained."""
+"""An estimate of the cost of a study, before anything is trained."""
 
 import math
 import time
@@ -20,15 +20,15 @@ from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
 
-ROLLOUTS, LENGTH = 100, 200  # random rollouts that a task's speed is measured by
-MOST_PAIRS = 100_000_000  # pairs for which memory is asked, of which rollouts use little
-STEPS = 200  # random steps that the speed of a task seen through observations is measured by
-NETWORK = 1e-3  # seconds that a small network takes to learn from a step on one processor, about
-FORWARD = 2e-4  # seconds that a small network takes to choose an action, about
-DISTILLING = 12.0  # seconds in which a network is fitted to exact answers, about
-OUTCOME = 8e-9  # seconds of one outcome in one sweep over a task's tables, about
+ROLLOUTS, LENGTH = 100, 200  # random rollouts that measure a task's speed
+MOST_PAIRS = 100_000_000  # table entries for rollouts: memory is reserved, little of it used
+STEPS = 200  # random steps that measure the speed of an observation task
+NETWORK = 1e-3  # about the seconds in which a small network learns from a step, on one processor
+FORWARD = 2e-4  # about the seconds in which a small network chooses an action
+DISTILLING = 12.0  # about the seconds in which a network is fitted to exact answers
+OUTCOME = 8e-9  # about the seconds of one outcome in one sweep over a task's tables
 MOST_SWEEPS = 1000  # after so many sweeps most values no longer change
-SLOWER = 3.0  # how many times as long as a random step a step of learning in a table takes, about
+SLOWER = 3.0  # about the time of a step of learning in a table, in random steps
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Cost:
 
     arm: str
     task: str
-    seeds: int  # those that no earlier arm trains in the same task
-    steps: int  # of learning, at most, a seed
-    evaluation_steps: int  # steps of greedy evaluation, at most, a seed; 0 where it is exact
-    seconds: float  # on one processor, about, without compilation
-    step_seconds: float  # of a step without learning, about
+    seeds: int  # number of seeds that no earlier arm trains with equal results
+    steps: int  # most steps of learning, a seed
+    evaluation_steps: int  # most steps of greedy evaluation, a seed; 0 if it is exact
+    seconds: float  # about the time on one processor, without compilation
+    step_seconds: float  # about the time of a step without learning
 
 
 def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
@@ -81,7 +81,7 @@ def pace(task: Any) -> float:
     generative = generative_model(task)
     shape = generative.states.size, generative.actions.size
     stream = np.zeros(1, np.uint64)
-    # Of equal values all actions are greedy. A report's episodes need this loop too.
+    # With equal values every action is greedy. This also compiles the loop for a report's episodes.
     policy = (
         GreedyPolicy(Values(frozen(np.zeros(shape))))
         if math.prod(shape) <= MOST_PAIRS
@@ -95,7 +95,7 @@ def pace(task: Any) -> float:
 
 
 def _exact_seconds(node: Node) -> float:
-    """Return the seconds that a seed's exact evaluations take, at most; 0 for rollouts."""
+    """Return the most seconds that a seed's exact evaluations take; 0 for rollouts."""
     if node.takes_no_steps:
         return DISTILLING
     if node.deep or hasattr(node.evaluation.kernel(node.task), "episodes"):
@@ -107,8 +107,8 @@ def _exact_seconds(node: Node) -> float:
 
 
 def sweeping_seconds(task: Any, sweeps: float) -> float:
-    """Return about how many seconds `sweeps` sweeps over a task's tables take."""
-    # Large tables are not built for that: it is then the time with one outcome for each pair.
+    """Return about the seconds of `sweeps` sweeps over a task's tables."""
+    # Large tables are not built for the estimate: it then assumes one outcome for each pair.
     model = generative_model(task)
     pairs = model.states.size * model.actions.size
     outcomes = pairs if pairs > LARGEST_SOLVED else tables(task).probability.size

@@ -1,4 +1,4 @@
-"""Records in a study's folder: plain data, written when it runs and read without its code."""
+"""Records in a study's folder: plain data, written by a run and read without the study's code."""
 
 import json
 from collections.abc import Collection
@@ -20,7 +20,7 @@ from curricle.comparison.task_differences import TaskSummary
 from curricle.show.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH
 
-# -- Parts of records in plain data: their types are fixed, and arrays are lists of numbers --------
+# -- Parts of records: plain data of fixed types, with arrays as lists of numbers ------------------
 
 
 def _array(dtype: type, kinds: str) -> Any:
@@ -47,21 +47,21 @@ class Plain(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
-# -- What a study's folder says about it: all that is needed to read its results -------------------
+# -- The record of a study in its folder, from which its results can be read -----------------------
 
-LONGEST_EPISODE = 200  # steps of an episode that are kept
+LONGEST_EPISODE = 200  # first steps of an episode that are kept
 Model = TypeVar("Model", bound=BaseModel)
 
 
-Thing = Literal["treasure", "fire", "pit", "goal", "key", "lock", "exit"]  # what lies on a grid
+Thing = Literal["treasure", "fire", "pit", "goal", "key", "lock", "exit"]  # objects on a grid
 
 
 class ViewRecord(Plain):
-    """A :class:`GridView`, without the cells of its markers in all states."""
+    """A :class:`GridView` without the positions of markers in each state."""
 
     states: Ints
-    cells: Ints  # of each state, counted from the top-left one by rows
-    ended: Ints  # places in `states` of those in which the episode is over
+    cells: Ints  # the cell of each state, numbered by rows from the top left
+    ended: Ints  # indices into `states` of states that end an episode
     origin: tuple[int, int]
     shape: tuple[int, int]
     actions: tuple[str, ...]
@@ -71,7 +71,7 @@ class ViewRecord(Plain):
     is_map: bool
     objects: tuple[tuple[Thing, int, int, bool], ...]
     markers: tuple[tuple[str, Literal["blue", "vermillion", "green", "purple", "black"]], ...]
-    air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))  # without states, no walls
+    air: Ints = Field(default_factory=lambda: np.empty(0, np.int64))  # no states, no walls
 
     @classmethod
     def of(cls, view: GridView) -> Self:
@@ -84,7 +84,7 @@ class ViewRecord(Plain):
 
     @property
     def view(self) -> GridView:
-        """The view; its markers have no cells."""
+        """The view, whose markers have no positions."""
         fields = dict(self)
         fields["cells"] = np.stack(np.divmod(self.cells, self.shape[1]), axis=1) + self.origin
         fields["ended"] = np.isin(np.arange(len(self.states)), self.ended)
@@ -113,8 +113,8 @@ def _below(numbers: IntArray, most: int) -> bool:
 class TaskRecord(Plain):
     """A task of a study."""
 
-    kind: str  # its type and its size, in words
-    text: str  # its parameters, in words
+    kind: str  # its type and size as text
+    text: str  # its parameters as text
     states: Count
     actions: Count  # 0 where it is seen through observations
     view: ViewRecord | None
@@ -131,11 +131,11 @@ class TaskRecord(Plain):
 class NodeRecord(Plain):
     """A task of an arm and the settings of its training."""
 
-    task: Count  # its place among the study's tasks; equal for tasks that are the same
-    key: str  # of its units; empty for what is not stored
-    settings: dict[str, str]  # those of its training, in words
-    aggregate: str | None  # what combines the transfers into it, where there are several
-    seeds_per_file: Annotated[int, Field(ge=1)]  # how many seeds a file of its units holds at most
+    task: Count  # its index among the study's tasks; same tasks have equal indices
+    key: str  # the key of its units; empty if they are not stored
+    settings: dict[str, str]  # the settings of its training as text
+    aggregate: str | None  # the aggregate of its transfers, if there are several
+    seeds_per_file: Annotated[int, Field(ge=1)]  # most seeds in a file of its units
 
 
 class TransferRecord(Plain):
@@ -144,35 +144,35 @@ class TransferRecord(Plain):
     source: str
     target: str
     words: str
-    number: Count  # equal for transfers that are the same
+    number: Count  # its index; same transfers have equal indices
 
 
-class VariantRecord(Plain, strict=False):  # a configuration makes it of a dict
+class VariantRecord(Plain, strict=False):  # not strict: a configuration makes it from a dict
     """The settings that a sweep or a tuning gave to an arm."""
 
-    arm: str  # the arm as the file calls it; "scratch" of learning from scratch
+    arm: str  # the arm's name in the file; "scratch" for learning from scratch
     values: dict[str, Any]  # by their keys in the file
 
 
 class TunedArm(Plain, strict=False):
     """The best trial of an arm."""
 
-    trials: Count  # how many there were
+    trials: Count  # number of its trials
     score: float | None
-    """Mean return over all steps, sources charged, mean over the tuning's seeds; None if it is no
-    number."""
+    """Mean return over all steps, sources charged, averaged over the tuning's seeds; None if not
+    finite."""
     values: dict[str, Any]  # by their keys in the file
 
 
 class TunedRecord(Plain, strict=False):
-    """A tuning that is complete; its trials are a study of their own."""
+    """A complete tuning, whose trials are stored as a separate study."""
 
     seeds: tuple[Count, ...] = Field(min_length=1)
-    total: Count  # steps of each trial and seed, sources included
+    total: Count  # steps a trial and seed, sources included
     arms: dict[str, TunedArm]
 
     def steps(self, arm: str) -> int:
-        """Return the steps of an arm's trials, all seeds together."""
+        """Return the steps of an arm's trials, summed over seeds."""
         return self.arms[arm].trials * len(self.seeds) * self.total
 
 
@@ -181,13 +181,13 @@ class ArmRecord(Plain):
 
     nodes: dict[str, NodeRecord] = Field(min_length=1)
     transfers: tuple[TransferRecord, ...]
-    potential: str  # the row of a forecast that has the potential of its target
+    potential: str  # the name of its row in a forecast
     scratch: bool = False  # whether it learns the target without sources, for all steps
     depends_on_total: str | None = None
-    """Why what is learnt by a step depends on the total, in words; empty if it does not, None if
-    another version wrote the record."""
+    """Why learning up to a step depends on the total of steps, as text; empty if it does not; None
+    if another version wrote the record."""
     variant: VariantRecord | None = None
-    control_of: str = ""  # the arm that it is a control of, or whose potential gives its constant
+    control_of: str = ""  # the arm of a control; the arm whose potential gives a constant
     knows_target: bool  # whether a mapping was found in the target's model
 
     @model_validator(mode="after")
@@ -201,7 +201,7 @@ class ArmRecord(Plain):
 
 
 class CurriculaRecord(Plain):
-    """Tasks and arms, of a study or of curricula that were trained without a study."""
+    """Tasks and arms of a study, or of curricula that were trained without a study."""
 
     tasks: tuple[TaskRecord, ...]
     arms: dict[str, ArmRecord]
@@ -216,7 +216,7 @@ class CurriculaRecord(Plain):
         return CurriculaRecord(tasks=self.tasks, arms=kept)
 
     def groups(self) -> list[tuple[str, ...]]:
-        """Return the arms besides scratch; those with the same tasks and transfers together."""
+        """Return groups of arms with equal tasks and transfers; no scratch arms, no controls."""
         groups: dict[Any, list[str]] = {}
         for name, arm in self.arms.items():
             if name != SCRATCH and not (arm.scratch or arm.control_of):
@@ -239,17 +239,17 @@ class StudyRecord(CurriculaRecord):
 
     name: str
     seeds: tuple[Count, ...]
-    threshold: float | None  # the file's, or what the target's optimum gives, if that is known
-    threshold_from: str = ""  # in words; empty in records of earlier versions
+    threshold: float | None  # the file's, or computed from the target's optimum, or None
+    threshold_from: str = ""  # its source as text; empty in records of earlier versions
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str
-    problem: TaskSummary  # of the target: what tells whether two studies have the same
-    budget: Count | None  # of the target, as are total and eval_freq, and as in :class:`Arms`
+    problem: TaskSummary  # the target, to tell whether two studies have the same target
+    budget: Count | None  # this, `total` and `eval_freq` are as in :class:`Arms`
     total: Count | None
     eval_freq: Annotated[int, Field(ge=1)]
     tuned: TunedRecord | None = None
-    chosen: str | None = None  # what the choice of its arm printed
+    chosen: str | None = None  # the printed choice of its arm
 
     @property
     def keys(self) -> dict[tuple[str, str], str]:
@@ -275,7 +275,7 @@ class StudyRecord(CurriculaRecord):
 
 
 class RowRecord(Plain):
-    """A row of a forecast: one potential, means over seeds."""
+    """A row of a forecast: a potential, with means over seeds."""
 
     name: str
     aggregate: bool
@@ -286,18 +286,18 @@ class RowRecord(Plain):
 
 
 class ForecastRecord(Plain):
-    """A forecast, as a page shows it."""
+    """A forecast with the values that a report shows."""
 
     random_return: float
     optimum: float
     exact: bool
     solved: bool
-    computed_from: str  # what the sources' values were, in words
+    computed_from: str  # the seeds and steps of the sources as text
     rows: tuple[RowRecord, ...] = Field(min_length=1)
 
 
 class CertificateRecord(Plain):
-    """The certificate of the potential of some arms' first seeds."""
+    """The certificate of the potential that the first seeds of some arms share."""
 
     arms: tuple[str, ...]
     holds: bool | None
@@ -310,7 +310,7 @@ class SectionRecord(Plain):
     arms: tuple[str, ...]
     forecast: ForecastRecord | None
     certificates: tuple[CertificateRecord, ...]
-    left_out: tuple[str, ...]  # what, why, and how to get it, in a sentence each
+    left_out: tuple[str, ...]  # sentences on omitted parts, the reason, and how to get them
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -322,8 +322,8 @@ class SectionRecord(Plain):
 class EpisodeRecord(Plain):
     """One greedy episode of n steps on a grid."""
 
-    cells: Ints  # (n + 1, markers): where each marker is, as row * columns + column
-    returns: Floats  # (n + 1,): return so far
+    cells: Ints  # (n + 1, markers): positions of markers, as row * columns + column
+    returns: Floats  # (n + 1,): the return so far
     terminated: bool
 
     @model_validator(mode="after")
@@ -338,7 +338,7 @@ class EpisodeRecord(Plain):
 
 
 class EpisodePair(Plain):
-    """An episode of the greedy policy of the first snapshot, and one of that of the last."""
+    """Episodes of the greedy policies of the first and of the last snapshot."""
 
     before: EpisodeRecord
     after: EpisodeRecord
@@ -347,7 +347,7 @@ class EpisodePair(Plain):
 class Analysis(Plain):
     """Results that need the tasks themselves, written at the end of a run."""
 
-    of: str  # a digest of the results that it is of
+    of: str  # a digest of the analysed results
     sections: tuple[SectionRecord, ...] = ()
     episodes: dict[str, dict[str, EpisodePair]] = Field(default={})  # arm -> task -> episodes
 
@@ -382,7 +382,7 @@ class RunRecord(Plain):
 
 
 def read_record(model: type[Model], value: Any) -> Model:
-    """Return a record from the content of a JSON file; ValueError names the first mistake."""
+    """Return the record in the content of a JSON file; ValueError names the first mistake."""
     try:
         return model.model_validate_json(json.dumps(value))
     except ValidationError as error:
@@ -390,7 +390,7 @@ def read_record(model: type[Model], value: Any) -> Model:
 
 
 def first_mistake(error: ValidationError) -> str:
-    """Return the first mistake in the content of a file, with its place."""
+    """Return the first mistake in the content of a file, with its key path."""
     first = error.errors(include_url=False)[0]
     place = ".".join(map(str, first["loc"])) or "it"
     text = first["msg"].removeprefix("Value error, ")
@@ -398,5 +398,5 @@ def first_mistake(error: ValidationError) -> str:
 
 
 def plain(record: BaseModel) -> dict[str, Any]:
-    """Return a record as JSON holds it; :func:`read_record` reads it."""
+    """Return a record as plain data for JSON, which :func:`read_record` reads."""
     return record.model_dump(mode="json")

@@ -58,13 +58,13 @@ from curricle.study.store import (
 )
 from curricle.text import counted, shortened
 
-# -- Units that failed: the arms that need them are left out, the others are compared --------------
+# -- Failed units: arms that need a failed unit are left out, the other arms are compared ----------
 
-FAILURES = "failures.json"  # the units that failed in the last run; not there if none did
+FAILURES = "failures.json"  # the failed units of the last run; no file if no unit failed
 
 
 def failure_records(failures: Failures) -> list[FailureRecord]:
-    """Return the records of failed units; none if the executor failed, which is no arm's fault."""
+    """Return the records of failed units; none if the executor failed, since no arm caused that."""
     records = list[FailureRecord]()
     for unit, error in failures.errors if not failures.executor_failed else ():
         text = f"{unit.label}: {without_folders(in_words(error))}"
@@ -73,11 +73,11 @@ def failure_records(failures: Failures) -> list[FailureRecord]:
 
 
 def failure_error(failures: Failures) -> StudyError:
-    """Return one error for all failures; its cause is the first error from outside the library."""
+    """Return an error that names all failures; its cause is the first error of foreign code."""
     (unit, first), *later = failures.errors
     text = f"{unit.label} failed, and all that is stored is whole: {in_words(first)}"
     for other, error in later:
-        if not isinstance(error, EngineError):  # one sentence says that a cluster is lost
+        if not isinstance(error, EngineError):  # a lost cluster is reported once
             text += f"; {other.label} failed too: {in_words(error)}"
     errors = [error for _, error in failures.errors]
     lost = any(isinstance(error, EngineError) for error in errors)
@@ -88,33 +88,33 @@ def failure_error(failures: Failures) -> StudyError:
 
 
 def without_folders(text: str) -> str:
-    """Return an error's text without folders, which belong to one machine."""
+    """Return an error's text without folders, which mean nothing on other machines."""
     quoted = re.sub(r"""(['"])(?:[A-Za-z]:)?[/\\][^'"\n]*[/\\]([^'"\n/\\]+)\1""", r"\1\2\1", text)
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
 def write_failures(store: StudyStore, records: Sequence[FailureRecord]) -> None:
-    """Write the failures of a run over those of the run before."""
+    """Replace the stored failures of the previous run by those of this run."""
     if records:
         store.write_records(FAILURES, records)
     else:
         store.remove([store.path / FAILURES])
 
 
-# -- Tables of many units, written in parts: all of one at once may not fit in memory --------------
+# -- Tables of many units, written in parts, because a whole table may not fit in memory -----------
 
-ROWS = 2**17  # of a group of rows in a Parquet file
+ROWS = 2**17  # rows of a row group in a Parquet file
 
 
 def apart(units: Iterable[StoredUnit]) -> Iterator[list[StoredUnit]]:
-    """Yield lists of units in order, such that all seeds of a list precede those of the next."""
-    group, last = list[StoredUnit](), -1
+    """Yield lists of units in order: all seeds of a list precede the seeds of the next list."""
+    group, highest = list[StoredUnit](), -1
     for unit in sorted(units, key=lambda unit: min(unit.seeds)):
-        if group and min(unit.seeds) > last:
+        if group and min(unit.seeds) > highest:
             yield group
             group = []
         group.append(unit)
-        last = max(last, *unit.seeds)
+        highest = max(highest, *unit.seeds)
     if group:
         yield group
 
@@ -129,7 +129,7 @@ def decisions_table(rows: Sequence[DecisionRow]) -> pa.Table:
 
 
 def parquet_of(parts: Iterable[pa.Table]) -> bytes:
-    """Return tables joined in a Parquet file whose bytes do not depend on how they were cut."""
+    """Return the tables joined in a Parquet file; its bytes do not depend on the division."""
     sink, writer, rest, rows = pa.BufferOutputStream(), None, list[pa.Table](), 0
     for part in parts:
         writer = writer or pq.ParquetWriter(sink, part.schema)
@@ -150,17 +150,17 @@ def parquet_of(parts: Iterable[pa.Table]) -> bytes:
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
 ANALYSIS = "analysis.json"
-MOST_CHECKPOINTS = 10_000_000  # of a curve in a comparison: 80 MB a seed
-SPENT = ("source_steps", "steps_used")  # arrays of steps
-HEADERS, FLOAT32 = 2**16, 4  # bytes of some headers, at most, and of a number in a snapshot
+MOST_CHECKPOINTS = 10_000_000  # most checkpoints of a curve in a comparison: 80 MB a seed
+SPENT = ("source_steps", "steps_used")  # names of arrays of steps
+HEADERS, FLOAT32 = 2**16, 4  # most bytes of headers; bytes of a number in a snapshot
 
 
 class StudyResults:
-    """The results in a study's folder, also while the study is still running.
+    """The results in a study's folder, which may still be running.
 
     Only plain data are read: no module that the study names is imported, no task is made, and no
-    pickle is loaded. So any machine can read a folder, and it is safe to read a stranger's folder.
-    StoreError when it holds no study, or a file in it is damaged.
+    pickle is loaded. So any machine can read a folder, and reading a stranger's folder is safe.
+    StoreError when the folder holds no study, or a file in it is damaged.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class StudyResults:
     record : StudyRecord
         The study.
     lacks_arms : bool
-        Whether the comparison leaves out arms that are still to be trained.
+        Whether the comparison leaves out arms that are not trained yet.
     """
 
     def __init__(self, path: str | Place | StudyStore, record: StudyRecord | None = None):
@@ -206,7 +206,7 @@ class StudyResults:
 
     @cached_property
     def failed(self) -> dict[str, str]:
-        """The error of each arm that failed in the last run and has not been trained since."""
+        """Arm -> its error, for arms that failed in the last run and were not trained since."""
         needs = self.record.keys | {
             (name, f"/{arm.control_of}"): self.record.keys[arm.control_of, self.record.target]
             for name, arm in self.record.arms.items()
@@ -221,7 +221,7 @@ class StudyResults:
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
-        """The seeds for which every arm that has not failed is complete."""
+        """The seeds for which all arms without a failure are complete."""
         keys = [key for (arm, _), key in self.record.keys.items() if arm not in self.failed]
         stored = [self.stored.get(key, {}) for key in keys]
         return tuple(sorted(set(self.record.seeds).intersection(*stored)))
@@ -237,9 +237,9 @@ class StudyResults:
     ) -> LearningResult:
         """Return the learning result of one task of an arm, without ``task`` and ``learner``.
 
-        With `values` the learnt values are read too, which may be large; those of a network are a
-        dict of arrays for each seed, from which :meth:`trained` makes networks. Of `seeds` the
-        result holds all that share their files. StoreError when there is no result yet.
+        With `values` the learnt values are read too, which may be large. The values of a network
+        are a dict of arrays for each seed, from which :meth:`trained` makes networks. The result
+        holds `seeds` and all seeds in the same files. StoreError when there is no result yet.
         """
         if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
@@ -250,7 +250,7 @@ class StudyResults:
         )
 
     def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
-        """Return the arrays of a unit of an arm, which have the shapes that the record states."""
+        """Return the arrays of a unit of an arm, checked against the shapes in the record."""
         task = self.record.task(arm, name)
         arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
         expected = arrays, unit.seeds, (task.states, task.actions), SPENT
@@ -259,8 +259,8 @@ class StudyResults:
 
     @property
     def most_bytes(self) -> int:
-        """An upper bound of the bytes of snapshots of the largest task with a picture."""
-        # A record may state any size, so the most that a run writes counts too.
+        """An upper bound on the bytes of the snapshots of a task that has a picture."""
+        # A damaged record may state any size, so the largest size that a run writes is a bound too.
         pairs = [task.states * task.actions for task in self.record.tasks if task.view is not None]
         stated = HEADERS + FLOAT32 * (self.record.snapshots + 2) * max(pairs, default=0)
         return min(stated, HEADERS + MAX_SNAPSHOT_BYTES)
@@ -271,7 +271,7 @@ class StudyResults:
         """Return the values that an arm's sources learnt, as :meth:`Curriculum.train` takes them.
 
         The folder holds no curriculum: pass ``read_study(file).curriculum(arm)``. By default the
-        seeds are those that every arm has finished. StoreError when a source lacks a seed.
+        seeds are those that all arms have finished. StoreError when a source lacks a seed.
         """
         seeds = self.seeds if seeds is None else tuple(seeds)
         return self._values(arm, curriculum, seeds, curriculum.ancestors(curriculum.target))
@@ -302,7 +302,7 @@ class StudyResults:
     def _values(
         self, arm: str, curriculum: Curriculum, seeds: tuple[int, ...], names: Sequence[str]
     ) -> dict[str, SourceValues]:
-        """Return the values of seeds in some tasks of an arm; StoreError if any is missing."""
+        """Return the values of seeds in some tasks of an arm; StoreError if a value is missing."""
         last, stored = names[-1] if names else curriculum.target, {}
         read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
@@ -311,7 +311,7 @@ class StudyResults:
         return source_values(curriculum, seeds, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
-        """Return the unit of each seed; StoreError if any is missing."""
+        """Return the unit of each seed; StoreError if a unit is missing."""
         units = {seed: unit for unit in self._units(arm, name) for seed in unit.seeds}
         for seed in seeds:
             if seed not in units:
@@ -343,7 +343,7 @@ class StudyResults:
 
     @property
     def comparison(self) -> Comparison:
-        """The comparison of the arms with learning from scratch, as of :func:`compare_studies`."""
+        """The comparison of the arms with learning from scratch (:func:`compare_studies`)."""
         return compare_studies([self])
 
     @property
@@ -353,11 +353,11 @@ class StudyResults:
 
     @property
     def runs(self) -> list[RunRecord]:
-        """Each run so far."""
+        """The records of all runs so far."""
         return self.store.records(RUNS, RunRecord)
 
     def initial_values(self, arm: str) -> FloatArray | None:
-        """Return the value at which each seed's Q starts, (K,); None unless it is a constant's."""
+        """Return the initial Q of each seed, (K,); None unless the arm is a constant."""
         values, seeds = list[FloatArray](), list[int]()
         for unit in self._units(arm, self.record.target) if self.record.arms[arm].scratch else ():
             arrays = self._arrays(arm, self.record.target, unit, RUN)
@@ -374,14 +374,14 @@ class StudyResults:
         return steps[np.argsort(seeds)]
 
     def table(self, name: str) -> pa.Table:
-        """Return ``curves.parquet`` or ``decisions.parquet`` of all units, with their arms."""
+        """Return the curves or the decisions of all units, `name` a file, with a column of arms."""
         one_of("a table of a study", name, (CURVES, DECISIONS), StoreError)
         if not (parts := [*self._parts(name)]):
             raise StoreError(f"{self.store.path} holds no results yet")
         return pa.concat_tables(parts)
 
     def _parts(self, name: str) -> Iterator[pa.Table]:
-        """Yield a table in parts: of each task of each arm, by seed and step."""
+        """Yield a table in parts: by arm and task, then by seed and step."""
         for arm, task in self.record.keys:
             for units in apart(self._units(arm, task)):
                 tables = [
@@ -401,7 +401,7 @@ class StudyResults:
             self.store.write(file, parquet_of(self._parts(name)))
 
     def decisions(self, arm: str, task: str, column: str = "reason") -> dict[int, list[str]]:
-        """Return the reason for each decision in a task, as sentences by seed."""
+        """Return seed -> the reasons for the decisions in a task, as sentences."""
         values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
             for row in self.store.decisions(unit):
@@ -409,13 +409,13 @@ class StudyResults:
         return dict(sorted(values.items()))
 
     def ended_by(self, arm: str, task: str) -> dict[int, str]:
-        """Return the reason why training in a task ended for each seed, from a few fixed texts."""
+        """Return seed -> the reason why its training in a task ended, one of a few fixed texts."""
         criteria = self.decisions(arm, task, "criterion")
         return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
 
 
 def _numbers(arrays: Mapping[str, Any]) -> FloatArray:
-    """Return the initial values that a file holds; ValueError where they do not fit its seeds."""
+    """Return the initial values in a file; ValueError if they do not fit the file's seeds."""
     values: FloatArray = arrays["initial_values"]
     if values.shape != arrays["seeds"].shape or values.dtype != "float64":
         raise ValueError("initial_values must be a number of float64 for each seed")
@@ -425,25 +425,25 @@ def _numbers(arrays: Mapping[str, Any]) -> FloatArray:
 # -- The arms of one or several studies, compared --------------------------------------------------
 
 SAME_TOTAL = "give their targets budgets with which the totals are equal"
-"""The way out for studies that cannot be compared at the smallest total."""
+"""The advice for studies that cannot be compared at the smallest total."""
 
 
 def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     """Return the comparison of all studies' arms with learning from scratch in the first study.
 
-    It has the seeds that every arm has finished, without arms that failed. While seeds of the plan
-    are missing there is no verdict and no p-value. Studies with different totals are compared at
-    the smallest total, if learning up to it does not depend on the rest.
+    It has the seeds that all arms without a failure have finished. While seeds of the plan are
+    missing there is no verdict and no p-value. Studies with different totals are compared at the
+    smallest total, if learning up to it does not depend on the total.
 
-    Arms of several studies are named ``study: arm``, by folder where names of studies are equal.
+    Arms of several studies are named ``study: arm``; studies of equal names by their folder.
 
     Raises
     ------
     StoreError
-        When a study has no scratch baseline, or there is no seed that all arms have finished.
+        When a study does not learn the target from scratch, or no seed is finished in all arms.
     CurriculumError
-        When the targets differ as tasks or in how they are learnt, when learning in an arm depended
-        on a larger total, or when its sources took more than the smallest total.
+        When the targets differ as tasks or in their settings, when learning in an arm depended on a
+        larger total, or when an arm's sources took more than the smallest total.
     """
     total = _shared_total(studies)
     first, paths = studies[0].record, [study.store.path for study in studies]
@@ -487,7 +487,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
 
 
 def _shared_total(studies: Sequence[StudyResults]) -> int:
-    """Return the total of steps at which studies can be compared; StoreError or CurriculumError."""
+    """Return the total at which studies can be compared, or raise as `compare_studies` does."""
     for study in studies:
         if not study.has_baseline:
             raise StoreError(
@@ -521,7 +521,7 @@ def _shared_total(studies: Sequence[StudyResults]) -> int:
 
 
 def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
-    """Raise CurriculumError unless two targets are one task, learnt and evaluated alike."""
+    """Raise CurriculumError unless two targets are the same task with the same settings."""
     pair = f"{first.name!r} and {other.name!r}"
     if first.target != other.target:
         raise CurriculumError(
@@ -543,7 +543,7 @@ def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
 
 
 def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
-    """Return an arm of a study as it is compared, at a total of steps."""
+    """Return an arm of a study for a comparison at a total of steps."""
     record = study.record
     result = study.results[name][record.target]
     spent = study.source_steps(name)

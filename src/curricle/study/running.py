@@ -1,4 +1,4 @@
-"""Running a study: its units on any executor, each stored as soon as it is trained."""
+"""Running a study: an executor trains its units, which are stored as soon as they are trained."""
 
 import json
 import os
@@ -66,17 +66,17 @@ from curricle.study.tuning import (
 )
 from curricle.text import brief_repr, counted
 
-# -- How far a run is, and how long the remaining units will take ----------------------------------
+# -- The progress of a run, and the time that is left ----------------------------------------------
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is.
+    """The progress of a run.
 
     Attributes
     ----------
     units : tuple of Unit
-        All units that the run trains; the same tuple each time.
+        All units that the run trains; the same tuple in every call.
     stored : Unit or None
         The unit that has just been stored; None at the beginning.
     workers : int
@@ -101,28 +101,28 @@ class Progress:
 
 
 class Pace:
-    """How many units are stored, and about how long the others take."""
+    """The number of stored units, and about the time that the other units will take."""
 
     def __init__(self, clock: Callable[[], float] = monotonic):
         self.clock, self.stored, self.units = clock, 0, 0
-        self._workers, self._begun = 0, (clock(), 0)  # time, and units stored then
+        self._workers, self._begun = 0, (clock(), 0)  # time, and units stored at that time
 
     def note(self, progress: Progress) -> None:
         """Record the beginning of a run, or a stored unit."""
         self.units, self._workers = len(progress.units), progress.workers
         self.stored = 0 if progress.stored is None else self.stored + 1
-        if progress.stored is None:  # or further units, after those of a tuning
+        if progress.stored is None:  # units of a study may follow the units of its tuning
             self._begun = self.clock(), 0
 
     def line_of(self, stored: int, units: int) -> str:
-        """Record the units that another process has stored in a folder, and return the line."""
+        """Return the line for the number of units that another process has stored."""
         if not self.units:
             self._begun = self.clock(), stored
         self.stored, self.units = stored, units
         return self.line()
 
     def line(self) -> str:
-        """Return a line on how far the run is, and when it ends at its pace since it began."""
+        """Return a line on the progress of the run, and the time left at its pace so far."""
         parts = [f"{self.stored:,} of {counted(self.units, 'unit')}"] if self.units else []
         if self._workers:
             parts.append(counted(self._workers, "worker"))
@@ -139,8 +139,8 @@ def shown_units(
     pace: Pace | None = None,
     line: Callable[[], str] | None = None,
 ) -> Iterator[Callable[[Progress], None]]:
-    """Yield a function that shows each :class:`Progress` of a run as ``progress`` asks for."""
-    # Below the bars stands a `line`, by default how far the whole run is, its `pace`.
+    """Yield a function that shows every :class:`Progress` in the form that `progress` states."""
+    # `line` returns the text below the bars, by default the line of `pace` on the whole run.
     pace = pace or Pace()
     grow: dict[str, Callable[[], None]] = {}
     with shown(progress, line or pace.line) as bars:
@@ -163,15 +163,14 @@ def shown_units(
         yield show
 
 
-# -- What a run finds in its folder: the units that it uses, and why it does not use others --------
+# -- The stored units that a run uses, and the reasons why it does not use other units -------------
 
 Done = dict[str, dict[int, StoredUnit]]  # key -> seed -> unit
 
 
 def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tuple[Done, list[str]]:
-    """Return the usable units, and a sentence about each task with damaged or stale units."""
-    # Damaged units are deleted if asked for; stale ones stay, and are found again if what they
-    # depend on is as it was.
+    """Return the usable units, and sentences about damaged files and stale units."""
+    # Stale units stay in the folder: they are used again when their dependencies are as before.
     damaged = store.damaged_units()
     remarks = [f"{file} is damaged: its units are trained again" for file in damaged]
     if remove_damaged:
@@ -179,7 +178,7 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
     done = store.finished(without=damaged)
     places: dict[str, tuple[str, str]] = {}
     for place, key in arms.keys.items():
-        places.setdefault(key, place)  # of arms that share units, the first
+        places.setdefault(key, place)  # the first of the arms that share units
     depends = {key: arms.dependencies[place] for key, place in places.items()}
     stale = replaced_keys(depends, done)
     for key in (key for key in places if key in stale):
@@ -192,14 +191,14 @@ def usable_units(store: StudyStore, arms: Arms, *, remove_damaged: bool) -> tupl
 
 # -- The order of units ----------------------------------------------------------------------------
 
-AHEAD = 2  # units submitted for each worker, so that none is idle between two
+AHEAD = 2  # units submitted for each worker, so that workers need not wait for the next unit
 ASKED_AGAIN = 2.0
-"""Seconds after which the number of workers is asked again: it may grow, and a cluster's answer
-takes about as long as a small unit."""
+"""Seconds between requests for the number of workers: it may grow, but a cluster's answer takes
+about as long as a small unit."""
 
 
 class Queue:
-    """Units that are still to be sent, in order, as soon as their sources are trained."""
+    """Units to send: in order, but each after its sources are trained."""
 
     def __init__(self, units: Iterable[Unit]):
         self.units = list(units)
@@ -210,14 +209,14 @@ class Queue:
             read = self._numbers.keys() & product(unit.sources.values(), unit.seeds)
             self._order.add(number, *{self._numbers[pair] for pair in read})
         self._order.prepare()
-        self.ready = sorted(self._order.get_ready())  # a heap of the units that can be sent
+        self.ready = sorted(self._order.get_ready())  # heap of the units whose sources are trained
 
     def pop(self) -> Unit:
-        """Return the next unit to be sent."""
+        """Return the next unit to send."""
         return self.units[heappop(self.ready)]
 
     def trained(self, unit: Unit) -> None:
-        """Release the units that waited for a unit, which is stored now."""
+        """Release the units that waited for a unit; call it when that unit is stored."""
         self._order.done(self._numbers[unit.key, unit.seeds[0]])
         for number in self._order.get_ready():
             heappush(self.ready, number)
@@ -225,13 +224,13 @@ class Queue:
 
 @dataclass
 class Scheduler:
-    """Sends units to workers, each after its sources, and has their results stored."""
+    """Sends units to workers, each after its sources, and passes results to a `holder` to store."""
 
-    # `holder` takes results by add and stores them by write, which it may put off for some seconds
-    # while it holds any (bool). `workers` tell their number, and why a unit is lost that nobody
-    # here cancelled.
+    # `holder.add` takes a result, `holder.write` stores all results taken, which may wait for
+    # `holder.seconds`; the holder is true while it holds results. `workers` return their number,
+    # and the error of a unit that was cancelled, but not by this process.
 
-    send: Callable[[Unit], Future[Any]]  # its sources must be stored
+    send: Callable[[Unit], Future[Any]]  # called after the unit's sources are stored
     holder: Any
     workers: Any
     failures: Failures
@@ -245,22 +244,22 @@ class Scheduler:
         return self._number
 
     def results(self, units: Iterable[Unit]) -> Iterator[tuple[Unit, Any]]:
-        """Yield each unit with its result when it is stored."""
-        # When one fails, no more are started that only arms with a failure need.
+        """Yield each unit with its result when the result is stored."""
+        # After a failure no unit is started that only arms with a failure need.
         queue, running = Queue(units), dict[Future[Any], Unit]()
         try:
             while queue.ready or running or self.holder:
-                # at least for one worker: some clusters start workers when there is work
+                # for one worker at least: some clusters start workers only when there are calls
                 ahead = AHEAD * max(1, self.number())
                 while queue.ready and len(running) < ahead:
                     unit = queue.pop()
                     if self.failures.keeps(unit):
                         running[self.send(unit)] = unit
-                idle = not queue.ready  # others may wait for what was trained
+                idle = not queue.ready  # then units may wait for results that are not stored yet
                 limit = self.holder.seconds if self.holder else ASKED_AGAIN
                 ended, _ = wait(running, min(limit, ASKED_AGAIN), FIRST_COMPLETED)
                 for future in [future for future in running if future in ended]:
-                    if future in running:  # not cancelled, since one before it failed
+                    if future in running:  # the failure of another unit may have cancelled it
                         self._end(future, running)
                 if idle or not self.holder.seconds:
                     for unit, result in self.holder.write():
@@ -272,13 +271,13 @@ class Scheduler:
             self.holder.write()
 
     def _end(self, future: Future[Any], running: dict[Future[Any], Unit]) -> None:
-        """Take the result of a unit that has ended, or cancel what needs it."""
+        """Take the result of a unit that has ended; if it failed, cancel units needed no longer."""
         unit = running.pop(future)
         error = self.workers.lost() if future.cancelled() else future.exception()
         result = None if error else future.result()
-        error = result if isinstance(result, Exception) else error  # another process's
+        error = result if isinstance(result, Exception) else error  # an error from another process
         if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
-            raise error  # a lost store, or an interrupt
+            raise error  # the store is lost, or this is an interrupt
         if error is None:
             self.holder.add(unit, result)
             return
@@ -288,10 +287,10 @@ class Scheduler:
                 del running[other]
 
 
-# -- Running a study: its units on any executor, each stored as soon as it is trained --------------
+# -- Running a study -------------------------------------------------------------------------------
 
 LIBRARIES = ("curricle", "numpy", "numba", "llvmlite", "gymnasium", "pyarrow", "pydantic")
-OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib")  # libraries that may be there
+OPTIONAL = ("torch", "stable-baselines3", "sb3-contrib")  # libraries that may be installed
 
 
 def run_study(
@@ -313,33 +312,35 @@ def run_study(
     ----------
     study : StudyConfig or path of its file
     path : path or str, optional
-        The folder, made if need be, or a URL. By default the file's name with "-results", here.
+        The folder, created if missing, or a URL. By default FILE-results in the working directory.
     resume : bool
-        Whether to continue with the folder's units. A unit is trained if it is missing, damaged or
-        stale: stale units depended on other settings, sources, own code or version of Curricle.
+        Whether to use the folder's units. Units are trained if they are missing, damaged or stale.
+        A unit is stale if its settings, its sources, the user's code or Curricle's version differ.
     workers : int, optional
-        Threads: by default one a processor, but a single thread if a task runs in Python or is
-        learnt by a network (use :class:`WorkerProcesses` then). Results do not depend on it.
+        Number of threads: by default one a processor, but a single thread if a task runs in Python
+        or is learnt by a network (use :class:`WorkerProcesses` then). Results do not depend on it.
     executor : concurrent.futures.Executor, optional
-        Trains the units instead, maybe on other machines; it is not shut down.
+        Trains the units instead of threads, maybe on other machines; it is not shut down.
     on : str, optional
         A cluster that trains the units: "dask", "ray", or an address such as "dask://host:8786".
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
     trackers : sequence of str or Tracker
-        Trackers that also get each unit's curves: "tensorboard", or a :class:`Tracker` of yours.
+        Trackers that also receive each unit's curves: "tensorboard", or your :class:`Tracker`.
     report : callable, optional
-        Called with a sentence for each failed tracker and stale or damaged task; default: stderr.
+        Called with a sentence for each failed tracker and each damaged file or stale task; by
+        default it prints to stderr.
     progress : bool or callable, optional
-        Bars by default; a function is called with a :class:`Progress` at the start and each unit.
+        Bars by default; a function is called with a :class:`Progress` at the start and after each
+        unit.
 
     Raises
     ------
     ConfigError
-        With all mistakes in the study's file, those that Stable-Baselines3 finds included.
+        With all mistakes in the study's file, including those that Stable-Baselines3 finds.
     StoreError
-        When the folder holds something else, is in use, is damaged or cannot be written to;
-        LostStoreError if that happens later; then continue with `resume`.
+        When the folder holds other files, is in use, is damaged or cannot be written to;
+        LostStoreError if it fails during the run, which `resume` then continues.
     SettingError
         When the arms cannot be compared, a setting is invalid, or a package is missing.
     StudyError
@@ -382,7 +383,7 @@ def run_study(
             )
         trials.check_networks()
     with ExitStack() as ending:
-        # first: where a cluster is refused, no folder is made
+        # opened first, so that a refused cluster leaves no folder
         every = [arms, of_trials] if of_trials else [arms]
         places = _workers(study, every, workers, executor, on, report, ending)
         about, record = described(study, arms)
@@ -422,7 +423,7 @@ def run_study(
 
 @dataclass(frozen=True)
 class Training:
-    """The store of units, the workers that train them, and what is told of them."""
+    """The store of units, the workers that train them, and the functions that report on them."""
 
     store: StudyStore
     workers: Workers
@@ -440,7 +441,7 @@ class Training:
         words: str = "",
         track: Callable[[str, str, LearningResult], Any] | None = None,
     ) -> Failures:
-        """Train and store the missing units of a study, or of a part; return those that failed."""
+        """Train and store the missing units of a study or a part of it; return the failures."""
         part = part or arms
         store, failures = self.store, Failures(part.needs)
         done = _begun(store, study, arms, self.report)
@@ -457,7 +458,7 @@ class Training:
         pack(store, packing.per_file)
         if not failures:
             store.remove_checkpoints()
-        store.require_there()  # in a folder that was moved nothing is listed, and nothing is wrong
+        store.require_there()  # listing a moved folder raises no error
         StudyResults(store, record).write_tables()
         return failures
 
@@ -470,10 +471,10 @@ class Training:
         failures: Failures,
         words: str,
     ) -> Iterator[Taken]:
-        """Train some units of a study; yield each with its result when it is stored."""
+        """Train units of a study; yield each with its result when the result is stored."""
         store, workers = self.store, self.workers
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
-        seen = workers.see(store.path)  # then they read and write large files themselves
+        seen = workers.see(store.path)  # workers that see the store read and write large files
 
         def send(unit: Unit) -> Future[Any]:
             curriculum = arms.curricula[unit.arm]
@@ -504,7 +505,7 @@ class Training:
 def _tried(
     training: Training, study: StudyConfig, arms: Arms, part: Any, seeds: Sequence[int], words: str
 ) -> StudyResults:
-    """Train a part of the arms of trials on some seeds, and return their results."""
+    """Train some arms of trials on further seeds, and return their results."""
     study = study.varied(seeds=list(seeds))
     about, record = described(study, part)
     training = replace(training, store=training.store.redescribed(about))
@@ -514,7 +515,7 @@ def _tried(
 
 
 def described(study: StudyConfig, arms: Arms) -> tuple[dict[str, Any], StudyRecord]:
-    """Return what a folder says of a study: all on which its results depend, and its record."""
+    """Return the description of a study, on which its results depend, and its record."""
     record, version = study_record(study, arms), metadata.version("curricle")
     about = {"curricle": version, "configuration": study.to_data(), "code": arms.code}
     return {**about, "record": plain(record)}, record
@@ -529,7 +530,7 @@ def _workers(
     report: Callable[[str], Any],
     ending: ExitStack,
 ) -> Workers:
-    """Return the workers of a run; workers that were started for it end with it."""
+    """Return the workers of a run; workers started for the run end with it."""
     if on is not None and executor is not None:
         raise SettingError(f"on and an executor exclude each other: got on={on!r} and an executor")
     if executor is not None and not callable(getattr(executor, "submit", None)):
@@ -541,14 +542,14 @@ def _workers(
         engine.carry(all_arms, study.folder)
         return engine
     number = workers or os.cpu_count() or 1
-    if executor is None:  # do not wait for units whose results would be thrown away
+    if executor is None:  # results of units in progress would be thrown away
         threads = 1 if any(arms.live for arms in all_arms) else number
         executor = ending.enter_context(interruptible(threads))
     return ExecutorWorkers(executor, number)
 
 
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:
-    """Record the run in its folder, and return the folder's units that it uses."""
+    """Record the run in its folder, and return the stored units that the run uses."""
     done, remarks = usable_units(store, arms, remove_damaged=True)
     runs = store.records(RUNS, RunRecord)
     versions = {name: metadata.version(name) for name in LIBRARIES}
@@ -556,8 +557,8 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
         with suppress(metadata.PackageNotFoundError):
             versions[name] = metadata.version(name)
     for library, version in versions.items():
-        there = {earlier.versions[library] for earlier in runs if library in earlier.versions}
-        earlier_versions = sorted(there - {version})
+        used = {earlier.versions[library] for earlier in runs if library in earlier.versions}
+        earlier_versions = sorted(used - {version})
         if earlier_versions and library != "curricle":
             remarks.append(
                 f"{library} was {' and '.join(earlier_versions)} in earlier runs and is {version}: "
@@ -565,7 +566,7 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
             )
     for sentence in remarks:
         report(sentence)
-    # Nothing in it names the machine, its user or a place on its disk: folders are sent to others.
+    # The record names no machine, user or path, because users send folders to other people.
     run = RunRecord(
         started=datetime.now(UTC).isoformat(timespec="seconds"),
         file=study.file,
@@ -580,7 +581,7 @@ def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[
 
 
 def _commit(folder: Path) -> str | None:
-    """Return the Git commit of a folder, marked if files differ; None without a repository."""
+    """Return the Git commit of a folder, marked if files differ from it; None without Git."""
     asked = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     quiet: Any = {"capture_output": True, "text": True, "check": False}
     try:
@@ -590,15 +591,15 @@ def _commit(folder: Path) -> str | None:
     return described.stdout.strip() or None
 
 
-# -- Merging the parts of a study that were run in several folders ---------------------------------
+# -- Merging parts of a study that ran in several folders ------------------------------------------
 
 
 def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     """Merge the parts of a study, run in several folders, into one folder; return its results.
 
-    The folder is made if need be; units of the same study in it stay. The parts do not change. A
-    unit in several parts is taken once, since equal units have equal results. StoreError when the
-    folders hold different studies, or a folder is damaged or in use.
+    The folder is created if missing; its units of the same study stay. The parts do not change. A
+    unit in several parts is copied once, because equal units have equal results. StoreError when
+    the folders hold different studies, or a folder is damaged or in use.
     """
     if isinstance(parts, str | Place):
         raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")
@@ -609,9 +610,9 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     units_of_parts = [store.units() for store in stores]
     for study, units in zip(studies, units_of_parts, strict=True):
         stores[0].check(study.store.description)
-        for unit in units:  # damage is found before anything is written
+        for unit in units:  # reads all units before any file is written
             unit.result(unit.seeds, study.most_bytes)
-    # That of the first seeds, which a part has finished, is that of all.
+    # The analysis covers the first seeds: a part that finished these has the whole analysis.
     by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
     analysis = next((study.analysis for study in by_seed if study.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
@@ -623,21 +624,21 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         first = min(chain.from_iterable(stored), default=0)
         for store, units in zip(stores, units_of_parts, strict=True):
             target = target.redescribed(store.description)
-            # Those that are there belong to a part that was merged before.
+            # Records in the folder come from a part that was merged before.
             runs += [run for run in store.records(RUNS, RunRecord) if run not in before]
             target.write_records(RUNS, runs)
             for unit in units:
-                there = done.setdefault(unit.key, {})
-                if new := tuple(seed for seed in unit.seeds if seed not in there):
+                merged_units = done.setdefault(unit.key, {})
+                if new := tuple(seed for seed in unit.seeds if seed not in merged_units):
                     result = unit.result(new)
-                    if first not in new:  # a study keeps the snapshots of its first seed alone
+                    if first not in new:  # a study keeps snapshots of its first seed only
                         arrays = result.arrays.items()
                         kept = {k: v for k, v in arrays if group_of(k) != SNAPSHOTS}
                         result = result._replace(arrays=kept)
-                    there |= dict.fromkeys(new, target.write_unit(unit.about, result))
+                    merged_units |= dict.fromkeys(new, target.write_unit(unit.about, result))
             of_part = store.records(FAILURES, FailureRecord)
             failures += [failure for failure in of_part if failure not in failures]
-        target = target.redescribed(stores[0].description)  # with the seeds of all parts
+        target = target.redescribed(stores[0].description)  # now with the seeds of all parts
         pack(target, files_of(studies[0].record))
         merged = StudyResults(target)
         merged.write_tables()

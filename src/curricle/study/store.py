@@ -1,4 +1,4 @@
-"""The results store: a folder of complete files and the settings on which its results depend."""
+"""The results store: a folder of complete files, and the settings on which results depend."""
 
 import errno
 import json
@@ -53,13 +53,19 @@ from curricle.study_file.schema import seeds_in_ranges
 from curricle.tasks.mdp import generative_model
 from curricle.text import counted
 
-# -- In what two descriptions of results differ, so that their results may too ---------------------
+# -- The differences of two descriptions, by which their results may differ ------------------------
 
-MAY_CHANGE = ("name", "seeds", "seeds_per_unit", "threshold", "window")  # no result depends on it
+MAY_CHANGE = (
+    "name",
+    "seeds",
+    "seeds_per_unit",
+    "threshold",
+    "window",
+)  # no result depends on these
 
 
 def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
-    """Yield the keys, with both values, by which two descriptions and so results may differ."""
+    """Yield the keys in which two descriptions differ, with both values; results may differ too."""
     if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         first, second = dict(enumerate(first)), dict(enumerate(second))
     if not (isinstance(first, dict) and isinstance(second, dict)):
@@ -68,7 +74,7 @@ def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, 
         return
     for key in sorted({*first, *second}):
         place = f"{name}.{key}" if name and name != "configuration" else key
-        # The record follows from the configuration and the study's own functions.
+        # The record is computed from the configuration and the user's functions.
         if not (name == "configuration" and key in MAY_CHANGE) and place != "record":
             yield from differences(first.get(key), second.get(key), place)
 
@@ -79,12 +85,12 @@ def shown(value: Any) -> str:
     return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
 
 
-# -- Folders of results: what they are called, which ones may be written to, and errors of writing
+# -- Folders of results: their files, their locks, and errors of reading and writing ---------------
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 UNITS = "units"
-PATIENCE = 0.3  # seconds for a lock: whoever looks whether it is held has it for a moment
-CHECKPOINTS = ".checkpoints"  # where networks in training are saved, to go on from
+PATIENCE = 0.3  # seconds to wait for a lock: a process that tests it holds it for a moment
+CHECKPOINTS = ".checkpoints"  # folder where networks are saved during training, to resume it
 
 
 def check_ours(path: Place, resume: bool) -> None:
@@ -92,7 +98,7 @@ def check_ours(path: Place, resume: bool) -> None:
     if path.exists() and not path.is_dir():
         raise StoreError(f"results need a folder: {path} is a file")
     for entry in (*path.glob("*"), *path.glob("*/*")) if isinstance(path, Path) else ():
-        # What is damaged in a folder that is a link would be deleted.
+        # Damaged files are deleted, and a linked folder may hold files of other programs.
         if entry.is_symlink() and entry.is_dir() and entry.suffix != PART:
             raise StoreError(f"folders in one of results must be no links: delete {entry}")
     ours = (path / STUDY).exists() or not path.exists() or (resume and (path / UNITS).is_dir())
@@ -104,9 +110,9 @@ def check_ours(path: Place, resume: bool) -> None:
 
 @contextmanager
 def locked(path: Place) -> Iterator[None]:
-    """Lock a folder, made if need be, against other processes; StoreError if it is locked."""
-    # The lock ends with the process, also when it is killed. There is none at a URL: two runs that
-    # write there store the same units, so that the last of each stays.
+    """Lock a folder, created if missing, against other processes; StoreError if it is locked."""
+    # The lock ends with the process, even if that is killed. A URL has no lock: two runs that write
+    # there store equal units, and of each unit the last copy stays.
     if not isinstance(path, Path):
         yield
         return
@@ -126,7 +132,7 @@ def locked(path: Place) -> Iterator[None]:
 
 
 def _lock_of(path: Path) -> FileLock:
-    """Return a folder's lock; OSError if it is a link, because opening that may empty a file."""
+    """Return a folder's lock; OSError if it is a link, because opening a link may empty a file."""
     if (path / LOCK).is_symlink():
         raise OSError(errno.ELOOP, f"its {LOCK} must be no link: delete it", str(path))
     return FileLock(path / LOCK)
@@ -143,7 +149,7 @@ def in_use(path: Place) -> bool | None:
             return False
     except Timeout:
         return True
-    except OSError:  # a folder that may only be read, or a link
+    except OSError:  # the folder is read-only, or its lock is a link
         return None
 
 
@@ -176,7 +182,7 @@ def write_errors(path: Place) -> Iterator[None]:
 
 @contextmanager
 def lost_errors() -> Iterator[None]:
-    """Turn a failure to read or write that worked before into a LostStoreError."""
+    """Turn a failure to read or write during a run into a LostStoreError."""
     try:
         yield
     except StoreError as error:
@@ -185,13 +191,13 @@ def lost_errors() -> Iterator[None]:
         raise
 
 
-# -- The arrays of a unit: by group, of some seeds, of several units as one; and its tables --------
+# -- The arrays and decisions of a unit: groups of arrays, selected seeds, joined units ------------
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"  # groups of arrays
 
 
 class DecisionRow(NamedTuple):
-    """Why a seed went on or ended at a checkpoint."""
+    """The reason why training of a seed continued or ended at a checkpoint."""
 
     task: str
     seed: int
@@ -206,22 +212,22 @@ class DecisionRow(NamedTuple):
 
 
 DECISION_ROWS = TypeAdapter(list[DecisionRow])
-OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # an array of one seed, by its row
+OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # name of an array of the seed in this row
 OF_UNITS = ("source_steps", "scale", "refusal", "initial_values")
-"""Arrays by seed that a unit has beside those of its result: two if it was calibrated, another if Q
+"""Arrays by seed that a unit has besides its result's: two if it was calibrated, another if Q
 starts at a constant."""
-LARGEST_DECISIONS = 2**26  # bytes of a unit's decisions at most: 300,000 of them
+LARGEST_DECISIONS = 2**26  # most bytes of a unit's decisions: 300,000 decisions
 
 
 class UnitResult(NamedTuple):
     """The result of training a unit."""
 
-    arrays: Arrays  # those of the `LearningResult` (`arrays_of`), and `OF_UNITS`
+    arrays: Arrays  # arrays of the `LearningResult` (`arrays_of`), and of `OF_UNITS`
     decisions: Sequence[DecisionRow]  # by seed and checkpoint
 
 
 def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays of some seeds; snapshots, of the first seed, stay if it is among them."""
+    """Return the arrays of some seeds; snapshots belong to the first seed and stay with it."""
     rows = np.flatnonzero(np.isin(arrays["seeds"], list(seeds))).tolist()
     kept = dict[str, npt.NDArray[Any]]()
     for name, array in arrays.items():
@@ -238,7 +244,7 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
 
 def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
     """Return the results of several units of a task as one result, seeds ascending."""
-    # How the units were grouped does not change a byte.
+    # The result does not depend, to the byte, on how seeds were divided into units.
     if len(parts) == 1:
         return parts[0]
     parts = sorted(parts, key=lambda part: part.arrays["seeds"][0])
@@ -251,7 +257,7 @@ def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
         if name in parts[0].arrays:
             arrays[name] = np.concatenate([part.arrays[name] for part in parts])[order]
     decisions = chain.from_iterable(part.decisions for part in parts)
-    return UnitResult(arrays, sorted(decisions, key=lambda row: row.seed))  # stable
+    return UnitResult(arrays, sorted(decisions, key=lambda row: row.seed))  # a stable sort
 
 
 def group_of(name: str) -> str:
@@ -261,17 +267,17 @@ def group_of(name: str) -> str:
     return VALUES if re.match(r"values|states", name) else RUN
 
 
-# -- The file of a unit: a sealed archive of its arrays that says what it is of --------------------
+# -- The file of a unit: a sealed archive of its arrays and its record -----------------------------
 
 NamedArrays = dict[str, npt.NDArray[Any]]  # arrays by name
-ABOUT, DECISIONS = "unit.json", "decisions.json"  # members of the archive beside its arrays
+ABOUT, DECISIONS = "unit.json", "decisions.json"  # members of the archive besides the arrays
 ENDING = ".npz"
-LARGEST_ABOUT = 2**24  # bytes of unit.json at most: one of 100,000 seeds has a twentieth of that
-LONGEST_NAME, KEPT = 200, 40  # characters of a unit's name, and those that are kept of a longer one
+LARGEST_ABOUT = 2**24  # most bytes of unit.json: 100,000 seeds take a twentieth of that
+LONGEST_NAME, KEPT = 200, 40  # most characters of a unit's name; characters kept of longer names
 
 
 def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
-    """Return the content of a unit's file; equal results have equal bytes."""
+    """Return the content of a unit's file, which has equal bytes for equal results."""
     ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
     decisions = json.dumps(result.decisions).encode()
     further_files = {DECISIONS: decisions, ABOUT: as_json(plain(about))}
@@ -314,21 +320,21 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 # -- Units in the store, and the store -------------------------------------------------------------
 
-ROW_BYTES = 600  # of a decision in memory, about
+ROW_BYTES = 600  # about the bytes of a decision in memory
 MOST_KEPT = 2**28
-"""Bytes of curves and decisions that are kept in memory: so a run, a table and a report read each
-file once for them."""
-SCHEMA_VERSION = 4  # of the folder's layout; a folder of another version is refused
+"""Bytes of curves and decisions to keep in memory, so that a run, its tables and a report read each
+file once."""
+SCHEMA_VERSION = 4  # version of the folder's layout; other versions are refused
 LARGEST_JSON = 2**24
-"""Bytes of a JSON file at most: in memory they are up to 25 times as many. A study of 100,000 seeds
-has a twentieth."""
+"""Most bytes of a JSON file, which takes up to 25 times as many in memory. The file of a study with
+100,000 seeds has a twentieth of that."""
 Result = TypeVar("Result")
 Record = TypeVar("Record", bound=Plain)
 
 
 @dataclass(frozen=True)
 class StoredUnit:
-    """A unit in the store: its file, and the key and seeds in the file's path."""
+    """A unit in the store: its file, and the key and seeds in the path of the file."""
 
     path: Place
     key: str
@@ -336,7 +342,7 @@ class StoredUnit:
 
     @classmethod
     def at(cls, path: Place) -> "StoredUnit":
-        """Return the unit of a file; StoreError if its name is shortened and it cannot be read."""
+        """Return the unit of a file; StoreError if a shortened name's file cannot be read."""
         seeds = tuple(seeds_in_ranges(path.stem.removeprefix("seeds-").replace("+", ",")))
         unit = cls(path, path.parent.name.rpartition("-")[2], seeds)
         if not seeds:
@@ -346,7 +352,7 @@ class StoredUnit:
 
     @contextmanager
     def opened(self, *, whole: bool = False) -> Iterator[ArrayArchive]:
-        """Yield its file, open to read a part or the `whole`; StoreError if it is damaged."""
+        """Yield the unit's file, open to read parts or the `whole`; StoreError if damaged."""
         try:
             with read_errors(self.path), opened_archive(self.path, whole=whole) as archive:
                 if whole:
@@ -359,7 +365,7 @@ class StoredUnit:
 
     @cached_property
     def about(self) -> UnitRecord:
-        """The record in its file; StoreError if that is damaged or of another unit."""
+        """The record in the unit's file; StoreError if it is damaged or another unit's."""
         with self.opened() as archive:
             about = about_in(archive)
             self._check_place(about)
@@ -377,7 +383,7 @@ class StoredUnit:
         return arrays
 
     def result(self, seeds: Collection[int], most: int | None = None) -> UnitResult:
-        """Return the result of some of its seeds; StoreError if the file is damaged."""
+        """Return the result of some of the unit's seeds; StoreError if the file is damaged."""
         with self.opened(whole=True) as archive:
             arrays = groups_in(archive, GROUPS, most)
             decisions = decisions_in(archive)
@@ -396,10 +402,10 @@ def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> 
 
 
 def _write(folder: Place, path: Any, content: bytes) -> None:
-    """Write a file in a folder in one move; StoreError if that fails, and the old file stays."""
+    """Write a file in a folder in one move; if that fails, the old file stays (StoreError)."""
     with write_errors(folder):
         if isinstance(folder, Path):
-            (folder / STUDY).stat()  # or a folder that was moved would be made again
+            (folder / STUDY).stat()  # raises if the folder was moved, instead of creating it again
             path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
 
@@ -421,9 +427,9 @@ def damage(file: Place) -> StoreError:
 class StudyStore:
     """A folder of results and their description.
 
-    Every file is moved to its place when it is complete and on disk, so that a killed run leaves
-    whole files only. At a URL nothing is moved: checksums tell what is whole. StoreError where the
-    path or URL holds no results, or those of another version.
+    A file is moved to its place when it is complete and on disk, so that a killed run leaves only
+    whole files. At a URL files are not moved: checksums tell whether they are whole. StoreError
+    where the path or URL holds no results, or results of another version.
 
     Examples
     --------
@@ -443,7 +449,7 @@ class StudyStore:
         self.path = place_at(path)
         self._curves, self._decisions = dict[Place, NamedArrays](), dict[Place, list[DecisionRow]]()
         self._room = MOST_KEPT
-        if description is not None:  # it has just been written
+        if description is not None:  # the folder has just been opened with it
             self.description = description
             return
         self.require_there()
@@ -474,11 +480,11 @@ class StudyStore:
     def opened(
         cls, path: str | Place, description: Mapping[str, Any], *, resume: bool, check: bool = True
     ) -> Iterator["StudyStore"]:
-        """Open a folder for results, made if need be, and lock it against other processes.
+        """Open a folder for results, created if missing, and lock it against other processes.
 
         Results depend on the `description`. With `resume` the folder may already hold units.
-        StoreError when it is in use or holds other files; and, with `check` or if units do not
-        record their dependencies, when its results have another description.
+        StoreError when the folder is in use or holds other files; with `check`, or if units do not
+        record their dependencies, also when its results have another description.
         """
         path = place_at(path)
         with write_errors(path):
@@ -513,17 +519,17 @@ class StudyStore:
                 description["record"]["seeds"] = here["seeds"]
         with write_errors(path):
             if isinstance(path, Path):
-                for part in [*path.rglob(f".*{PART}")]:  # a killed run left it, incomplete
+                for part in [*path.rglob(f".*{PART}")]:  # incomplete files of a killed run
                     part.unlink(missing_ok=True)
             write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
         return cls(path, description)
 
     def redescribed(self, description: Mapping[str, Any]) -> "StudyStore":
-        """Return the folder, which must be open, with another description of the same study."""
+        """Return this opened folder with another description of the same study."""
         return self._claimed(self.path, json.loads(json.dumps(description)), True, False)
 
     def check(self, description: Mapping[str, Any]) -> None:
-        """Raise StoreError if results of a description, as :meth:`opened` takes it, differ."""
+        """Raise StoreError if results of another description may differ from the stored results."""
         for name, (there, here) in differences(self.description, description):
             raise StoreError(
                 f"{self.path} holds results of other settings: {name} is {shown(there)} there and "
@@ -531,12 +537,12 @@ class StudyStore:
             )
 
     def has(self, name: str) -> bool:
-        """Return whether a file exists, and so is complete."""
+        """Return whether a file exists; existing files are complete."""
         with read_errors(self.path / name):
             return (self.path / name).exists()
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file in one move; StoreError if that fails, and the old file stays."""
+        """Write a file in one move; if that fails, the old file stays (StoreError)."""
         _write(self.path, self.path / name, content)
 
     def remove(self, files: Iterable[Place]) -> None:
@@ -554,7 +560,7 @@ class StudyStore:
         return self.checked(name, lambda: parsed_json(self._bytes(name)))
 
     def write_record(self, name: str, record: Plain) -> None:
-        """Write a record with its own checksum."""
+        """Write a record with a checksum."""
         self.write(name, sealed(plain(record)))
 
     def record(self, name: str, model: type[Record]) -> Record:
@@ -582,7 +588,7 @@ class StudyStore:
         return self.checked(name, lambda: [read_record(model, row) for row in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
-        """Return what `read` returns of a file; its ValueError becomes a StoreError with path."""
+        """Return the result of `read`; its ValueError becomes a StoreError that names the file."""
         try:
             return read()
         except ValueError as error:
@@ -599,7 +605,7 @@ class StudyStore:
         return [StoredUnit.at(path) for path in sorted(files)]
 
     def finished(self, without: Collection[Place] = ()) -> dict[str, dict[int, StoredUnit]]:
-        """Return the unit that holds each seed, as key -> seed -> unit, `without` some files."""
+        """Return key -> seed -> unit for all units except those in the files `without`."""
         finished: dict[str, dict[int, StoredUnit]] = {}
         for stored in self.units():
             if stored.path not in without:
@@ -607,20 +613,20 @@ class StudyStore:
         return finished
 
     def damaged_units(self) -> list[Place]:
-        """Return the files of damaged units; it reads all files, and caches their curves."""
+        """Return the files of damaged units; reads all files, and caches their curves."""
         return [stored.path for stored in self.units() if not self.is_whole(stored)]
 
     def is_whole(self, stored: StoredUnit) -> bool:
-        """Return whether a unit is as it was stored; StoreError where it cannot be read."""
+        """Return whether a unit's file is undamaged; StoreError if it cannot be read."""
         try:
             with stored.opened(whole=True) as archive, suppress(ValueError):
-                # Whoever needs what is wrong there says so.
+                # Malformed curves or decisions raise an error when they are needed.
                 self._keep_curves(stored, groups_in(archive, (RUN,)))
                 self._keep_decisions(stored, decisions_in(archive))
         except StoreError as error:
             if error.__cause__ is None:
                 return False
-            raise  # a file system that does not answer damages nothing: what is damaged is deleted
+            raise  # a file that cannot be read now is not damaged, and must not be deleted
         return True
 
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
@@ -632,7 +638,7 @@ class StudyStore:
         return stored
 
     def checkpoints(self, unit: Unit | UnitRecord) -> Place:
-        """Return the folder for checkpoints of a unit's training until it is stored."""
+        """Return the folder for checkpoints of a unit's training, used until the unit is stored."""
         place = place_of(unit.key, "", seed_ranges(unit.seeds)).removesuffix(ENDING)
         root = self.path.resolve() if isinstance(self.path, Path) else self.path
         return root / CHECKPOINTS / place
@@ -657,7 +663,7 @@ class StudyStore:
         return self._decisions[stored.path]
 
     def _keep_curves(self, stored: StoredUnit, curves: NamedArrays) -> NamedArrays:
-        """Keep a unit's curves where there is room for them; return them."""
+        """Return a unit's curves; keep them in memory if there is room."""
         size = sum(array.nbytes for array in curves.values())
         if size <= self._room:
             self._room -= size
@@ -665,21 +671,21 @@ class StudyStore:
         return curves
 
     def _keep_decisions(self, stored: StoredUnit, rows: list[DecisionRow]) -> list[DecisionRow]:
-        """Keep a unit's decisions where there is room for them; return them."""
+        """Return a unit's decisions; keep them in memory if there is room."""
         if (size := ROW_BYTES * len(rows)) <= self._room:
             self._room -= size
             self._decisions[stored.path] = rows
         return rows
 
 
-# -- What seeds learnt in a task, read from a store for the tasks that it is a source of -----------
+# -- The stored results of a source, for the tasks that build on it --------------------------------
 
 
 class StoredSource(NamedTuple):
-    """The stored results of a source that a unit reads."""
+    """The stored results of a source of a unit."""
 
     units: Mapping[int, StoredUnit]  # by seed
-    read: bool  # whether its values are needed
+    read: bool  # whether the unit needs the source's values
 
 
 def stored_values(
@@ -689,14 +695,14 @@ def stored_values(
     *,
     read: bool,
 ) -> StoredValues:
-    """Return the results of seeds in a task; with values only if they are to be `read`."""
+    """Return the results of seeds in a task, with values if `read`."""
     groups = (RUN, VALUES) if read else (RUN,)
     files = dict.fromkeys(done[seed] for seed in seeds)
     arrays = {file.path: arrays_of(file, *groups) for file in files}
     rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
     values: Any = [values_of(held, k) for held, k in rows]
     if any(of_seed is None for of_seed in values):
-        values = None  # not needed, or not saved: training raises an error then
+        values = None  # not needed; or not saved, for which training raises an error
     elif isinstance(values[0], np.ndarray):
         values = np.stack(values)
     steps = np.array([held["steps_used"][k] for held, k in rows])
@@ -706,18 +712,18 @@ def stored_values(
 
 # -- Small units of a task in one file -------------------------------------------------------------
 #
-# A unit of some kilobytes costs more to store and to read than to train. So those that end within a
-# second are written together, and after a run each block of seeds is one file, whenever its units
-# ended.
+# A unit of some kilobytes takes longer to store and to read than to train. So small units that end
+# within a second are written into one file, and after a run all units of a block of seeds are
+# merged into one file.
 
-FULL = 2**22  # bytes of a file of several units, about: it is read in some milliseconds
-NUMBER, TABLES, CURVES = 8, 2, 5  # bytes of a number; numbers a pair (S x A) and a checkpoint
-BETWEEN = 1.0  # seconds between two writes of small units: as much as a killed run repeats
-MOST_FILES = 32  # of a block of seeds until they are merged during a run
-REMEMBERED = 8  # files of several units whose arrays are kept: more seeds are asked for next
+FULL = 2**22  # about the bytes of a file of several units, read in some milliseconds
+NUMBER, TABLES, CURVES = 8, 2, 5  # bytes of a number; numbers a pair (S x A); numbers a checkpoint
+BETWEEN = 1.0  # seconds between two writes of small units, which a killed run loses
+MOST_FILES = 32  # most files of a block of seeds; more are merged during the run
+REMEMBERED = 8  # files of several units whose arrays stay in memory, for their next seeds
 
 Block = tuple[str, int]  # a unit's key, and the number of its block of seeds
-Taken = tuple[Unit, UnitResult | StoredUnit]  # or its worker's file
+Taken = tuple[Unit, UnitResult | StoredUnit]  # a result, or the file that a worker wrote
 
 
 def seeds_per_file(node: Node) -> int:
@@ -734,13 +740,13 @@ def bytes_a_seed(node: Node) -> int:
 
 
 def files_of(record: CurriculaRecord) -> dict[str, int]:
-    """Return how many seeds a file of each key of a study holds."""
+    """Return key -> the number of seeds in a file, for all keys of a study."""
     nodes = (node for arm in record.arms.values() for node in arm.nodes.values())
     return {node.key: node.seeds_per_file for node in nodes}
 
 
 class Packing:
-    """The units of a run on their way into files."""
+    """Collects the trained units of a run and writes them into files."""
 
     def __init__(
         self, store: StudyStore, done: dict[str, dict[int, StoredUnit]], per_file: Mapping[str, int]
@@ -748,22 +754,22 @@ class Packing:
         self.store, self.done, self.per_file = store, done, per_file
         self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
         self._receipts = list[tuple[Unit, StoredUnit]]()
-        self._files = dict[Block, list[StoredUnit]]()  # those that this run has written
+        self._files = dict[Block, list[StoredUnit]]()  # files that this run has written
         self._large = False
         self._written = -BETWEEN
         self._remembered = lru_cache(REMEMBERED)(store.arrays)
 
     def arrays(self, stored: StoredUnit, *groups: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of some groups of a file, as :meth:`StudyStore.arrays`."""
+        """Return the arrays of some groups of a file, like :meth:`StudyStore.arrays`."""
         large = self.is_large(stored.key, stored.seeds)
         return (self.store.arrays if large else self._remembered)(stored, *groups)
 
     def is_large(self, key: str, seeds: Sequence[int]) -> bool:
-        """Return whether a unit with so many seeds has a file for itself."""
+        """Return whether a unit with these seeds fills a file alone."""
         return self.per_file[key] <= len(seeds)
 
     def add(self, unit: Unit, result: UnitResult | StoredUnit) -> None:
-        """Add a trained unit; StoreError if its worker wrote it to another place."""
+        """Add a trained unit; StoreError if its worker wrote the result to another place."""
         if isinstance(result, UnitResult):
             self._waiting.setdefault(_block(unit, self.per_file), []).append((unit, result))
         else:
@@ -777,7 +783,7 @@ class Packing:
 
     @property
     def seconds(self) -> float:
-        """The seconds that added units may still wait; 0 for units with large tables."""
+        """The seconds that added units may still wait for a write; 0 if one of them is large."""
         left = 0.0 if self._large else self._written + BETWEEN - monotonic()
         return max(0.0, left)
 
@@ -805,7 +811,7 @@ class Packing:
 
 
 def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
-    """Merge the files of each block of seeds in a folder into one; `per_file` is as `files_of`."""
+    """Merge the files of each block of seeds into one file; `files_of` returns `per_file`."""
     blocks = dict[Block, list[StoredUnit]]()
     for file in store.units():
         if file.key in per_file:
@@ -816,8 +822,8 @@ def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
 
 
 def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
-    """Write the units of some files of a block as one, delete the others and return it."""
-    # A seed that several have, as after a run that was killed here, is taken once.
+    """Merge files of a block into one file, delete the files merged, and return the new unit."""
+    # Several files may hold a seed, if a run was killed here; the seed is taken once.
     parts, taken = list[UnitResult](), set[int]()
     for file in files:
         if new := set(file.seeds) - taken:

@@ -1,8 +1,8 @@
-"""What is settled before a study runs: the settings of its arms, or its arm, by trials.
+"""Trials before a study runs, which choose the settings of its arms, or its arm.
 
-Trials are a study in a folder of their own, which goes on, fails and is stale as any study. Those
-of a study with ``choose = true`` are those of :func:`curricle.choose`: its rounds have fewer arms
-and further seeds.
+Trials are a separate study in a separate folder, which can be resumed, fail and be stale as any
+study. A study with ``choose = true`` runs the trials of :func:`curricle.choose`: every round has
+fewer arms and further seeds.
 """
 
 import math
@@ -28,28 +28,27 @@ from curricle.text import counted
 
 # -- The trials of a study, and the study with the best of them ------------------------------------
 #
-# Every arm, learning from scratch too, is tried with as many settings on the same seeds, none of
-# the study's. The trials are a study in a folder of their own, which goes on, fails and is stale as
-# any study. Their score is what arms are compared by: the mean return over all steps, sources
-# charged.
+# All arms, learning from scratch too, have equally many trials on the same seeds, which are none of
+# the study's seeds. The score of a trial is the measure by which arms are compared: the mean return
+# over all steps, sources charged.
 
-TRIALS, CHOICE = "tuning", "choice"  # folders of a tuning's trials or a choice's, in the results'
+TRIALS, CHOICE = "tuning", "choice"  # subfolders with the trials of a tuning, a choice
 
 
 def with_trials(study: StudyConfig, arms: Arms) -> tuple[Arms, ...]:
-    """Return a study's arms and, if it is tuned first, the arms of its trials."""
+    """Return a study's arms and, if the study is tuned, the arms of its trials."""
     return (arms,) if study.tune is None else (arms, Arms.of(study.of_trials()))
 
 
 def tuned_study(study: StudyConfig, trials: StudyResults) -> StudyConfig:
-    """Return a study with the best settings of each arm; the first of several that are as good."""
+    """Return a study with the best settings of each arm, the first ones if several are best."""
     plain, returns = study.to_data(), trials.comparison.returns
     tune, best = plain["tune"], dict[str, str]()
     scores = {trial: float(values.mean()) for trial, values in returns.items()}
     of_arm = {trial: variant["arm"] for trial, variant in tune["variants"].items()}
     for trial, arm in of_arm.items():
-        known = math.isfinite(scores[trial])
-        if arm not in best or (known and not scores[trial] <= scores[best[arm]]):
+        finite = math.isfinite(scores[trial])
+        if arm not in best or (finite and not scores[trial] <= scores[best[arm]]):
             best[arm] = trial
     fields = {
         which: {arm: tune[which][best[arm]] for arm in plain[which]}
@@ -69,7 +68,7 @@ def tuned_study(study: StudyConfig, trials: StudyResults) -> StudyConfig:
 
 
 def tuned_before(study: StudyConfig, path: Any) -> StudyConfig:
-    """Return a study with its best settings if a folder has all its trials; else as it is."""
+    """Return a study with its best settings if a folder has all its trials; else unchanged."""
     if study.tune is None or not holds_study(path / TRIALS):
         return study
     trials, store = study.of_trials(), StudyStore(path / TRIALS)
@@ -80,7 +79,7 @@ def tuned_before(study: StudyConfig, path: Any) -> StudyConfig:
 
 
 def tuning_words(store: StudyStore) -> str:
-    """Return a sentence on how far a folder's tuning is; empty if no tuning is under way."""
+    """Return a sentence on the progress of a folder's trials; empty if there are none to run."""
     configuration = store.description.get("configuration")
     if not isinstance(configuration, dict) or not {"tune", "choose"} & configuration.keys():
         return ""
@@ -96,23 +95,23 @@ def tuning_words(store: StudyStore) -> str:
     return f"it is tuned first: {done} of {number} are stored; its seeds come after them"
 
 
-# -- What a sweep shows: the mean return with each value of a setting ------------------------------
+# -- The result of a sweep: the mean return with each value of a setting ---------------------------
 
 
 class Level(NamedTuple):
-    """The mean return of an arm with a value of a setting, over all other settings."""
+    """The mean return of an arm with a value of a setting, averaged over all other settings."""
 
     arm: str
-    key: str  # of the setting, as in the study's file
-    text: str  # the value in words
-    number: int  # of arms
+    key: str  # the setting's key in the study's file
+    text: str  # the value as text
+    number: int  # the number of arms
     mean: float
     low: float
     high: float
 
 
 def effects_of(results: StudyResults) -> list[Level]:
-    """Return the main effects of a sweep, by setting, arm and value: means over arms with it."""
+    """Return the main effects of a sweep: for each setting, arm and value the mean over arms."""
     comparison, tuned = results.comparison, results.record.tuned
     returns = dict[tuple[str, str, str], list[Any]]()
     for name, arm in results.record.arms.items():
@@ -139,22 +138,22 @@ def short(number: float) -> str:
 
 # -- the choice of an arm --------------------------------------------------------------------------
 
-NO_CURRICULUM = "no curriculum"  # the arm of a study in which none pays
-OF_BOTH = ("learner", "evaluation", "storage")  # settings that sources have as the target has them
+NO_CURRICULUM = "no curriculum"  # the arm of a study in which no curriculum pays
+OF_BOTH = ("learner", "evaluation", "storage")  # settings that sources take from the target
 
 
 def trial_study(study: StudyConfig) -> StudyConfig:
-    """Return the study whose arms are those to choose from: the study's, and of candidates."""
+    """Return the study of the arms to choose from: the study's arms, and arms of candidates."""
     arms = study.to_data()["arms"]
     first = next(iter(arms))
     curriculum, alone = study.curricula[first], target_alone(arms[first])
     target, (*_, data) = curriculum.target, alone["tasks"].values()
-    found = source_candidates(study.address(first, target), most=MOST)
+    candidates = source_candidates(study.address(first, target), most=MOST)
     trials = {name: arm for name, arm in arms.items() if arm["transfers"]}
     shared: dict[str, Any] = {key: data[key] for key in OF_BOTH if key in data}
-    if "storage" in shared:  # a source's values are read, whatever is kept of the target's
+    if "storage" in shared:  # a source must save its values, even if the target does not
         shared["storage"] = {**shared["storage"], "kind": "auto", "save_values": True}
-    for option in options_of(found.candidates, curriculum.node(target).most_steps):
+    for option in options_of(candidates.candidates, curriculum.node(target).most_steps):
         name = option.candidate.name
         source = {"type": "candidate", "of": target, "kind": option.candidate.kind, **shared}
         source |= {"candidate": name, "budget": {"max_steps": option.steps}}
@@ -167,7 +166,7 @@ def trial_study(study: StudyConfig) -> StudyConfig:
 
 
 def chosen_study(study: StudyConfig, trials: StudyConfig, choice: Choice) -> StudyConfig:
-    """Return a study with the chosen curriculum as its only arm; without sources if none pays."""
+    """Return a study whose only arm is the chosen curriculum; without sources if none pays."""
     if choice.name:
         arms = {choice.name: trials.to_data()["arms"][choice.name]}
         return study.varied(arms=arms, choose=None, chosen=str(choice))
@@ -176,7 +175,7 @@ def chosen_study(study: StudyConfig, trials: StudyConfig, choice: Choice) -> Stu
 
 
 def chosen_file(study: StudyConfig, choice: Choice, folder: Any) -> str:
-    """Return a study with its chosen arm as the text of a file in a folder."""
+    """Return the text of a study file with the chosen arm, for a file in `folder`."""
     data = chosen_study(study, trial_study(study), choice).to_data()
     (arm,) = data["arms"].values()
     defaults = RunTable.model_validate({"name": study.name}).model_dump(mode="json")

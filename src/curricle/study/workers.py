@@ -1,4 +1,4 @@
-"""Processes that train units, and end when the process that started them does."""
+"""Processes that train units, and end when the process that started them ends."""
 
 import atexit
 import os
@@ -29,39 +29,39 @@ for worker in held:
     except ProcessLookupError:
         pass
 """
-"""Ends the workers whose numbers it read when the process that wrote them is gone (Linux).
+"""Kills the workers whose process ids it has read when the process that wrote them ends (Linux).
 
-Workers end by themselves too, but not while they start: they import libraries for seconds.
+Workers also end by themselves, but not in the seconds in which they start and import libraries.
 """
 
 
 class _Worker(SpawnProcess):
-    """A process whose number is sent to the reaper as soon as it has started."""
+    """A process whose id is sent to the reaper as soon as it has started."""
 
     def start(self) -> None:
         super().start()
         if hasattr(os, "pidfd_open"):
             pipe = _reaper(os.getpid()).stdin
             assert pipe is not None
-            with suppress(BrokenPipeError):  # without its reaper a run goes on
+            with suppress(BrokenPipeError):  # without the reaper the run goes on
                 pipe.write(f"{self.pid}\n".encode())
 
 
 class _Workers(SpawnContext):
-    """The context that starts the processes of a :class:`WorkerProcesses` afresh."""
+    """The context that starts new interpreters for :class:`WorkerProcesses`."""
 
     Process = _Worker
 
 
 @cache
 def _reaper(process: int) -> subprocess.Popen[bytes]:
-    """Return the reaper of this process, whose number is `process`; the first call starts it."""
+    """Return the reaper of this process, whose id is `process`; the first call starts it."""
     reaper = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", REAPER],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,  # signals to the run are not for it
+        start_new_session=True,  # signals to the run must not end it
         bufsize=0,
     )
     atexit.register(_end, reaper)
@@ -69,18 +69,18 @@ def _reaper(process: int) -> subprocess.Popen[bytes]:
 
 
 def _end(reaper: subprocess.Popen[bytes]) -> None:
-    """End a reaper when this process ends normally, after its workers."""
+    """End a reaper when this process ends normally, after the workers have ended."""
     assert reaper.stdin is not None
     reaper.stdin.close()
-    with suppress(subprocess.TimeoutExpired):  # a process that was forked may have the pipe too
+    with suppress(subprocess.TimeoutExpired):  # a forked process may hold the pipe open
         reaper.wait(1.0)
 
 
 class WorkerProcesses(ProcessPoolExecutor):
     """An executor of processes, by default one a processor, which end when this process ends.
 
-    They are started afresh (``spawn``), so a script that uses them needs the guard
-    ``if __name__ == "__main__":``. An interrupt (Ctrl-C) is left to this process.
+    They are new interpreters (``spawn``), so a script that uses them needs the guard
+    ``if __name__ == "__main__":``. They ignore interrupts (Ctrl-C), which this process handles.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class WorkerProcesses(ProcessPoolExecutor):
 
 
 def start_tracker() -> None:
-    """Start the process that removes the semaphores of a killed run, without its warnings."""
+    """Start, without its warnings, the process that removes the semaphores of a killed run."""
     before = os.environ.get("PYTHONWARNINGS")
     os.environ["PYTHONWARNINGS"] = "ignore"
     try:
@@ -114,8 +114,8 @@ def start_tracker() -> None:
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Block SIGINT in this thread, and for good in processes that it starts meanwhile."""
-    # A terminal sends SIGINT to a new process too, before that could say that it ignores it.
+    """Block SIGINT in this thread, and permanently in processes that it starts meanwhile."""
+    # A terminal sends SIGINT also to a new process, before that process can ignore it.
     if not POSIX:
         yield
         return
@@ -127,9 +127,9 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Ignore interrupts, and end this process when the process that started it is gone."""
-    # A thread waits for that; compiled loops release the GIL, so they do not keep it from running.
-    # It is what ends workers where there is no reaper.
+    """Ignore interrupts, and end this process when the process that started it has ended."""
+    # A thread waits for that end. It can run during compiled loops, which release the GIL. Without
+    # a reaper only this thread ends workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:

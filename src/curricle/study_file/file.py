@@ -1,4 +1,4 @@
-"""A study file as data: its TOML, arms merged into complete curricula, and places of all keys."""
+"""A study file as data: its TOML, its arms as complete curricula, and the lines of its keys."""
 
 import json
 import re
@@ -28,17 +28,17 @@ from curricle.study_file.schema import (
 from curricle.study_file.task_tables import text_of
 from curricle.text import shortened
 
-# -- TOML, read without trust: bounded in size and in depth ----------------------------------------
+# -- Reading TOML from strangers: size and depth are bounded ---------------------------------------
 
-DEEPEST = 50  # tables and lists inside each other: more exhaust their readers' stack
+DEEPEST = 50  # tables and lists inside each other: deeper ones exhaust the stack
 DEEP_KEY = re.compile(
     r"""(?<![\w.-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
     rf"{{{DEEPEST}}}"
 )
-"""Keys that so many dots join: the parser's memory grows with the square of their number."""
-MOST_DOTS = 100_000  # between keys of a file: each may be a table, of a kilobyte while parsed
-LONGEST_NUMBER = 4096  # bits: Python writes no number of more than 4,300 digits
-MOST_READ = 10**8  # characters that are read for the lines of keys
+"""Matches keys joined by `DEEPEST` dots: the parser's memory grows with the square of the dots."""
+MOST_DOTS = 100_000  # between keys of a file: each dot may make a table, a kilobyte while parsed
+LONGEST_NUMBER = 4096  # bits: Python refuses to write more than 4,300 digits
+MOST_READ = 10**8  # characters to read at most in the search for the lines of keys
 TOO_DEEP = f"tables and lists must be at most {DEEPEST} deep"
 TOO_LONG = f"whole numbers must have at most {LONGEST_NUMBER:,} bits"
 
@@ -48,8 +48,8 @@ def toml_of(path: Path) -> tuple[str, dict[str, Any]]:
     try:
         text = text_of(path)
     except ValueError as error:
-        with suppress(OSError):  # of a path that is too long
-            if (path / "study.json").is_file():  # a store's first file
+        with suppress(OSError):  # the path may be too long
+            if (path / "study.json").is_file():  # every store has this file
                 raise ConfigError(
                     f"{path} is a folder of results, which StudyResults(FOLDER) reads"
                 ) from None
@@ -72,7 +72,7 @@ def parsed(text: str) -> dict[str, Any]:
         raise ValueError(TOO_DEEP) from None
     except tomllib.TOMLDecodeError:
         raise
-    except ValueError:  # of Python's own limit for numbers in decimals
+    except ValueError:  # Python limits the digits of a number
         raise ValueError(TOO_LONG) from None
     layer: list[Any] = [tables]
     for _ in range(DEEPEST):
@@ -88,7 +88,7 @@ def parsed(text: str) -> dict[str, Any]:
 
 
 def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Return the keys of ``key=value``, and the value, TOML or else text, in nested tables."""
+    """Return the keys of ``key=value``, and nested tables with the value, TOML or else text."""
     key, equals, value = text.partition("=") if isinstance(text, str) else ("", "", "")
     keys = dotted(key)
     if not equals or not keys:
@@ -100,14 +100,14 @@ def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
 
 
 def nested(keys: Iterable[Any], value: Any) -> Any:
-    """Return nested tables with a value below these keys."""
+    """Return nested tables that have the value at these keys."""
     for part in reversed(tuple(keys)):
         value = {part: value}
     return value
 
 
 def dotted(key: str) -> tuple[str, ...]:
-    """Return the parts of a dotted key of TOML such as ``arms."5x5".shaping``; () if it is none."""
+    """Return the parts of a dotted key of TOML, such as ``arms."5x5".shaping``; () if not a key."""
     try:
         node: Any = parsed(f"{key.strip()} = 0")
     except ValueError:
@@ -119,7 +119,7 @@ def dotted(key: str) -> tuple[str, ...]:
     return tuple(parts)
 
 
-# -- From a file's tables to complete curricula: arms over the study, tasks over settings for all --
+# -- From a file's tables to complete curricula: arms override the study, tasks the common settings
 
 SETTINGS = tuple(Settings.model_fields)
 LASTING = frozenset(SETTINGS).union(
@@ -136,10 +136,10 @@ ALTERNATIVES = {
 
 
 def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a table with another's entries over its own, key by key; transfers go by number."""
+    """Return `base` with the entries of `patch` over it, key by key; transfers by their number."""
     changes_type = any(key in patch and patch[key] != base.get(key) for key in ("type", "family"))
     result = {key: value for key, value in base.items() if not changes_type or key in LASTING}
-    if changes_type and "family" in patch:  # which says the type
+    if changes_type and "family" in patch:  # a family determines the type
         result.pop("type", None)
     for key, value in patch.items():
         result.pop(ALTERNATIVES.get(key, ""), None)
@@ -165,7 +165,7 @@ def _over(old: Any, new: Any, key: str) -> Any:
         if "type" in new and (old.get("type") == DEEP) is not (new["type"] == DEEP):
             return new
         if new.get("algorithm", old.get("algorithm")) != old.get("algorithm"):
-            # Another algorithm has other settings.
+            # Settings of one algorithm do not apply to another.
             old = {k: value for k, value in old.items() if k != "settings"}
     return merged(old, new)
 
@@ -186,7 +186,7 @@ def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> dict[str
     keys = ("tasks", "transfers", *SETTINGS)
     base, changes = {key: study[key] for key in keys if key in study}, dict(table(patch))
     if isinstance(changes.get("tasks"), dict):
-        # A change of an unknown task has been reported.
+        # That a patch names an unknown task is reported elsewhere.
         there = table(base.get("tasks"))
         changes["tasks"] = {name: of for name, of in changes["tasks"].items() if name in there}
     plan, chosen = merged(base, changes), changes.get("transfers")
@@ -215,7 +215,7 @@ def _needed(plan: dict[str, Any], base: NameGraph) -> Any:
     names = {name for edge in graph.edges for name in edge}
     names |= set(base.targets) if len(base.targets) == 1 else set()
     if not isinstance(tasks, dict) or not names <= tasks.keys():
-        return tasks  # something is wrong, and is reported elsewhere
+        return tasks  # the mistake is reported elsewhere
     needed = {drawing for name in names for drawing in graph.drawings(name)}
     return {name: task for name, task in tasks.items() if name in needed}
 
@@ -227,7 +227,7 @@ def _complete_task(
     *,
     has_sources: bool,
 ) -> dict[str, Any]:
-    """Return a task over the family that it names, its settings over those for all tasks."""
+    """Return a task with the defaults of its family and the settings for all tasks filled in."""
     name = task.get("family")
     if isinstance(name, str) and task.get("type", "family") == "family":
         family = table(families.get(name))
@@ -252,19 +252,19 @@ def _toml(value: Any) -> str:
     return str(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
 
 
-# -- Where in a study file each key is, and what is wrong there ------------------------------------
+# -- The positions of keys in a study file, and the mistakes at these positions --------------------
 
 
 @dataclass(frozen=True)
 class Positions:
     """Where the keys of a study file are."""
 
-    file: str  # what messages call it
+    file: str  # its name in messages
     text: str = ""  # its content
-    changed: tuple[KeyPath, ...] = ()  # what was set from outside
-    study: Mapping[str, Any] = field(default_factory=dict)  # its tables, changed
+    changed: tuple[KeyPath, ...] = ()  # keys that were set from outside the file
+    study: Mapping[str, Any] = field(default_factory=dict)  # its tables, changed from outside
     varied: Mapping[tuple[bool, str], Any] = field(default_factory=dict)
-    """What varies in each arm, as `varied_arms` returns it."""
+    """What varies in each arm, as returned by `varied_arms`."""
 
     @cached_property
     def lines(self) -> dict[KeyPath, int]:
@@ -281,7 +281,7 @@ class Positions:
     def sentence(self, path: KeyPath, text: str) -> str:
         """Return a mistake as a sentence on one line: file, line, key path and text."""
         line = self.line(path)
-        # Set from outside: the key, the table it is in, or a key in the table that it names.
+        # A key counts as set from outside if it, its table, or a key below it was set.
         changed = path and any(
             path[: len(key)] == key or key[: len(path)] == path for key in self.changed
         )
@@ -290,8 +290,8 @@ class Positions:
 
     def in_file(self, path: KeyPath) -> KeyPath:
         """Return the file's path for a path in the configuration, such as in an arm."""
-        # What an arm says of a task comes before what the task says, then what the arm says for
-        # all tasks, and what the study says for all: the first of these that has the key counts.
+        # A key is looked up in this order, and the first hit counts: the arm's changes of the task,
+        # the task, its family, the arm's settings for all tasks, the study's.
         trial = path[:1] == ("tune",)
         if path[trial : trial + 1] not in (("arms",), ("scratches",)) or not self.study:
             return path
@@ -313,7 +313,7 @@ class Positions:
         for depth in range(len(inner), -1, -1):
             for base in tables:
                 place = (*base, *inner[:depth])
-                for setting in settings:  # it stands for its table too, but for no whole task
+                for setting in settings:  # a setting's table counts too, a whole task does not
                     key, names = setting.key, tuple(map(str, place))
                     least = 1 if key[0] in SETTINGS else 3 if key[2] in SETTINGS else 2
                     if len(names) >= least and key[: len(names)] == names[: len(key)]:
@@ -326,9 +326,9 @@ class Positions:
         """Return the value at a path of the file; None if there is none."""
         node: Any = self.study
         for part in path:
-            there = node if isinstance(node, dict) else {}
-            there = dict(enumerate(node)) if isinstance(node, list) else there
-            node = there.get(part)
+            entries = node if isinstance(node, dict) else {}
+            entries = dict(enumerate(node)) if isinstance(node, list) else entries
+            node = entries.get(part)
         return node
 
 
@@ -375,7 +375,7 @@ class Problems:
         """Raise ConfigError if there are mistakes: a sentence for each, in the file's order."""
         if self.messages:
             ordered = sorted(self.messages, key=lambda message: self.positions.line(message[0]))
-            once = dict[KeyPath, str]()  # all trials may have one mistake, in different values
+            once = dict[KeyPath, str]()  # trials may share a mistake, with different values
             kept = (of for of in ordered if of[0][:1] != ("tune",) or once.setdefault(*of) is of[1])
             sentences = dict.fromkeys(self.positions.sentence(*message) for message in kept)
             raise ConfigError("\n".join(sentences)) from self.cause
@@ -394,7 +394,7 @@ def line_numbers(text: str) -> dict[KeyPath, int]:
         for part, below in enumerate(value) if isinstance(value, list) else inner:
             note((*path, part), below)
 
-    # A statement is the fewest lines that are valid by themselves: texts and lists have several.
+    # A statement is the fewest lines that are valid TOML: texts and lists may span several lines.
     statement, begin, read = "", 1, 0
     for number, line in enumerate(text.split("\n"), 1):
         begin = begin if statement else number

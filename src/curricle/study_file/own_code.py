@@ -1,4 +1,4 @@
-"""The user's own modules that a study names: loading functions, and digests of their files."""
+"""The user's modules that a study names: loading functions from them, and digests of the files."""
 
 import ast
 import importlib
@@ -23,15 +23,15 @@ from curricle.errors import ConfigError, CurricleError
 
 # -- Functions that a study file names as ``module:function`` --------------------------------------
 #
-# A module beside the study file comes before one on ``sys.path`` and belongs to its folder: modules
-# of one name in two folders stay apart, and import their neighbours relatively (``from .rules
-# import slip``). A module on ``sys.path`` must be of a package that the user allows: a file alone,
-# from whomever, then runs nothing that nobody chose to run.
+# A module beside the study file has precedence over a module on ``sys.path`` and belongs to its
+# folder: modules of one name in two folders stay apart, and import their neighbours relatively
+# (``from .rules import slip``). A module on ``sys.path`` must belong to a package that the user
+# allows, so that a stranger's study file cannot run code that the user did not choose.
 
-ALLOW = "CURRICLE_ALLOW"  # the variable with the installed packages that study files may name
-SAFE = {"curricle.deep", "torch.nn", "torch.optim"}  # they run no commands
-IMPORTED = dict[str, tuple[int, int] | None]()  # time and size of modules' files
-PACKAGES = "curricle_study_"  # what the names of packages of studies' own modules begin with
+ALLOW = "CURRICLE_ALLOW"  # environment variable: the installed packages that study files may name
+SAFE = {"curricle.deep", "torch.nn", "torch.optim"}  # always allowed: they run no commands
+IMPORTED = dict[str, tuple[int, int] | None]()  # module -> time and size of its file
+PACKAGES = "curricle_study_"  # prefix of the packages that hold studies' modules
 LOGGER = logging.getLogger(__name__)  # names each module before it is imported
 
 
@@ -61,7 +61,7 @@ def load(reference: str, folder: Path) -> Callable[..., Any]:
 
 
 def suggestion(word: Any, known: Iterable[str]) -> str:
-    """Return ``, did you mean 'that'?`` for the closest known word; empty if none is close."""
+    """Return ``, did you mean 'WORD'?`` with the closest known word; empty if none is close."""
     by_lower_case = {name.lower(): name for name in known}
     close = get_close_matches(str(word).lower(), by_lower_case, n=1)
     return f", did you mean {by_lower_case[close[0]]!r}?" if close else ""
@@ -116,7 +116,7 @@ def _exists(path: str) -> bool:
 
 
 def _package(folder: Path) -> str:
-    """Return the name of a package of the modules in a folder, imported again if changed."""
+    """Return the name of the package of a folder's modules; changed modules are imported again."""
     path = str(folder.resolve())
     name = f"{PACKAGES}{sha256(path.encode()).hexdigest()[:16]}"
     imported = _modules_in(name)
@@ -144,12 +144,12 @@ def _stamp(module: str) -> tuple[int, int] | None:
     return status.st_mtime_ns, status.st_size
 
 
-# -- The user's own modules behind the functions that a study names, as digests of their files -----
+# -- Digests of the files of the user's modules that a study's functions need ---------------------
 #
-# A module is the user's own if it is in the study's folder, or on Python's path without being
-# installed (in ``site-packages``) or part of Python. What it imports from its own folder belongs to
-# it: every ``import`` in its text counts, wherever it stands. Modules imported by a computed name,
-# and files that a module reads, are not seen.
+# A module is the user's if it is in the study's folder, or on Python's path but neither installed
+# (in ``site-packages``) nor part of Python. The modules that it imports from its own folder count
+# too, for every ``import`` in its text. Modules imported by a computed name do not count, nor do
+# files that a module reads.
 
 REFERENCE = re.compile(r"((?:[^\W\d]\w*\.)*[^\W\d]\w*):\S+")
 """``module:function``, or an environment of Gymnasium, ``module:Name-v0``."""
@@ -160,7 +160,7 @@ INSTALLED = {
 
 
 def code_of(data: Any, folder: Path) -> dict[str, str]:
-    """Return digests of the user's modules that plain data name, by file, equal on any machine."""
+    """Return file -> digest of the user's modules that plain data name, equal on any machine."""
     return {
         name: blake2b(file.read_bytes().replace(b"\r\n", b"\n"), digest_size=16).hexdigest()
         for name, file in own_files(data, folder).items()
@@ -168,14 +168,14 @@ def code_of(data: Any, folder: Path) -> dict[str, str]:
 
 
 def own_files(data: Any, folder: Path) -> dict[str, Path]:
-    """Return the files of the user's modules that plain data name, as in :func:`code_of`."""
+    """Return the files of the user's modules that plain data name, by the keys of `code_of`."""
     files = dict[str, Path]()
     modules = {match[1] for text in _texts(data) if (match := REFERENCE.fullmatch(text))}
     for names in (tuple(module.split(".")) for module in sorted(modules)):
         root = folder if any(_files(folder, names)) else _other_folder(names)
         if root is None:
             continue
-        closure, waiting = set[Path](), [names]  # the files of the module, and of all it imports
+        closure, waiting = set[Path](), [names]  # files of the module and of its imports
         while waiting:
             for file in _files(root, waiting.pop()):
                 if file not in closure:
@@ -201,7 +201,7 @@ def _other_folder(names: tuple[str, ...]) -> Path | None:
         spec = importlib.util.find_spec(names[0])
     except ValueError:  # __main__
         return None
-    if spec is None or names[0] == __name__.partition(".")[0]:  # Curricle has a version instead
+    if spec is None or names[0] == __name__.partition(".")[0]:  # Curricle has a version
         return None
     place, *_ = [*(spec.submodule_search_locations or []), spec.origin or ""]
     root = Path(place).resolve().parent
@@ -218,12 +218,12 @@ def _files(root: Path, names: tuple[str, ...]) -> Iterator[Path]:
             yield from (file for file in files if file.is_file())
 
 
-@lru_cache(maxsize=256)  # every task of every arm asks for its modules
+@lru_cache(maxsize=256)  # called for every task of every arm
 def _imports(text: bytes, package: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Return the names that a module of a package imports, of modules or of functions in them."""
+    """Return the names of modules, or of functions in modules, that a module's text imports."""
     try:
         tree = ast.parse(text)
-    except (SyntaxError, ValueError):  # importing it is an error, which is reported there
+    except (SyntaxError, ValueError):  # the error is reported when the module is imported
         return []
     names = list[tuple[str, ...]]()
     for node in ast.walk(tree):

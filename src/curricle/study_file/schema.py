@@ -4,10 +4,10 @@ The library's frozen dataclasses and functions are the schema. :func:`table_of` 
 a class: the keys are its parameters, with their types and defaults, and with their descriptions
 from the numpydoc "Parameters" section. The class itself checks the values when the object is built.
 
-A table is not a ``TypeAdapter(cls)``, which would hold the object instead of the file's values.
-Objects convert their arguments (a map becomes rows, a number a schedule), and records and keys,
-which hold the file's values, would change with each such conversion. Objects also have no key
-``type``, and 1e3 is a whole number in a study file.
+A ``TypeAdapter(cls)`` would not do: it holds the object instead of the file's values. Objects
+convert their arguments (a map becomes rows, a number a schedule). Records and keys hold the file's
+values, and would change whenever a conversion does. Objects also have no key ``type``, and 1e3 is a
+whole number in a study file.
 """
 
 import inspect
@@ -103,17 +103,17 @@ PHRASES = {
     "too_long": "must have {max_length} entries",
     "literal_error": "must be {expected}",
 }
-"""The types of Pydantic's errors, as parts of a sentence."""
+"""Type of a Pydantic error -> its message, as the rest of a sentence."""
 
 
 class Table(BaseModel):
-    """A table of a study file; its messages continue a sentence that begins with the key path."""
+    """A table of a study file; its error messages follow a key path in a sentence."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     @classmethod
     def known(cls) -> tuple[str, ...]:
-        """Return the keys that the table may have."""
+        """Return the keys that the table allows."""
         return tuple(cls.model_fields)
 
     @model_validator(mode="wrap")
@@ -138,18 +138,18 @@ class Table(BaseModel):
 
 
 def wrong(text: str) -> PydanticCustomError:
-    """Return an error with this message about the value that is validated."""
+    """Return an error with this message about the value being validated."""
     return PydanticCustomError("wrong", "{text}", {"text": text})
 
 
 def wrong_at(*messages: tuple[KeyPath, str]) -> ValidationError:
-    """Return an error with messages about parts of the value that is validated."""
+    """Return an error with messages about parts of the value being validated."""
     details = [InitErrorDetails(type=wrong(text), loc=path, input=None) for path, text in messages]
     return ValidationError.from_exception_data("study", details)
 
 
 def shown(value: Any) -> str:
-    """Return a value as text for messages."""
+    """Return a value as short text for messages."""
     text = repr(value)
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
 
@@ -160,7 +160,7 @@ def not_one_of(value: Any, known: Collection[str]) -> str:
 
 
 def unknown(word: Any, known: Collection[str]) -> str:
-    """Return the message that a word is unknown, with the closest known word or else all words."""
+    """Return the message that a word is unknown, with the closest known word, else all of them."""
     all_known = f": known are {', '.join(known)}" if known else ""
     return f"is unknown{suggestion(word, known) or all_known}"
 
@@ -169,12 +169,12 @@ def unknown(word: Any, known: Collection[str]) -> str:
 
 
 def table(value: Any) -> dict[str, Any]:
-    """Return a table as it is, and an empty one for anything else."""
+    """Return a value that is a table, and an empty table for any other value."""
     return value if isinstance(value, dict) else {}
 
 
 def as_table(value: Any) -> dict[str, Any]:
-    """Return a table as it is; refuse anything else."""
+    """Return a value that is a table; refuse any other value."""
     if not isinstance(value, dict):
         raise wrong(f"must be a table: got {shown(value)}")
     return value
@@ -191,7 +191,7 @@ def whole_number(value: Any) -> int:
 
 
 class Function(str):
-    """A function of the user's, ``module:function``; :func:`built` loads it."""
+    """A user's function, named as ``module:function``; :func:`built` loads it."""
 
     __slots__ = ()
 
@@ -204,8 +204,8 @@ def word(
     lists: Any = None,
     other: Callable[[Any], Any] | None = None,
 ) -> WrapValidator:
-    """Return the validator of a text among some words; `other` takes values that are not text."""
-    # Not left to the union of both types, which would complain about a list that it is no word.
+    """Return the validator of a known word; `other` validates values that are not text."""
+    # With a union of both types, the message about a wrong list would say that it is no word.
     adapter = None if lists is None else TypeAdapter[Any](lists)
 
     def checked(value: Any, _: Any) -> Any:
@@ -258,7 +258,7 @@ def seeds_of(value: Any) -> tuple[int, ...]:
 
 
 def seeds_in_ranges(text: str) -> list[int]:
-    """Return the seeds in ranges such as "0-9,20-29"; none if they are malformed or too many."""
+    """Return the seeds in ranges such as "0-9,20-29"; [] if malformed or too many."""
     numbers = list[int]()
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,19})\s*(?:-\s*(\d{1,19})\s*)?", part, re.ASCII)
@@ -271,13 +271,13 @@ def seeds_in_ranges(text: str) -> list[int]:
 
 @dataclass(frozen=True)
 class Choice:
-    """Annotation of a value that is one of several tables; messages are about the meant table."""
+    """Annotation of a value that is a table of several kinds; messages are about the meant kind."""
 
     tables: tuple[type[Table], ...]
-    default: str | None = None  # the ``type`` of a table that says none
+    default: str | None = None  # the ``type`` of a table without this key
     choose: Callable[[dict[str, Any]], Any] = lambda value: None
-    """Returns the table that a dict is meant to be; None if its key ``type`` names the table."""
-    simple: Any = None  # the type of what is no table, if the value may be such a thing
+    """Returns the kind of table that a dict is meant to be; if None, its key ``type`` tells."""
+    simple: Any = None  # the type of values that are not tables, if such values are allowed
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -306,7 +306,7 @@ class Choice:
 
 
 def tags(tables: Iterable[type[Table]]) -> dict[str, type[Table]]:
-    """Return tables by the value of their key ``type``."""
+    """Return value of the key ``type`` -> table."""
     return {str(made.model_fields["type"].default): made for made in tables}
 
 
@@ -319,10 +319,10 @@ class ObjectTable(Table):
     makes: ClassVar[Any]
     """The class or function that makes the object."""
     parameters: ClassVar[tuple[str, ...]] = ()
-    """The parameters of `makes` that the table has."""
+    """The parameters of `makes` that are keys of the table."""
 
     def build(self, folder: Path = Path()) -> Any:
-        """Return the object; the library raises its own error if values are invalid."""
+        """Return the object; the class or function itself raises an error if values are invalid."""
         return type(self).makes(**self.arguments_in(folder))
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
@@ -331,7 +331,7 @@ class ObjectTable(Table):
 
 
 def built(value: Any, folder: Path) -> Any:
-    """Return the object that a table stands for, or a function; any other value as it is."""
+    """Return the object of a table, or the function of a reference; other values unchanged."""
     if isinstance(value, Function):
         return load(value, folder)
     return value.build(folder) if isinstance(value, ObjectTable) else value
@@ -348,7 +348,7 @@ def table_of(
 ) -> Any:
     """Return the table of a dataclass or function; `tag` is the value of its key ``type``.
 
-    `annotations` are the types of parameters in a file, or types with defaults for the file.
+    `annotations` give the types of parameters in a file, or (type, default in a file).
     """
     hints, texts = get_type_hints(makes), descriptions(makes)
     signature = inspect.signature(makes).parameters
@@ -372,7 +372,7 @@ def table_of(
 
 
 def annotated(hint: Any) -> Any:
-    """Return the type that validates TOML's values for a parameter of this type."""
+    """Return the type of the TOML values for a parameter of this type."""
     if hint in _PLAIN:
         return _PLAIN[hint]
     members = get_args(hint)
@@ -397,7 +397,7 @@ def annotated(hint: Any) -> Any:
     return table_of(hint) if _is_dataclass(hint) else hint
 
 
-def _is_dataclass(hint: Any) -> bool:  # without narrowing, after which no class is hashable
+def _is_dataclass(hint: Any) -> bool:  # no TypeGuard: a narrowed class would not be hashable
     return is_dataclass(hint)
 
 
@@ -407,7 +407,7 @@ def summary(makes: Any) -> str:
 
 
 def descriptions(makes: Callable[..., Any]) -> dict[str, str]:
-    """Return each parameter's description in the numpydoc, by default the summary."""
+    """Return parameter -> its description in the numpydoc, by default the summary."""
     docs = [inspect.getdoc(kind) or "" for kind in getattr(makes, "__mro__", (makes,))]
     texts = dict.fromkeys(inspect.signature(makes).parameters, summary(makes))
     for doc in reversed(docs):
@@ -430,11 +430,11 @@ def _plain(text: str) -> str:
 _PLAIN: dict[Any, Any] = {int: Whole, float: Number, bool: Flag, NoneType: None}
 _SCHEDULES = tuple(table_of(makes, tag=makes.__name__) for makes in (linear, exponential, harmonic))
 Rate = Annotated[Any, Choice(_SCHEDULES, simple=Number)]
-"""A number, or a table that says how it changes."""
+"""A number, or the table of a schedule."""
 
 
 def named(*tables: Any, function: bool = False) -> Any:
-    """Return the type of a table that may also be its name or ``module:function``."""
+    """Return the type of a table for which its name, or ``module:function``, may stand."""
     known = tags(tables)
 
     def simple(value: Any, _: Any) -> Any:
@@ -450,7 +450,7 @@ def named(*tables: Any, function: bool = False) -> Any:
     return Annotated[str, WrapValidator(simple)]
 
 
-# -- Encoders of observations: by name, as a table, or a function of the user's --------------------
+# -- Encoders of observations: a name, a table, or a user's function -------------------------------
 
 
 _ENCODERS = (
@@ -475,7 +475,7 @@ class _DeepLearnerTable(ObjectTable):
             algorithm = load(arguments["algorithm"], folder)
             arguments["algorithm"] = f"{algorithm.__module__}:{algorithm.__qualname__}"
         settings = _loaded(arguments["settings"], folder)
-        # Lists of TOML are what the algorithms take as tuples, such as train_freq.
+        # The algorithms take tuples, such as train_freq, where TOML has lists.
         arguments["settings"] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in settings.items()
@@ -493,7 +493,7 @@ def _loaded(value: Any, folder: Path) -> Any:
 
 
 class EpisodesTable(ObjectTable):
-    """A budget in episodes."""  # by hand: the parameter is called `number`, the key `episodes`
+    """A budget in episodes."""  # written by hand: the parameter `number` has the key `episodes`
 
     episodes: Whole
     """How many."""
@@ -578,10 +578,10 @@ class Settings(Table):
         return built(value, folder)
 
 
-# -- Transfers: which mapping, how much of the source's values, calibrated or not ------------------
+# -- Transfers: their mapping, scale, shift and calibration ----------------------------------------
 
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")  # a transfer has one
-OF_OBSERVATIONS = ("observations", "actions", "status")  # keys of targets seen by networks
+OF_OBSERVATIONS = ("observations", "actions", "status")  # keys for targets that networks learn
 ACTIONS = (
     "be a list of the source's actions, -1 where there is none, or a function as module:function"
 )
@@ -589,12 +589,12 @@ ACTIONS = (
 
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
-        source: str  # derived, as are target, scale, shift and calibrate
+        source: str  # derived from Transfer, as are target, scale, shift and calibrate
         target: str
         scale: float
         shift: float
 
-    # The keys that say f are by hand: they are arguments of five functions that make a mapping.
+    # The keys for the mapping f are written by hand: five functions make mappings of them.
     project: dict[str, str] | None = None
     """f by name: source component = target component where the names differ; may be empty."""
     mapping: (
@@ -640,7 +640,7 @@ class _TransferTable(ObjectTable):
         return self
 
     def mismatches(self, *, deep: bool) -> Iterator[tuple[str, str]]:
-        """Yield the keys that do not suit a target, seen through observations if `deep`."""
+        """Yield keys that do not suit a target, with messages; `deep`: a network learns it."""
         seen = (
             f"{self.target} is seen through observations, which observations, mapping = 'identity' "
             "or factory map"
@@ -654,11 +654,11 @@ class _TransferTable(ObjectTable):
                 yield key, f"must be left out: {rest}"
 
     def transfer(self, f: Any) -> Transfer:
-        """Return the transfer, with a mapping that :meth:`mappings_in` returned."""
+        """Return the transfer with the mapping `f`."""
         return Transfer(mapping=f, **self.arguments_in(Path()))
 
     def mapping_in(self, target: Any, source: Any, folder: Path, **of_search: Any) -> Any:
-        """Return the mapping f, unless the family of both tasks makes it."""
+        """Return the mapping f of a transfer for which no family or candidate makes it."""
         value = self.unmapped_value
         if self.mapping == "auto":
             edge = f"{self.source} -> {self.target}"
@@ -691,18 +691,18 @@ else:
     )
 
 
-# -- The tasks of a curriculum by name, known before anything is built -----------------------------
+# -- The names of a curriculum's tasks, before tasks are built -------------------------------------
 
 
 class NameGraph(NamedTuple):
     """The tasks of a curriculum by name, its crops and its transfers."""
 
-    parts: dict[str, str | None]  # the task of which each task is a crop, if it is one
+    parts: dict[str, str | None]  # task -> the task of which it is a crop, or None
     edges: tuple[tuple[str, str], ...]  # source and target of each transfer
 
     @classmethod
     def of(cls, plan: dict[str, Any]) -> "NameGraph":
-        """Return the graph of a curriculum as data, of which any part may be malformed."""
+        """Return the graph of a curriculum in plain data, which may be malformed in any part."""
         tasks = {name: table(task).get("of") for name, task in table(plan.get("tasks")).items()}
         transfers = plan.get("transfers")
         rows = map(table, transfers if isinstance(transfers, list) else [])
@@ -721,12 +721,12 @@ class NameGraph(NamedTuple):
 
     @property
     def targets(self) -> list[str]:
-        """The tasks that are learnt and that no other builds on; a curriculum has one."""
+        """The learnt tasks on which no other task builds; a curriculum has one."""
         sources = {source for source, _ in self.edges}
         return [name for name in self.learnt if name not in sources]
 
     def drawings(self, name: str) -> list[str]:
-        """Return the tasks that a task is a crop of, itself first."""
+        """Return a task, the task of which it is a crop, and so on."""
         names, part = list[str](), name
         while part is not None and part not in names:
             names.append(part)

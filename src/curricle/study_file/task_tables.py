@@ -60,7 +60,7 @@ from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.start_states import GoalDistance, TaskWithStart, with_start
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 
-# -- Where episodes start: a ring around the goal, reachable states, or where a policy goes --------
+# -- Where episodes start: a ring around the goal, reachable states, or states a policy visits ----
 
 
 def _distance(value: Any) -> tuple[int, int]:
@@ -101,7 +101,7 @@ _StartWord = Annotated[str, word(_START, ("uniform", "reachable"))]
 
 
 def started(task: Any, start: Any) -> Any:
-    """Return a task with a file's start; the task itself if the file has none."""
+    """Return a task with the start of its table; the task itself if its table has none."""
     if start is None:
         return task
     if isinstance(start, str):
@@ -113,11 +113,11 @@ def started(task: Any, start: Any) -> Any:
     return with_start(task, visit_distribution(task, policy))
 
 
-# -- What the tables of all tasks share: settings of a task alone, and whether they suit it --------
+# -- The common part of all task tables: a task's own settings, and whether they suit the task -----
 
 
 class TaskTable(ObjectTable, Settings):
-    """A task, and settings for it alone."""
+    """A task, and the settings of this task only."""
 
     deep: ClassVar[bool] = False
     """Whether it is seen through observations and learnt by a network."""
@@ -169,7 +169,7 @@ TimeLimit = Annotated[
 ]
 
 
-# -- Tasks that are environments: Gymnasium's or one's own, in tables or seen by networks ----------
+# -- Tasks that are environments: Gymnasium's or a user's, as tables or learnt by networks ---------
 
 
 class Maker(Table):
@@ -189,7 +189,7 @@ class Maker(Table):
         return self
 
     def made_by(self, make: Callable[..., Any], folder: Path, **options: Any) -> Any:
-        """Return the task that a function of the library makes of the environment."""
+        """Return the task that the library's function `make` makes of the environment."""
         reference, wrapped = str(self.id or self.factory), options.pop("wrapped", None)
         of = built(self.id or self.factory, folder)
         maker = EnvironmentMaker(of, dict(self.arguments), built(wrapped, folder))
@@ -207,11 +207,11 @@ Names = tuple[Name, ...] | None
 
 
 _DISCOUNT = (Number, 0.99)
-_LIMIT = (TimeLimit | None, None)  # of the environment's own
+_LIMIT = (TimeLimit | None, None)  # None: the environment's own limit
 
 
 class EnvironmentTable(Maker, TaskTable):
-    """An environment as a task: a function of the library makes it."""
+    """A task that a function of the library makes of an environment."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
         """Return the environment as a task; omitted keys have the function's defaults."""
@@ -232,7 +232,7 @@ GymnasiumTask = table_of(
     names=Names,
     sizes=tuple[Count, ...] | None,
     actions=Names,
-    live=(Flag | None, None),  # None is not stored, so that keys of older results stay
+    live=(Flag | None, None),  # None is not stored, so that older results keep their keys
 )
 
 
@@ -304,7 +304,7 @@ class _DistilledTable(TaskTable):
     """Whether answers are shuffled over observations: a placebo."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the miniatures; they are solved when they are first needed."""
+        """Return the miniatures, which are solved at first use."""
         options = {"discount": self.discount, "time_limit": self.time_limit, "wrapped": self.encode}
         members, tested_on = (
             [maker.made_by(observation_task, folder, **options) for maker in makers]
@@ -324,14 +324,14 @@ DistilledTask = table_of(
 )
 
 
-# -- Task families: tables that name one, and tasks that are members of one ------------------------
+# -- Task families: tables with defaults of a family, and tasks that are members of a family -------
 
 BUILT_IN = {
     family.name: family
     for name in dir(tasks)
     if isinstance(family := getattr(tasks, name), TaskFamily)
 }
-"""Name -> family that comes with the library, one of its public names."""
+"""Public name -> family of the library."""
 
 
 class FamilyTable(Table):
@@ -351,7 +351,7 @@ class FamilyTable(Table):
 
 
 def _family(name: str, families: tuple[str, ...] = ()) -> TaskFamily | None:
-    """Return a built-in family; None for a family of the user's, which is not imported here."""
+    """Return a built-in family; None for a user's family, which is not imported here."""
     if ":" in name or name in BUILT_IN:
         return BUILT_IN.get(name)
     known = (*families, *BUILT_IN)
@@ -360,7 +360,7 @@ def _family(name: str, families: tuple[str, ...] = ()) -> TaskFamily | None:
 
 
 def _checked(family: TaskFamily | None, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as a family's members hold them, or raise an error with each mistake."""
+    """Return parameters as a family's members store them, or raise an error with all mistakes."""
     if family is None:
         return dict(values)
     checked, messages = dict[str, Any](), list[tuple[KeyPath, str]]()
@@ -370,7 +370,7 @@ def _checked(family: TaskFamily | None, values: Mapping[str, Any]) -> dict[str, 
             messages.append(((name,), unknown(name, by_name)))
             continue
         try:
-            none = by_name[name].optional and value == NONE  # which data hold as it is written
+            none = by_name[name].optional and value == NONE  # plain data keep the word "none"
             checked[name] = NONE if none else by_name[name].checked(value, family.name)
         except TaskError as error:
             messages.append(((name,), str(error).removeprefix(f"{name} of {family.name} ")))
@@ -400,7 +400,7 @@ class FamilyTask(TaskTable):
         return self
 
     def member(self, folder: Path) -> FamilyMember:
-        """Return the address of the task in its family, which may be a family of the user's."""
+        """Return the address of the task in its family, which may be a user's."""
         family: Any = BUILT_IN.get(self.family) or load(self.family, folder)
         if not isinstance(family, TaskFamily):
             raise ConfigError(
@@ -428,15 +428,15 @@ class FamilyTask(TaskTable):
 
 # -- Tasks of the library: mazes, crops, pursuits, other domains -----------------------------------
 
-LARGEST_FILE = 10_000_000  # bytes of a study file or a map: the largest example has 3,000
+LARGEST_FILE = 10_000_000  # most bytes of a study file or a map; the largest example has 3,000
 Pair = tuple[Whole, Whole]
-CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)  # what a crop may be a part of
+CROPPED = (GridWorld, FourRooms, KeyLockPit, FrozenLake)  # tasks that can be cropped
 
 
 def text_of(path: Path) -> str:
     """Return the content of a text file; ValueError says why it cannot be read."""
     try:
-        return read_bounded(path, LARGEST_FILE).decode("utf-8-sig")  # with or without a mark
+        return read_bounded(path, LARGEST_FILE).decode("utf-8-sig")  # a byte-order mark is optional
     except OSError as error:
         raise ValueError(error.strerror) from None
     except UnicodeDecodeError as error:
@@ -444,7 +444,7 @@ def text_of(path: Path) -> str:
 
 
 def _in_order(value: Any) -> Any:
-    """Return a list that stands for a set, sorted and without repetitions."""
+    """Return a list, which stands for a set, sorted and without repetitions."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
 
 
@@ -453,7 +453,7 @@ def _without_margins(drawing: str) -> str:
 
 
 def _cells_or(*known: str) -> Any:
-    """Return the type of some words, or of a list of cells that stands for a set."""
+    """Return the type of a known word or a list of cells, which stands for a set."""
     rule = f"be {', '.join(map(repr, known))} or a list of cells"
     cells = tuple[Pair, ...]
     return Annotated[
@@ -462,7 +462,7 @@ def _cells_or(*known: str) -> Any:
 
 
 def _listed_or(rule: str, lists: Any, *known: str) -> Any:
-    """Return the type of some words, or of lists."""
+    """Return the type of a known word or a list."""
     return Annotated[Literal[known] | lists, word(rule, known, lists=lists)]
 
 
@@ -473,7 +473,7 @@ class _MazeTask(TaskTable):
     @model_validator(mode="before")
     @classmethod
     def _read_file(cls, data: Any, info: ValidationInfo) -> Any:
-        """Replace the key `file` by its map, so that the study no longer depends on the file."""
+        """Replace the key `file` by the file's map, so that the study stores the map itself."""
         if not isinstance(data, dict) or data.get("file") is None:
             return data
         if "map" in data:
@@ -502,7 +502,7 @@ class CropTask(TaskTable):
     """As in a maze."""
 
     def build(self, folder: Path = Path(), whole: Any = None) -> Any:
-        """Return the part of the whole."""
+        """Return this part of `whole`."""
         if isinstance(whole, TaskWithStart):
             whole = whole.task
         if not isinstance(whole, CROPPED):
@@ -529,7 +529,7 @@ class CandidateTask(TaskTable):
 
 
 class FactoryTask(TaskTable):
-    """A task that a function of the user's makes."""
+    """A task that a user's function makes."""
 
     type: Literal["factory"] = "factory"
     factory: Reference
@@ -547,12 +547,12 @@ class FactoryTask(TaskTable):
 
 
 def _level(value: Any) -> int | str:
-    """Return a level's number, or its map without margins."""
+    """Return the number of a level, or its map without margins."""
     return _without_margins(value) if isinstance(value, str) else whole_number(value)
 
 
 def _domain(makes: Any, tag: str, **types: Any) -> Any:
-    """Return the table of a domain; `types` are those that TOML writes otherwise than the class."""
+    """Return the table of a domain; `types` are those that differ between TOML and the class."""
     base: type[TaskTable] = TaskTable
     if issubclass(makes, GridDomain):
         types.setdefault("start", _cells_or(*(rules_of(makes)["start"][1].values or ())))
@@ -587,8 +587,8 @@ _WRITTEN: dict[str, dict[str, Any]] = {
     "block_dude": {"level": Annotated[int | str, BeforeValidator(_level)]},
     "river_swim": {"start": Annotated[_PLACES, AfterValidator(_in_order)]},
 }
-"""Domain -> the parameters whose annotations do not say how TOML writes them."""
-# GridWorld and Pursuit are above; the others are Gymnasium's, and members of families.
+"""Domain -> the types of parameters that TOML writes otherwise than the class."""
+# GridWorld and Pursuit have tables above; other tasks are Gymnasium's, or members of families.
 _OTHERWISE = (GridWorld, Pursuit, FrozenLake, CliffWalking, Taxi)
 DOMAIN_TASKS = tuple(
     _domain(kind, name_of(kind), **_WRITTEN.get(name_of(kind), {}))

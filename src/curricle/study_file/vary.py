@@ -1,9 +1,9 @@
-"""Settings of a study that vary: a sweep lists their values, a tuning tries points of their ranges.
+"""Settings of a study that vary: a sweep lists values, a tuning tries points of ranges.
 
-Both name a setting by its key in the file, such as ``learner.learning_rate``. Its values are put at
-this key before arms and settings are merged, so that a value acts as if the file had it: each point
-of a sweep makes an arm of every arm, and each trial of a tuning is such an arm too. To find the
-places of a setting in an arm's complete curriculum, a mark is merged in place of a value.
+Both name a setting by its key in the file, such as ``learner.learning_rate``. A value is put at
+this key before arms and settings are merged, so that it acts as if the file contained it. Each
+point of a sweep makes an arm of every arm, and so does each trial of a tuning. To find the places
+of a setting in an arm's complete curriculum, a mark is merged in place of a value.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -44,12 +44,12 @@ from curricle.study_file.schema import (
 from curricle.text import counted
 
 Raw = Mapping[str, Any]
-Messages = Iterator[tuple[KeyPath, str]]  # what is wrong, each with its key path
+Messages = Iterator[tuple[KeyPath, str]]  # key path and text of each mistake
 
 # -- The tables of a file --------------------------------------------------------------------------
 
 MODE, PAIRED = "mode", "paired"
-FIRST_SEED = 1_000_000  # for tuning, where the file says how many; studies have other seeds
+FIRST_SEED = 1_000_000  # of tunings whose file states a number of seeds; studies' seeds are lower
 
 
 class SweepTable(Table):
@@ -58,7 +58,7 @@ class SweepTable(Table):
     model_config = ConfigDict(extra="allow")
 
     mode: Literal["grid", "paired"] = "grid"
-    """Every combination of the values; or the first of each list, the second of each, and so on."""
+    """Every combination of the values; or the first values of all lists, the second ones, ..."""
 
 
 def _tuning_seeds(value: Any) -> tuple[int, ...]:
@@ -66,7 +66,7 @@ def _tuning_seeds(value: Any) -> tuple[int, ...]:
     return tuple(range(FIRST_SEED, FIRST_SEED + value)) if few else seeds_of(value)
 
 
-def _bound(value: Any) -> int | float:  # whole ones stay whole
+def _bound(value: Any) -> int | float:  # whole numbers stay whole
     if isinstance(value, bool) or not isinstance(value, int | float) or value - value != 0:
         raise wrong(f"must be a finite number: got {shown(value)}")
     return whole_number(value) if isinstance(value, int) else value
@@ -76,7 +76,7 @@ Bound = Annotated[int | float, BeforeValidator(_bound)]
 
 
 class RangeTable(Table):
-    """Numbers from `low` to `high`: whole ones if both are."""
+    """Numbers from `low` to `high`; whole numbers if both bounds are whole."""
 
     low: Bound
     """The smallest value."""
@@ -94,7 +94,7 @@ class RangeTable(Table):
         return self
 
     def at(self, share: float) -> int | float:
-        """Return the number at a share of the way from low to high, which is in [0, 1)."""
+        """Return the number at this share, in [0, 1), of the way from low to high."""
         whole = isinstance(self.low, int) and isinstance(self.high, int)
         low, high = (self.low - 0.5, self.high + 0.5) if whole else (self.low, self.high)
         value = low * (high / low) ** share if self.log else low + share * (high - low)
@@ -102,26 +102,26 @@ class RangeTable(Table):
 
 
 class TuneTable(Table):
-    """How settings are tried for every arm before it is run."""
+    """The trials of settings that are made for every arm before it is run."""
 
     trials: Annotated[Count, Field(le=100)] = 20
-    """Settings that are tried for each arm, learning from scratch too."""
+    """Number of trials of each arm, learning from scratch included."""
     seeds: Annotated[
         tuple[int, ...],
         BeforeValidator(_tuning_seeds, json_schema_input_type=int | str | list[int]),
     ] = tuple(range(FIRST_SEED, FIRST_SEED + 3))
-    """Seeds of each trial: how many, a list, or ranges; none of the study's."""
+    """Seeds of each trial, none of them the study's: a number, a list, or ranges."""
     seed: Whole = Field(default=0, ge=0)
     """Seed of the points that are tried; equal seeds give equal points."""
     space: dict[str, Any]
-    """What is tried, by its keys in the file: lists of values, or tables with low, high and
-    perhaps log = true."""
+    """The values to try, by the keys of settings in the file: lists of values, or tables with low,
+    high and perhaps log = true."""
 
 
 # -- Settings that vary, and where they stand in the curriculum of an arm --------------------------
 
-FREE = ("learner", "storage", *OF_TARGETS)  # settings of the target in which arms may differ
-RANGE = {"low", "high"}  # keys that tell a range from a table with further keys
+FREE = ("learner", "storage", *OF_TARGETS)  # target settings in which arms may differ
+RANGE = {"low", "high"}  # a table with these keys is a range; others hold further keys
 SWEEP_HOME, TUNE_HOME = ("sweep",), ("tune", "space")
 
 
@@ -129,8 +129,8 @@ class Varied(NamedTuple):
     """A setting that varies."""
 
     key: tuple[str, ...]  # its key in a study file
-    home: KeyPath  # where the file says how it varies
-    values: Any  # what it says there
+    home: KeyPath  # the key path of its values in the file
+    values: Any  # the list, or the table of a range, at that path
 
     @property
     def name(self) -> str:
@@ -184,7 +184,7 @@ def value_text(value: Any) -> str:
     return str(value)
 
 
-Make = Callable[[Raw], dict[str, Any]]  # a study's tables -> the complete curriculum of an arm
+Make = Callable[[Raw], dict[str, Any]]  # a study's tables -> complete curriculum
 
 
 def places_of(study: Raw, make: Make, setting: Varied) -> list[KeyPath]:
@@ -210,23 +210,23 @@ def target_alone(curriculum: Raw) -> dict[str, Any]:
     return {"tasks": kept, "transfers": []}
 
 
-# -- The arms that they make -----------------------------------------------------------------------
+# -- The arms that sweeps and tunings make ---------------------------------------------------------
 
-MOST_ARMS = 100  # that a sweep makes: with more no difference that matters would show
+MOST_ARMS = 100  # of a sweep: the correction for more arms would hide every relevant difference
 MOST_TRIALS = 1_000  # of all arms
 
 
 class Variant(NamedTuple):
     """An arm with values for the settings that vary."""
 
-    arm: str  # that it is made of
+    arm: str  # the arm of which it is made
     make: Make
-    study: Raw  # which says these values
-    values: Mapping[str, Any]  # by their keys in the file
-    settings: tuple[Varied, ...] = ()  # those that vary, of a sweep and of a tuning
+    study: Raw  # the study's tables with these values
+    values: Mapping[str, Any]  # setting's key in the file -> value
+    settings: tuple[Varied, ...] = ()  # settings of a sweep and of a tuning
 
     def stating(self, settings: Sequence[Varied], values: Sequence[Any]) -> "Variant":
-        """Return the arm of a study that also says these values."""
+        """Return the variant with these values added to the study's tables."""
         study = self.study
         for setting, value in zip(settings, values, strict=True):
             study = merged(study, nested(setting.key, value))
@@ -237,9 +237,9 @@ class Variant(NamedTuple):
 def varied_arms(
     study: Raw, complete: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[tuple[bool, str], tuple[str, tuple[Varied, ...]]]]:
-    """Return a configuration's fields with a sweep and a tuning, and what varies in each arm.
+    """Return a configuration's fields after a sweep and a tuning, and what varies in each arm.
 
-    The latter is the file's arm, and the settings, by whether it is a trial and by name.
+    The second maps (whether it is a trial, name of an arm) to the file's arm and the settings.
     """
     patches, first, scratches = table(study.get("arms")), next(iter(complete)), dict[str, Make]()
     arms: dict[str, Make] = {
@@ -252,11 +252,11 @@ def varied_arms(
     swept = dict[str, Variant]()
     for name, make in (*scratches.items(), *arms.items()):
         made = _swept(Variant(name, make, study, {}))
-        if name in scratches:  # the first is called scratch, whatever its values
+        if name in scratches:  # the first arm from scratch keeps the name scratch
             made = {name: made.pop(next(iter(made))), **made}
         if name in scratches and name != SCRATCH:
-            there = [variant.make(variant.study) for variant in swept.values()]
-            made = {label: of for label, of in made.items() if of.make(of.study) not in there}
+            plans = [variant.make(variant.study) for variant in swept.values()]
+            made = {label: of for label, of in made.items() if of.make(of.study) not in plans}
         swept |= made
 
     def fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
@@ -310,13 +310,13 @@ def _swept(arm: Variant) -> dict[str, Variant]:
 
 
 def _tried(arm: Variant, tuning: TuneTable) -> dict[str, Variant]:
-    """Return the trials of an arm by name; a single trial if nothing applies to it."""
+    """Return the trials of an arm by name; a single trial if no setting applies to the arm."""
     from scipy.stats.qmc import Halton  # it takes half a second to import
 
     settings = tuned_in(arm.study)
     applies = [bool(places_of(arm.study, arm.make, setting)) for setting in settings]
     used, trials = [*compress(settings, applies)], dict[str, Variant]()
-    # Points that are spread evenly: all arms try the same ones, and with more trials these stay.
+    # Evenly spread points, equal for all arms; more trials add points to them.
     points = Halton(len(settings), rng=tuning.seed).random(tuning.trials if used else 1)
     for number, point in enumerate(points.tolist(), 1):
         shares = zip(used, compress(point, applies), strict=True)
@@ -333,7 +333,7 @@ def _value_at(space: Any, share: float) -> Any:
     return space[int(share * len(space))]
 
 
-# -- What is wrong with them -----------------------------------------------------------------------
+# -- Mistakes in sweeps and tunings ----------------------------------------------------------------
 
 
 def wrong_sweep(study: Raw, complete: Mapping[str, Any]) -> Messages:

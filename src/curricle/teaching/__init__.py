@@ -1,4 +1,4 @@
-"""Teachers within a run: which of several tasks of one space the next episode is drawn from."""
+"""Teachers: they draw the task of every episode of a run from several tasks of one space."""
 
 import lazy_loader
 

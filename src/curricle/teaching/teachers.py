@@ -1,7 +1,7 @@
-"""Teachers: the probabilities of several tasks for the next episode, and its draws.
+"""Teachers: the probabilities of several tasks for the next episode, and the draws.
 
-A teacher is a frozen value with three pure functions. `update` returns its memory of the
-episodes so far, so that a teacher serves many seeds at once.
+A teacher is a frozen value with three pure functions. Its memory of the episodes so far is not part
+of it: `update` returns the new memory. So one teacher serves many seeds at once.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from curricle.errors import SettingError
 from curricle.tasks.kernel import ALL, STRIDE, splitmix64, uniform
 from curricle.text import brief_repr
 
-SUM_TOLERANCE = 1e-9  # of a sum of probabilities, by which they are then divided
+SUM_TOLERANCE = 1e-9  # allowed error of a sum of probabilities; they are then divided by their sum
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,14 +25,14 @@ class Episode:
     Attributes
     ----------
     task : int
-        The index of its task, 0 .. M-1.
+        The index of the episode's task, 0 .. M-1.
     rewards : (L,) float64
         The rewards of its L steps.
     td_errors : (L,) float64
         delta_t = r_t + gamma V(s_t+1) - V(s_t), where V(s) = max_a Q(s, a) when the step was taken,
         0 in terminal states. V may lack the latest updates of tables above 32 KB.
     success : bool
-        Whether it ended in the goal (:func:`teach`).
+        Whether the episode ended in the goal (:func:`teach`).
     discount : float
 
     Examples
@@ -51,7 +51,7 @@ class Episode:
 
     @property
     def length(self) -> int:
-        """Its number of steps L."""
+        """The number of steps, L."""
         return len(self.rewards)
 
     @property
@@ -61,10 +61,10 @@ class Episode:
 
 
 class Teacher(Protocol):
-    """The three methods that any class needs to be a teacher.
+    """The three methods that make any class a teacher.
 
-    Memory may be anything, and is never changed in place. A class attribute ``uses_goal = True``
-    says that the teacher reads `success`: tasks without a goal are then refused.
+    Memory may be any object and is never changed in place. The class attribute ``uses_goal = True``
+    states that the teacher reads `success`; then :func:`teach` refuses tasks without a goal.
 
     Examples
     --------
@@ -114,10 +114,10 @@ class Uniform:
 
 
 class Outcomes(NamedTuple):
-    """The last `n` successes and failures in a task, the oldest first."""
+    """The last `n` successes and failures in each task, the oldest first."""
 
     success: BoolArray  # (M, n)
-    known: IntArray  # (M,) how many there are so far, at the right
+    known: IntArray  # (M,) number of outcomes so far, which are the rightmost entries
 
     @property
     def rate(self) -> FloatArray:
@@ -126,7 +126,7 @@ class Outcomes(NamedTuple):
 
 
 class _BySuccess:
-    """A teacher that remembers the last `window` outcomes in a task."""
+    """A teacher that remembers the last `window` outcomes in each task."""
 
     window: int
     uses_goal: ClassVar[bool] = True
@@ -136,7 +136,7 @@ class _BySuccess:
         return Outcomes(np.zeros((n_tasks, self.window), np.bool_), np.zeros(n_tasks, np.int64))
 
     def update(self, memory: Outcomes, episode: Episode) -> Outcomes:
-        """Return the memory with this outcome in place of the oldest in its task."""
+        """Return the memory with this outcome in place of its task's oldest outcome."""
         success, known, i = memory.success.copy(), memory.known.copy(), episode.task
         success[i] = np.append(success[i, 1:], episode.success)
         known[i] = min(known[i] + 1, success.shape[1])
@@ -149,7 +149,7 @@ class Learnability(_BySuccess):
 
     With probability rho it draws one of the `top` tasks whose learnability p_i (1 - p_i) is
     highest (and ties with the last), else any task. p_i is the share of successes in the
-    last `window` episodes in task i; the paper estimates it by episodes of its own.
+    last `window` episodes in task i; the paper estimates p_i by additional episodes.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class Learnability(_BySuccess):
             whole_number(f"{name} of Learnability", getattr(self, name), 1, SettingError)
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
-        """Return (1 - rho) / M for all tasks, and the rest for the most learnable."""
+        """Return rho spread over the most learnable tasks plus 1 - rho spread over all, (M,)."""
         learnability = memory.rate * (1 - memory.rate)
         last = np.sort(learnability)[-min(self.top, len(learnability))]
         return mixed(equally(learnability >= last), 1 - self.rho)
@@ -185,8 +185,8 @@ class Scores(NamedTuple):
     """The memory of :class:`PrioritizedLevelReplay`."""
 
     score: FloatArray  # (M,)
-    drawn: IntArray  # (M,) the number of the latest episode in a task; 0 before the first
-    episodes: int  # in all
+    drawn: IntArray  # (M,) the number of the latest episode in each task; 0 if there was none
+    episodes: int  # episodes in all tasks
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class PrioritizedLevelReplay:
     Parameters
     ----------
     temperature : float
-        beta > 0; with a small beta the highest score alone is replayed.
+        beta > 0; with a small beta only the task with the highest score is replayed.
     staleness, gae_lambda : float
         rho and lambda, in [0, 1].
 
@@ -230,7 +230,7 @@ class PrioritizedLevelReplay:
         return Scores(np.zeros(n_tasks), np.zeros(n_tasks, np.int64), 0)
 
     def update(self, memory: Scores, episode: Episode) -> Scores:
-        """Return the memory with the score of this episode."""
+        """Return the memory with this episode's score for its task."""
         score, drawn, now = memory.score.copy(), memory.drawn.copy(), memory.episodes + 1
         total, advantage = 0.0, 0.0
         for delta in episode.td_errors[::-1].tolist():
@@ -240,7 +240,7 @@ class PrioritizedLevelReplay:
         return Scores(score, drawn, now)
 
     def probabilities(self, memory: Scores) -> FloatArray:
-        """Return the mixture of tasks to replay and new tasks."""
+        """Return the mixture of replayed tasks and new tasks, (M,)."""
         seen = memory.drawn > 0
         if not seen.any():
             return equally(~seen)
@@ -263,8 +263,8 @@ class ReverseCurriculum(_BySuccess):
     episodes in task i, 0 before the first. New starts are tasks that are not mastered, p_i <=
     r_max, and whose predecessor is good, p_(i-1) >= r_min (the first task's is the goal).
     Old starts are the tasks with p_i >= r_min. With probability `replay` an old start is drawn,
-    else a new start, all equally likely; a kind without starts is replaced by the other. In the
-    paper new starts are reached by Brownian motion from good starts.
+    else a new start, all equally likely; if there is no start of the drawn kind, the other kind is
+    used. In the paper Brownian motion from good starts reaches new starts.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ class ReverseCurriculum(_BySuccess):
             raise SettingError(f"r_min of ReverseCurriculum must not exceed r_max: got {bounds}")
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
-        """Return the mixture of new and old starts."""
+        """Return the mixture of new and old starts, (M,)."""
         rate = memory.rate
         old = (rate >= self.r_min) & (memory.known > 0)
         new = (rate <= self.r_max) & np.append(True, old[:-1])
@@ -325,15 +325,15 @@ def mixed(distribution: FloatArray, epsilon: float) -> FloatArray:
 
 @dataclass
 class TaskSampler:
-    """Draws the tasks of a seed's episodes from a random stream of its own."""
+    """Draws the tasks of a seed's episodes from the seed's random stream for the teacher."""
 
     teacher: Teacher
     n_tasks: int
     counter: int  # the state of the stream
     eval_freq: int  # steps between checkpoints
-    tasks: list[int] = field(default_factory=list)  # of the episodes begun
-    begun_at: list[int] = field(default_factory=list)  # steps in all tasks before each of them
-    # The checkpoint before which an episode was the last to begin, and its probabilities.
+    tasks: list[int] = field(default_factory=list)  # the task of every episode begun
+    begun_at: list[int] = field(default_factory=list)  # steps in all tasks before every episode
+    # Checkpoint -> the probabilities in the last draw before it.
     changes: list[tuple[int, FloatArray]] = field(default_factory=list)
     memory: Any = field(init=False)
 
@@ -341,7 +341,7 @@ class TaskSampler:
         self.memory = self.teacher.start(self.n_tasks)
 
     def draw(self, step: int) -> int:
-        """Return the task of the episode that begins after so many steps."""
+        """Return the task of the episode that begins after `step` steps."""
         answer = self.teacher.probabilities(self.memory)
         probabilities = np.asarray(answer, dtype=np.float64)
         fits = probabilities.shape == (self.n_tasks,) and bool((probabilities >= 0).all())
@@ -362,7 +362,7 @@ class TaskSampler:
 
 
 def drawn(probabilities: FloatArray, chance: float) -> int:
-    """Return the task that a number in [0, 1) draws; never a task of probability 0."""
+    """Return the task that `chance`, in [0, 1), draws; never a task of probability 0."""
     rising = np.cumsum(probabilities)
     place = int(np.searchsorted(rising, chance * rising[-1], side="right"))
     return min(place, int(np.flatnonzero(probabilities)[-1]))

@@ -1,4 +1,4 @@
-"""Learning a target by episodes in several tasks, which a teacher draws: :func:`teach`."""
+""":func:`teach`: learning a target by episodes in several tasks, which a teacher draws."""
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -46,16 +46,18 @@ class TeachingResult(Frozen):
     Attributes
     ----------
     learning : LearningResult
-        Greedy returns are in the target; steps, episodes and training returns are of all tasks.
+        Its greedy returns are in the target; steps, episodes and training returns are over all
+        tasks.
     tasks : tuple of str
         The names of the M tasks, in their order.
     teacher : Teacher
     drawn : tuple of K (E,) int64 arrays
-        The tasks of the episodes that were begun, as indices into `tasks`.
+        The task of every episode that began, as an index into `tasks`.
     begun_at : tuple of K (E,) int64 arrays
-        Steps in all tasks before these episodes.
+        Steps in all tasks before every such episode.
     probabilities : (K, T, M) float64
-        The teacher's, in the last draw before a checkpoint; repeated after a seed's end.
+        The teacher's probabilities in the last draw before each checkpoint; repeated after a
+        seed's end.
     steps_per_task : (K, M) int64
 
     Examples
@@ -83,7 +85,7 @@ class TeachingResult(Frozen):
 
     @cached_property
     def counts(self) -> IntArray:
-        """Episodes that were begun in a task before a checkpoint, (K, T, M) int64."""
+        """Number of episodes that began in each task before each checkpoint, (K, T, M) int64."""
         counts = np.zeros((len(self.drawn), len(self.learning.steps), len(self.tasks)), np.int64)
         for k, (drawn, begun) in enumerate(zip(self.drawn, self.begun_at, strict=True)):
             for i in range(len(self.tasks)):
@@ -114,19 +116,19 @@ def teach(
 ) -> TeachingResult:
     """Return the result of learning a target by episodes in several tasks of one space.
 
-    A teacher draws the task of every episode from a random stream of its own. A single learner
-    learns all tasks in one table; with a single task the result is that of :func:`learn`.
+    A teacher draws the task of every episode, from a random stream for the teacher alone. One
+    learner learns all tasks in one table. With one task the result equals that of :func:`learn`.
 
     Parameters
     ----------
     tasks : dict from str to Task
         M tasks with tables and the same states, actions, discount and time limit. They may
-        differ in where episodes start (:func:`with_start`), in hazards, slips, rewards and goals;
-        a component of the states must tell different goals apart.
+        differ in start states (:func:`with_start`), hazards, slips, rewards and goals; if goals
+        differ, a component of the states must state the goal.
     teacher : Teacher
         Default :class:`Uniform`.
     learner : Learner
-        Default :class:`QLearning`; any but :class:`OptimisticQLearning`.
+        Any learner but :class:`OptimisticQLearning`; default :class:`QLearning`.
     budget : int, Episodes or StoppingRule
         Steps in all tasks (the last episode may be cut off), episodes, or steps until the greedy
         return in the target is good enough.
@@ -141,7 +143,7 @@ def teach(
     Raises
     ------
     SettingError
-        When an argument is invalid, before anything runs; when a teacher returns no probabilities.
+        When an argument is invalid, before any step; when a teacher returns no probabilities.
     TaskError
         When a task has no tables, or the teacher needs a goal and there is none.
 
@@ -198,7 +200,7 @@ def teach(
     threads = threads_for(mdp, workers, len(of_seeds))
     with shown(progress) as bars:
         values, outcomes = train_all(run, of_seeds, stream, 0, threads, bars)
-    values[:, mdp.terminal] = 0.0  # other tasks may go on where the target ends
+    values[:, mdp.terminal] = 0.0  # where the target ends, other tasks may have learnt values
     numbers = tuple(settings.seed for settings in of_seeds)
     learning = learning_result(tasks[target], learner, numbers, values, outcomes, run.eval_freq)
     return teaching_result(learning, tuple(tasks), [run.samplers[seed] for seed in numbers])
@@ -207,7 +209,7 @@ def teach(
 def teaching_result(
     learning: LearningResult, tasks: tuple[str, ...], samplers: Sequence[TaskSampler]
 ) -> TeachingResult:
-    """Return the result of teaching, without episodes that took no step."""
+    """Return the result of teaching; episodes that took no step are left out."""
     places = np.arange(len(learning.steps))
     drawn, begun_at, curves, steps = [], [], [], []
     for sampler, used in zip(samplers, learning.steps_used, strict=True):
@@ -230,19 +232,19 @@ def teaching_result(
     )
 
 
-# -- The generative model of several tasks, which change from episode to episode -------------------
+# -- The generative model of several tasks, one of which is drawn for every episode ----------------
 #
-# For learning loops it is a model like any other: ``first_state`` asks a Python object for the next
-# task, and transitions are those of its tables. The rewards and errors of an episode are recorded
-# for the teacher, which reads them at its end.
+# Learning loops use it like any other model: ``first_state`` asks a Python object for the next
+# task, and transitions come from that task's tables. The rewards and TD errors of an episode are
+# recorded, and the teacher reads them when the episode has ended.
 
 
 class SharedTables(NamedTuple):
-    """The tables of M tasks of a space; tasks that differ only in their start share W worlds."""
+    """The tables of M tasks in W worlds; tasks that differ only in their start share a world."""
 
     world: IntArray  # (M,) the world of a task
     outcome_row: npt.NDArray[np.integer[Any]]  # (W, S, A)
-    cumulative: FloatArray  # (Y, O) of all worlds, one after the other
+    cumulative: FloatArray  # (Y, O) the rows of all worlds, one world after the other
     next_state: npt.NDArray[np.integer[Any]]  # (Y, O)
     reward: FloatArray  # (Y, O)
     terminal: BoolArray  # (W, S)
@@ -251,11 +253,11 @@ class SharedTables(NamedTuple):
 
     @classmethod
     def of(cls, mdps: Sequence[FiniteMDP], target: int) -> "SharedTables":
-        """Return the tables of tasks; `target` is the place of the target among them."""
+        """Return the tables of tasks; `target` is the index of the target."""
         names = ("outcome_row", "probability", "next_state", "reward", "terminal")
         worlds, world = list[FiniteMDP](), list[int]()
         for mdp in mdps:
-            same = (  # tasks that differ in nothing but where episodes start
+            same = (  # tasks that differ only in their start states
                 place
                 for place, other in enumerate(worlds)
                 if all(np.array_equal(getattr(mdp, name), getattr(other, name)) for name in names)
@@ -273,7 +275,7 @@ class SharedTables(NamedTuple):
         return cls(
             np.array(world),
             np.stack([mdp.outcome_row + rows[w] for w, mdp in enumerate(worlds)]),
-            stacked("cumulative", 1.0),  # outcomes that no draw exceeds are never taken
+            stacked("cumulative", 1.0),  # no draw exceeds 1, so filled outcomes are never taken
             stacked("next_state", 0),
             stacked("reward", 0.0),
             np.stack([mdp.terminal for mdp in worlds]),
@@ -283,18 +285,18 @@ class SharedTables(NamedTuple):
 
 
 class EpisodeRecord(NamedTuple):
-    """The episode in progress, step by step; L is the time limit."""
+    """The steps of the current episode; L is the time limit."""
 
-    task: IntArray  # (1,) its task
+    task: IntArray  # (1,) task of the episode
     length: IntArray  # (1,) steps so far
     rewards: FloatArray  # (L,)
     td_errors: FloatArray  # (L,) r + gamma V(s') - V(s), with V = max_a Q when the step was taken
     last_state: IntArray  # (1,)
-    terminated: BoolArray  # (1,) whether it ended there
+    terminated: BoolArray  # (1,) whether the last state is terminal
 
 
 class TaughtModel(NamedTuple):
-    """Several tasks, a record of the present episode, and the address of the draw of the next."""
+    """Several tasks, the record of the current episode, and the callable that draws the next."""
 
     address: npt.NDArray[np.uint64]  # (1,) of the callable of :func:`answer`
     failed: BoolArray  # (1,) whether the callable has failed
@@ -306,7 +308,7 @@ class TaughtModel(NamedTuple):
 @first_states.body(TaughtModel)
 def _taught_start(model, bits):
     state = answer(model.address[0], np.int64(bits))[0]
-    model.episode.length[0] = 0  # after a failure too: a loop may take one more step
+    model.episode.length[0] = 0  # also after a failure, since a loop may take one more step
     if state < 0:
         model.failed[0] = True
         return np.uint64(0)
@@ -360,7 +362,7 @@ def _target_model(model):
 
 
 class _TaskSet:
-    """M tasks of a space, with the target; SettingError or TaskError for other tasks."""
+    """M tasks of one space and the target; SettingError or TaskError if tasks do not fit."""
 
     def __init__(self, tasks: Any, target: str, goal: Goal = None, *, needs_goal: bool = False):
         if not isinstance(tasks, Mapping) or not tasks:
@@ -391,7 +393,7 @@ class _TaskSet:
                     )
         if self.target.time_limit is None:
             raise SettingError(f"tasks of a teacher need a time limit: {target!r} has none")
-        # (M, S), the states of a task that are its goal; none where there is no goal.
+        # (M, S), the goal states of each task; none for a task without a goal.
         self.goals = np.zeros((len(self.mdps), self.target.states.size), np.bool_)
         for goals, name, mdp in zip(self.goals, tasks, self.mdps, strict=True):
             try:
@@ -412,11 +414,11 @@ class _TaughtRun(Run):
     task_set: _TaskSet
     teacher: Teacher
     stream: str
-    samplers: dict[int, TaskSampler]  # filled with the teacher's draws, by seed
+    samplers: dict[int, TaskSampler]  # by seed; they record the teacher's draws
 
     @contextmanager
     def opened(self, settings: SeedSettings, start: int, q: FloatTable) -> Generator[TaughtModel]:
-        """Return a context with the model of all tasks, in which the teacher draws."""
+        """Return a context with the model of all tasks, whose tasks the teacher draws."""
         raised = list[BaseException]()
         n, last = np.zeros((2, 1), np.int64)
         steps = np.zeros(self.task_set.target.time_limit or 0)
@@ -436,9 +438,9 @@ class _TaughtRun(Run):
     def _lesson(
         self, seed: int, record: EpisodeRecord, raised: list[BaseException]
     ) -> Generator[Answer | None, int, None]:
-        """Yield the start of an episode for every 64 bits sent; nothing is raised."""
-        # The caller is compiled code, which cannot be left by an exception. A generator, other than
-        # a function, also catches an interrupt that arrives before its first line.
+        """Yield the start of an episode for every 64 bits sent; raise nothing."""
+        # The caller is compiled code, through which no exception can pass. A generator, unlike a
+        # function, can also catch an interrupt that arrives before its first line.
         step = 0
         bits = yield None
         try:
@@ -457,7 +459,7 @@ class _TaughtRun(Run):
                     sampler.memory = self.teacher.update(sampler.memory, episode)
                 task = sampler.draw(step)
                 record.task[0], mdp = task, self.task_set.mdps[task]
-                # The start is drawn as compiled loops do.
+                # The start state is drawn as in compiled loops.
                 place = np.searchsorted(mdp.start_cumulative, uniform(bits & ALL), side="right")
                 bits = yield int(mdp.start_states[place]), 0.0, False, False
         except GeneratorExit:

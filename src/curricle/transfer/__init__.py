@@ -1,4 +1,4 @@
-"""Transfer: mappings between tasks, aggregation of several sources, and the edges that use them."""
+"""Transfer: mappings between tasks, aggregates of several sources, and edges that use both."""
 
 import lazy_loader
 

@@ -1,9 +1,8 @@
 """Aggregates of several sources into one potential: phi = g(phi_1, ..., phi_N) (paper E6).
 
-A source whose mapping leaves a pair unmapped knows nothing of it and has NaN there, which an
-aggregate skips. Where no source knows anything, phi is one stated value. A new aggregate is a
-function here and a line of ``BUILT_IN``, by which study files know it; forecasts compare
-``COMPARED``.
+A source whose mapping leaves a pair unmapped has NaN there, which aggregates skip. Where all
+sources have NaN, phi is `unknown_value`. A new aggregate is a function here and a line of
+``BUILT_IN``, which names it in study files. Forecasts compare the aggregates in ``COMPARED``.
 """
 
 import math
@@ -19,14 +18,14 @@ from curricle.learning.value_lookup import MAXIMUM, MEAN, MINIMUM, TOTAL
 Aggregate = Callable[[FloatArray], FloatArray]
 """Any function (N, S, A) -> (S, A) that skips NaN, as ``numpy.nanmedian`` along axis 0 does.
 
-Where all sources are NaN its result does not count; it is never called with such pairs.
+It is never called with pairs at which all sources are NaN.
 """
 
 
 def minimum(potentials: FloatArray) -> FloatArray:
     """Return min_i phi_i(s, a), the most pessimistic source. (N, S, A) -> (S, A).
 
-    Over the sources that are not NaN, as in all aggregates here; NaN where all are.
+    Like all aggregates here it skips sources with NaN, and is NaN where all sources are.
 
     Examples
     --------
@@ -76,11 +75,11 @@ def total(potentials: FloatArray) -> FloatArray:
 
 
 class BuiltIn(NamedTuple):
-    """An aggregate of the library's own; of a single potential it must be the potential."""
+    """An aggregate of the library; the aggregate of a single potential must be that potential."""
 
     function: Aggregate
-    code: int | None = None  # by which compiled loops know it; None if they do not
-    of_numbers: Callable[[Sequence[float]], float] | None = None  # of N finite ones, quicker
+    code: int | None = None  # its number in compiled loops; None if they lack it
+    of_numbers: Callable[[Sequence[float]], float] | None = None  # of N finite numbers, quicker
 
 
 BUILT_IN = {
@@ -91,12 +90,12 @@ BUILT_IN = {
 }
 """The library's aggregates by name."""
 COMPARED = (minimum, mean, maximum, total)
-"""Those that a forecast compares, in this order; each costs a trial an arm."""
+"""The aggregates that a forecast compares, in this order; each adds an arm to its trial."""
 
 
 def built_in(function: Aggregate) -> BuiltIn | None:
     """Return the entry of an aggregate in ``BUILT_IN``; None for any other function."""
-    # By identity: an aggregate may be any object that can be called, also one without a hash.
+    # Compared by identity: an aggregate may be any callable object, even without a hash.
     return next((known for known in BUILT_IN.values() if known.function is function), None)
 
 

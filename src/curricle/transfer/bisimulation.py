@@ -2,12 +2,12 @@
 
 A partition of the states is refined until all states of a block have the same rewards and the same
 chance of each block (Givan, Dean, Greig 2003). As in MDP homomorphisms (Ravindran, Barto 2004), the
-actions of a state may be relabelled: each action of two equivalent states has one of the other with
-the same expected reward and chance of each block. Equivalent pairs then have the same Q*, also in
-several tasks that are refined jointly.
+actions of a state may be relabelled: every action of a state has a counterpart in each equivalent
+state, with the same expected reward and chance of each block. Equivalent pairs then have the same
+Q*, even in different tasks that are refined jointly.
 
 Lax bisimulation needs no exact correspondence: each pair reads the nearest pair, by distances that
-bound how far values are apart (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
+bound differences of values (Taylor, Precup, Panangaden 2009; Castro, Precup 2010).
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ from curricle.transfer.pair import Proposal, TaskPair, apart
 
 # -- partition refinement --------------------------------------------------------------------------
 
-PRECISION = 1e-9  # numbers no further apart than this, in units of the largest, count as equal
+PRECISION = 1e-9  # largest difference of equal numbers, in units of the largest
 
 
 class Model(NamedTuple):
@@ -38,10 +38,10 @@ class Model(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """The blocks of one task; equal numbers mean equivalent, also in tasks refined with it."""
+    """The blocks of a task; in tasks refined jointly, equal numbers mean equivalence."""
 
-    states: IntArray  # (S,) all terminal states are one block
-    pairs: IntArray  # (S, A) -1 in terminal states; pairs of a block have the same Q*
+    states: IntArray  # (S,) the block of each state; all terminal states have one block
+    pairs: IntArray  # (S, A) the block of each pair, -1 in terminal states; its pairs have one Q*
 
 
 def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Model:
@@ -51,8 +51,8 @@ def model_for_refinement(mdp: Any, mean_reward: FloatArray | None = None) -> Mod
 
 
 def joint_models(tasks: TaskPair) -> tuple[Model, Model]:
-    """Return a target and a source for refinement, both with the target's discount."""
-    # V* of the source solves V = max_a r' + gamma_t P V, too, r' = r + (gamma_s - gamma_t) P V.
+    """Return the models of a target and a source, both with the target's discount."""
+    # The source's V* also solves V = max_a r' + gamma_t P V with r' = r + (gamma_s - gamma_t) P V.
     target, source = tasks.target_mdp, tasks.source_mdp
     rewards = (source.probability * source.reward).sum(axis=1)
     if target.discount != source.discount:
@@ -63,12 +63,13 @@ def joint_models(tasks: TaskPair) -> tuple[Model, Model]:
 
 
 def refined(models: Sequence[Model]) -> list[Blocks]:
-    """Return the coarsest blocks of tasks of one discount that agree in rewards and next blocks."""
+    """Return the coarsest blocks, equal in rewards and next blocks, of tasks with one discount."""
     joint = _joined(models)
     states = np.where(joint.terminal, 0, 1)
     rewards, before = levels(joint.mean_reward), len(np.unique(states))
     while True:
-        # Rows are alike in their reward and the chance of each block; states in the set of rows.
+        # Rows are alike if their rewards and the chances of each block are equal; states if their
+        # sets of rows are equal.
         entered, chances = merged_outcomes(states[joint.next_state], joint.probability)
         rows = numbered_rows(np.column_stack([rewards, entered, levels(chances)]))
         pairs = np.where(joint.terminal[:, None], -1, rows[joint.outcome_row])
@@ -88,7 +89,7 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
 
 
 def levels(values: FloatArray) -> IntArray:
-    """Return a number for each value, the same where values differ by rounding alone."""
+    """Return a number for each value, equal for values that differ only by rounding."""
     order = np.argsort(values, axis=None)
     ordered = values.ravel()[order]
     apart = np.diff(ordered) > PRECISION * max(1.0, float(abs(ordered).max(initial=0.0)))
@@ -98,7 +99,7 @@ def levels(values: FloatArray) -> IntArray:
 
 
 def numbered_rows(rows: npt.NDArray[np.integer[Any]]) -> IntArray:
-    """Return a number for each row of a table, (n,) int64, the same where rows are equal."""
+    """Return a number for each row of a table, (n,) int64, equal for equal rows."""
     table = np.ascontiguousarray(rows, dtype=np.int64)
     records = table.view(np.dtype((np.void, table.shape[1] * 8))).ravel()
     return np.unique(records, return_inverse=True)[1].reshape(-1).astype(np.int64)
@@ -107,7 +108,7 @@ def numbered_rows(rows: npt.NDArray[np.integer[Any]]) -> IntArray:
 def merged_outcomes(
     blocks: npt.NDArray[np.integer[Any]], probability: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return each row's blocks, in order and each once, with their chances, both (Y, O)."""
+    """Return the different next blocks of each row in order, and their chances, both (Y, O)."""
     blocks = np.where(probability > 0, blocks, -1)
     order = np.argsort(blocks, axis=1, kind="stable")
     blocks = np.take_along_axis(blocks, order, axis=1).astype(np.int64)
@@ -126,7 +127,7 @@ def merged_outcomes(
 
 
 def _joined(models: Sequence[Model]) -> Model:
-    """Return the tasks side by side as one; actions that a task lacks repeat its first."""
+    """Return one model of all tasks; actions that a task lacks are copies of its first action."""
     width = max(model.probability.shape[1] for model in models)
     actions = max(model.outcome_row.shape[1] for model in models)
     first_row = np.cumsum([0, *(len(model.probability) for model in models)])
@@ -151,11 +152,11 @@ LARGEST_REFINED = 20_000_000  # state-action pairs of both tasks up to which the
 
 
 def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mapping of each target pair to an equivalent source pair, if any pair has one.
+    """Yield the mapping of target pairs to equivalent source pairs, if there are any.
 
     Equivalent pairs have the same Q*, up to rounding. A target state reads the first equivalent
-    source state. If there is none, each of its pairs reads the first source pair with the same
-    reward and equivalent next states.
+    source state. If no source state is equivalent, its pairs read the first source pair with the
+    same reward and equivalent next states.
 
     Raises
     ------
@@ -203,7 +204,7 @@ def equivalent_pairs(target: Blocks, source: Blocks) -> IntArray:
 
 
 def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
-    """Return where each wanted key is found first, `UNMAPPED` where it is not or is negative."""
+    """Return the first index of each wanted key; `UNMAPPED` if it is missing or negative."""
     known, first = np.unique(keys, return_index=True)
     place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
     there = (known[place] == wanted) & (wanted >= 0)
@@ -212,18 +213,18 @@ def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
 
 # -- the Kantorovich distance ----------------------------------------------------------------------
 
-UNSET = 255  # in the first place of a tree: there is none yet
-WIDEST = 120  # outcomes of a distribution at most: nodes of both are numbered in 8 bits
+UNSET = 255  # first entry of a tree that has not been made
+WIDEST = 120  # most outcomes of a distribution: nodes of two are numbered in 8 bits
 PERTURBATION = 1e-10
 MOST_PIVOTS = 10_000
 
 
 class Scratch(NamedTuple):
-    """Work space for distributions of up to so many outcomes."""
+    """Work space for distributions of up to O and O' outcomes."""
 
     cost: FloatArray  # (O, O')
     dual: FloatArray  # (O + O',)
-    flow: FloatArray  # (O + O',) of each node on the edge to its parent
+    flow: FloatArray  # (O + O',) from each node along the edge to its parent
     depth: IntArray  # (O + O',)
 
 
@@ -239,7 +240,7 @@ def scratch(n, m):
 def transport_cost(p, q, parent, order, space):
     """Return min sum_ij c_ij x_ij over x >= 0 with row sums p and column sums q.
 
-    The tree, `parent` and `order` (n + m,) uint8, starts the search and becomes the optimum's.
+    The search starts at the tree, `parent` and `order` (n + m,) uint8, and leaves the optimal tree.
     """
     n, m = len(p), len(q)
     cost, dual = space.cost, space.dual
@@ -276,7 +277,7 @@ def transport_cost(p, q, parent, order, space):
 
 @compiled_once
 def _north_west(p, q, parent, order):
-    """Make the tree of the north-west corner rule."""
+    """Write the tree of the north-west corner rule."""
     n, m = len(p), len(q)
     parent[0], order[0] = 0, 0
     parent[n], order[1] = 0, n
@@ -297,7 +298,7 @@ def _north_west(p, q, parent, order):
 
 @compiled_once
 def flows_of(p, q, parent, order, perturbation, flow):
-    """Write the flow of each node but the root along the edge to its parent."""
+    """Write the flow along the edge from each node, except the root, to its parent."""
     n, nodes = len(p), len(p) + len(q)
     for i in range(n):
         flow[i] = p[i] + perturbation
@@ -313,14 +314,14 @@ def flows_of(p, q, parent, order, perturbation, flow):
 
 @compiled_once
 def _pivot(p, q, row, column, parent, order, space):
-    """Bring the edge of a row and a column into the tree, and take out the first that runs dry."""
+    """Add the edge of a row and a column to the tree; remove the first edge that loses all flow."""
     nodes = len(p) + len(q)
     flow, depth = space.flow, space.depth
     flows_of(p, q, parent, order, PERTURBATION, flow)
     depth[0] = 0
     for k in range(1, nodes):
         depth[order[k]] = depth[parent[order[k]]] + 1
-    # The path between the two has an odd number of edges; every other one loses, first and last.
+    # The path between row and column has an odd number of edges: the 1st, 3rd, ... last lose flow.
     left, right = row, column
     from_left, from_right = 0, 0
     least, leaving, on_left = np.inf, -1, True
@@ -353,30 +354,30 @@ def _pivot(p, q, row, column, parent, order, space):
 
 # -- the fixed point -------------------------------------------------------------------------------
 
-SWEEPS = 40  # sweeps with the choices of a backup
+SWEEPS = 40  # sweeps after a backup, with the choices of that backup
 MOST_ROUNDS = 5_000
 MOST_WORK = 20_000_000_000
-"""Pairs of outcomes that are coupled at most, in all rounds: some minutes of one core."""
+"""Most pairs of outcomes to couple in all rounds: some minutes of one core."""
 
 Numbers = npt.NDArray[np.int32]
 
 
 class Couplings(NamedTuple):
-    """How the outcomes of the pairs that d of states rests on are coupled, one after the other."""
+    """The couplings of outcomes of all pairs that determine d of states, one after the other."""
 
     first: IntArray  # (B B' + 1,)
     cell: IntArray  # (n,) s * B' + u of two outcomes
-    mass: FloatArray  # (n,) of the coupling there
+    mass: FloatArray  # (n,) mass of the coupling at this cell
 
 
 class Quotient(NamedTuple):
-    """A task whose equivalent states and pairs are one: B blocks, Y kinds of pairs."""
+    """A task with equivalent states and pairs merged: B blocks of states, Y kinds of pairs."""
 
-    pairs: Numbers  # (B, A) the kinds of a block's pairs, -1 where there are no more
+    pairs: Numbers  # (B, A) the kinds of a block's pairs, then -1
     reward: FloatArray  # (Y,)
     chance: FloatArray  # (Y, O)
-    after: Numbers  # (Y, O) blocks
-    width: Numbers  # (Y,) outcomes
+    after: Numbers  # (Y, O) next blocks
+    width: Numbers  # (Y,) number of outcomes
     best: FloatArray  # (B,) V*
     blocks: Blocks  # the block of each state, and the kind of each pair
 
@@ -415,13 +416,13 @@ def quotient(model: Model, values: FloatArray) -> Quotient:
 def fixed_point(
     target: Quotient, source: Quotient, discount: float, tolerance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return d of states (B, B') and of pairs (Y, Y')."""
-    # Iteration ends where the error is at most `tolerance` times the largest distance, or after the
+    """Return d of blocks of states, (B, B'), and of kinds of pairs, (Y, Y')."""
+    # Iteration ends when the error is at most `tolerance` times the largest distance, or after the
     # most rounds.
     nodes = target.chance.shape[1] + source.chance.shape[1]
     random = target.chance.shape[1] > 1 and source.chance.shape[1] > 1
     pairs = np.empty((len(target.reward), len(source.reward)))
-    # The bases of the transports; hardly any array where none is needed.
+    # The trees of the transports; a tiny array if no transport needs a tree.
     tree = np.full((*pairs.shape, 2, nodes) if random else (1, 1, 2, 1), UNSET, np.uint8)
     states = abs(target.best[:, None] - source.best)
     rests_on = np.empty((states.size, 2), np.int64)
@@ -475,7 +476,7 @@ def back_up_pairs(target, source, states, pairs, tree, discount):
 
 @compiled_once
 def back_up_states(target_pairs, source_pairs, pairs, states, rests_on):
-    """Compute d of states from d of pairs, and which pair it rests on; return the change."""
+    """Compute d of states from d of pairs, and the pair that determines it; return the change."""
     least = np.empty(source_pairs.shape[1])
     change = 0.0
     for s in range(len(target_pairs)):
@@ -490,7 +491,7 @@ def back_up_states(target_pairs, source_pairs, pairs, states, rests_on):
 
 @compiled_once
 def hausdorff(rows, columns, pairs, nearest):
-    """Return the largest of all min_b and min_a over two states' `rows` and `columns` of pairs."""
+    """Return the Hausdorff distance of two states' pairs `rows` and `columns`, and its pair."""
     largest, row, column = -1.0, 0, 0
     nearest[:] = np.inf
     for y in rows:
@@ -519,7 +520,7 @@ def hausdorff(rows, columns, pairs, nearest):
 
 @compiled_once
 def fill_couplings(target, source, tree, rests_on, n_source, couplings):
-    """Write the coupling of each pair that a distance rests on."""
+    """Write the couplings of all pairs that determine a distance of states."""
     first, cell, mass = couplings
     space = scratch(target.chance.shape[1], source.chance.shape[1])
     for k in range(len(rests_on)):
@@ -546,7 +547,7 @@ def fill_couplings(target, source, tree, rests_on, n_source, couplings):
 
 @compiled_once
 def follow(couplings, difference, states, discount, times):
-    """Back up d of states, flat, with fixed choices and couplings, upwards and downwards."""
+    """Back up d of states, a flat array, with fixed choices and couplings, in alternating order."""
     first, cell, mass = couplings
     for time in range(times):
         for k in range(len(states)):
@@ -559,16 +560,16 @@ def follow(couplings, difference, states, discount, times):
 
 # -- nearest pairs ---------------------------------------------------------------------------------
 
-TOLERANCE = 1e-3  # how far below the fixed point distances may be, in units of the largest
+TOLERANCE = 1e-3  # largest error of distances, in units of the largest distance
 LARGEST_PAIRS = 8_000_000
-"""Pairs of a target's and a source's kinds of pairs up to which distances are computed."""
+"""Most combinations of a kind of target pair and a kind of source pair."""
 
 LARGEST_ROUND = MOST_WORK // 10
-"""Pairs of their outcomes, so that there is time for ten rounds at least."""
+"""Most combinations of their outcomes in a round, so that there is time for ten rounds."""
 
 
 def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mappings to the nearest pair, and to the nearest pair of the nearest state.
+    """Yield two mappings: to the nearest pair, and to the nearest pair of the nearest state.
 
     Distances are the fixed point of d((s, a), (u, b)) = abs(r - r') + gamma W(P, P'; d), where W is
     the Kantorovich distance, and d(s, u) = max(max_a min_b d, max_b min_a d). Terminal states pay
@@ -589,7 +590,7 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
     """
     target, source, of_states, of_pairs = distances(tasks)
     known, at = np.unique(source.blocks.pairs.ravel(), return_index=True)
-    first = np.full(len(source.reward), ENDED)  # pair of each kind, but of the end's
+    first = np.full(len(source.reward), ENDED)  # a pair of each kind; ENDED for the kind of the end
     first[known[known >= 0]] = at[known >= 0]
     live, pairs = target.blocks.pairs >= 0, np.maximum(target.blocks.pairs, 0)
     index = np.where(live, first[of_pairs.argmin(axis=1)[pairs]], ENDED)
@@ -605,7 +606,7 @@ def by_lax_bisimulation(tasks: TaskPair) -> Iterator[Proposal]:
 def distances(
     tasks: TaskPair, tolerance: float = TOLERANCE
 ) -> tuple[Quotient, Quotient, FloatArray, FloatArray]:
-    """Return both tasks up to bisimulation, and d of their blocks and of their kinds of pairs."""
+    """Return both quotients, d of their blocks, and d of their kinds of pairs."""
     target, source = (
         quotient(model, solution.values)
         for model, solution in zip(

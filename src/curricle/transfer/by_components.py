@@ -1,4 +1,4 @@
-"""Mappings by components: the identity, by name (paper E7), by position, by every assignment."""
+"""Mappings by components: the identity, by names (paper E7), by position, all assignments."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -32,15 +32,15 @@ from curricle.transfer.pair import Proposal, TaskPair
 
 LARGEST_INDEX = 500_000_000  # target pairs for which an index array is made (4 GB)
 UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
-"""The treatment of values that the source lacks, in words."""
+"""Treatment of values that the source lacks -> its description."""
 
 
 class ComponentMapping(StateActionMapping):
-    """A mapping given by names of components; made by :func:`project`.
+    """A mapping by names of components; :func:`project` makes it.
 
-    It serves targets of any size: the index array is made only when it is asked for, and learning
-    reads the source through :meth:`lookups`. `renaming` gives the target component of each source
-    component whose name differs; `unequal` is that of :class:`ComponentsByName`.
+    It suits targets of any size: learning reads the source through :meth:`lookups`, and the index
+    array is made only at first use. `renaming` maps source components to target components with
+    other names; `unequal` is as in :class:`ComponentsByName`.
 
     Examples
     --------
@@ -79,13 +79,13 @@ class ComponentMapping(StateActionMapping):
         vars(self).update(unmapped_value=unmapped_value, unequal=unequal, knows_target=knows_target)
 
     def __reduce__(self) -> Any:
-        """Pickle the names that the mapping was made from, and no index array."""
+        """Pickle the names that make the mapping, without an index array."""
         read = self.renaming, self.unmapped_value, self.unequal
         return ComponentMapping, (self.target, self.source, *read, self.knows_target)
 
     @property
     def _read(self) -> dict[str, str]:
-        """The target component that each component of the source is read from."""
+        """Source component -> the target component from which it is read."""
         names = *self.source.states.names, *self.source.actions.names
         return {name: self.renaming.get(name, name) for name in names}
 
@@ -104,7 +104,7 @@ class ComponentMapping(StateActionMapping):
         return repr(self), self.unmapped_value
 
     def with_unmapped_value(self, value: float) -> "ComponentMapping":
-        """Return the same mapping with another value of unmapped pairs."""
+        """Return the same mapping with another value for unmapped pairs."""
         read = self.renaming, value, self.unequal
         return ComponentMapping(self.target, self.source, *read, self.knows_target)
 
@@ -123,13 +123,13 @@ class ComponentMapping(StateActionMapping):
 
     @cached_property
     def actions(self) -> IntArray:
-        """The source's action for each of the target's, `MISSING` where none, (A,) int64."""
+        """The source action of each target action, (A,) int64; `MISSING` where there is none."""
         return source_points(self.target.actions, self.source.actions, self.renaming, self.unequal)
 
     def lookups(self) -> list[IntArray] | None:
-        """Return offsets of each target component's values, whose sum is the source state.
+        """Return an array of offsets for each target component; their sum is the source state.
 
-        There is none where an offset is `MISSING`. None where a space is not a whole box.
+        No source state exists where an offset is `MISSING`. None if a space is not a whole box.
         """
         target, source = self.target.states, self.source.states
         if not (target.is_box and source.is_box):
@@ -152,16 +152,16 @@ class ComponentMapping(StateActionMapping):
 def project(
     target: Task, source: Task, *, unmapped_value: float | None = None, **renaming: str
 ) -> ComponentMapping:
-    """Return the mapping that reads the source's components off the target's by name (paper E7).
+    """Return the mapping that reads source components from target components by name (paper E7).
 
-    Components of states and of actions have the same name, or are named in `renaming`, as
-    ``source_component="target_component"``. They are read label by label where both have labels.
-    Values that the source lacks leave a pair unmapped (see :class:`StateActionMapping`).
+    Components of states and actions correspond if they have the same name, or if `renaming` has
+    ``source_component="target_component"``. If both have labels, equal labels correspond. Values
+    that the source lacks leave a pair unmapped (see :class:`StateActionMapping`).
 
     Raises
     ------
     MappingError
-        On an unknown component, listing the valid ones.
+        When a component is unknown; the message lists the known ones.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def project(
 def source_points(
     target: Space, source: Space, renaming: Mapping[str, str], unequal: Unequal = "unmapped"
 ) -> IntArray:
-    """Return the source's point for each of the target's, `MISSING` where there is none."""
+    """Return the source point of each target point, `MISSING` where there is none."""
     values, read = target.decode(), {}
     for component in source.components:
         origin = _origin(target, component, renaming)
@@ -189,7 +189,7 @@ def source_points(
 
 
 def _origin(target: Space, component: Component, renaming: Mapping[str, str]) -> Component:
-    """Return the target component that a source component is read from."""
+    """Return the target component from which a source component is read."""
     name = renaming.get(component.name, component.name)
     if name not in target.names:
         raise MappingError(
@@ -206,7 +206,7 @@ def _origin(target: Space, component: Component, renaming: Mapping[str, str]) ->
 
 
 def _values_of(origin: Component, component: Component, unequal: Unequal) -> IntArray:
-    """Return the source's value for each value of the target's, by label where both have labels."""
+    """Return the source value of each target value; equal labels correspond if both have labels."""
     if component.labels is None or origin.labels is None:
         values = np.arange(origin.size) + origin.low
         if unequal == "clip":
@@ -230,15 +230,15 @@ def identity(
 @overload
 def identity(target: Task, source: Task | None = None) -> StateActionMapping: ...
 def identity(target: Any, source: Any = None) -> Any:
-    """Return the mapping of each state and action to the same one of a task of the same shape.
+    """Return the mapping of each state and action to itself in a task of the same shape.
 
-    Tasks have one shape if their components have the same values in the same order, whatever they
-    are called; or if their observations have the same shape. The source is the target by default.
+    Tasks have one shape if their components have the same values in the same order, under any
+    names; or if their observations have the same shape. The source is the target by default.
 
     Raises
     ------
     MappingError
-        When the shapes differ, saying how.
+        When the shapes differ; the message says how.
 
     Examples
     --------
@@ -264,7 +264,7 @@ def identity(target: Any, source: Any = None) -> Any:
 
 
 def _difference(kind: str, target: Space, source: Space) -> str:
-    """Return how the points of two spaces differ, "" if they do not."""
+    """Return the difference of the points of two spaces as text, "" if there is none."""
     names, other_names = ", ".join(target.names), ", ".join(source.names)
     if len(target.components) != len(source.components):
         return f"the target's {kind} have {names}, the source's {other_names}"
@@ -293,7 +293,7 @@ def _difference(kind: str, target: Space, source: Space) -> str:
 
 
 def check_same_observations(target: ObservationTask, source: Any) -> None:
-    """Raise MappingError where a source is seen through observations of another shape."""
+    """Raise MappingError if a source has observations of another shape."""
     if not isinstance(source, ObservationTask):
         return
     target_space, source_space = target.observations, source.observations
@@ -320,15 +320,15 @@ def _form(space: gym.Space[Any]) -> Any:
 def family_mappings(
     target: FamilyMember, source: FamilyMember, *, unmapped_value: float | None = None
 ) -> tuple[Any, ...]:
-    """Return how a member of a family maps onto another, as the family declares it.
+    """Return the mappings from a member of a family to another, as the family declares them.
 
-    Several mappings stand for several transfers: each predator of a pursuit can read its source's
-    only predator. Mappings that the family's function made itself keep their `unmapped_value`.
+    Several mappings mean several transfers: each predator of a pursuit can read the only predator
+    of its source. Mappings that the family's function returns keep their `unmapped_value`.
 
     Raises
     ------
     MappingError
-        When the members are of two families, or the family's declaration does not fit them.
+        When the members belong to two families, or the family's declaration does not fit them.
 
     Examples
     --------
@@ -351,7 +351,7 @@ def member_mappings(
     source_task: Task,
     unmapped_value: float | None = None,
 ) -> tuple[Any, ...]:
-    """Return the mappings of :func:`family_mappings` for tasks that were made of the members."""
+    """Return the mappings of :func:`family_mappings` between the tasks made of two members."""
     if target.family.factory is not source.family.factory:
         raise MappingError(
             f"members of one family map onto each other: got {target}, of {target.family.name}, "
@@ -392,7 +392,7 @@ def same_position(
 ) -> StateActionMapping:
     """Return the mapping of each cell of a maze to the same cell of another (paper F2, F3).
 
-    Cells are compared in map coordinates, which a crop keeps. MappingError for other tasks.
+    Positions are in map coordinates, which a crop keeps. MappingError for other tasks.
 
     Examples
     --------
@@ -409,11 +409,12 @@ def same_position(
 def relative_objects(
     target: GridWorld, source: GridWorld, *, unmapped_value: float | None = None
 ) -> StateActionMapping:
-    """Return Svetlik's mapping: states whose objects lie alike around the agent (paper E4, F1).
+    """Return Svetlik's mapping to states with the same objects around the agent (paper E4, F1).
 
-    A target state matches a source state if every object of the source lies, relative to the agent,
-    where the target has an object of its class: s_target = [s_source, rest]. Of several shifts of
-    the source's map that fit, the smallest (up, then left) is taken. MappingError for other tasks.
+    A target state matches a source state if every object of the source has an object of its class
+    in the target at the same place relative to the agent: s_target = [s_source, rest]. If several
+    shifts of the source's map fit, the smallest is used (up, then left). MappingError for other
+    tasks.
 
     Examples
     --------
@@ -444,17 +445,17 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
 # -- every assignment of components ----------------------------------------------------------------
 
 MAX_ASSIGNMENTS = 10_000
-COMPARED = 5_000  # state-action pairs of the target on which assignments are compared at most
+COMPARED = 5_000  # most state-action pairs of the target on which assignments are compared
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """One assignment of target components to the source's components."""
+    """An assignment of target components to source components."""
 
     states: dict[str, str]  # source component -> target component
     actions: dict[str, str]
-    # Mean total variation distance, in [0, 1], between the source's next states and the target's,
-    # read through the assignment; NaN if nothing maps.
+    # Mean total variation distance, in [0, 1], between the next states of the source and those of
+    # the target read through the assignment; NaN if no pair is mapped.
     error: float
     mapping: StateActionMapping
 
@@ -462,7 +463,7 @@ class Projection:
 
 
 def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
-    """Return every assignment of target components to the source's, best prediction first.
+    """Return every assignment of target components to source components, best prediction first.
 
     Rewards are not compared: two tasks with different rewards may have the same dynamics. The
     prediction is compared on all state-action pairs of the target, or on 5,000 at random.
@@ -517,12 +518,12 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
 def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
     """Return the mean total variation distance of the next states of n rows of two tasks.
 
-    Next states that count as the same have the same number in the last array of both, (S,).
+    The last arrays, (S,), number states; next states with equal numbers count as equal.
     """
     outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
     (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
     masses = np.concatenate([p, -q], axis=1)
-    # Equal outcomes add up before their difference counts, once.
+    # Chances of equal outcomes are summed before the difference is taken.
     same: BoolArray = joined[:, :, None] == joined[:, None, :]
     totals = (same * masses[:, None, :]).sum(axis=2)
     return float(((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2).mean())
@@ -535,13 +536,13 @@ BY_NAME: dict[Unequal, str] = {
     "scale": "components by name, unequal ranges scaled",
     "clip": "components by name, unequal ranges clipped",
 }
-MOST_UNEQUAL = 3  # components of unequal ranges that are aligned in all ways
+MOST_UNEQUAL = 3  # most components of unequal ranges that are aligned
 
 
 def by_name(tasks: TaskPair) -> Iterator[Proposal]:
     """Yield the mappings that :func:`project` makes without renaming.
 
-    There are three: values that the source lacks are left unmapped, scaled or clipped.
+    There are three of them: values that the source lacks are left unmapped, scaled or clipped.
 
     Examples
     --------
@@ -556,15 +557,15 @@ def by_name(tasks: TaskPair) -> Iterator[Proposal]:
 
 
 def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield mappings by name with ranges of unequal size put side by side at either end.
+    """Yield mappings by name in which ranges of unequal size are aligned at either end.
 
-    A wide grid and a narrow one may correspond at the goal's side. Values outside the narrower
-    range are left unmapped, or read its last value.
+    A wide grid and a narrow grid may correspond at the side of the goal. Values outside the
+    narrower range are left unmapped, or read its last value.
 
     Raises
     ------
     MappingError
-        When the target lacks a component of the source's, or all ranges are equal or have labels.
+        When the target lacks a component of the source, or no range without labels is unequal.
 
     Examples
     --------
@@ -591,7 +592,7 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
             there, here = theirs.component(name), ours.component(name)
             offsets[name] = there.low - here.low if end == "first" else there.high - here.high
         if set(ends) == {"first"} and not any(offsets.values()):
-            continue  # as by name
+            continue  # :func:`by_name` yields this mapping
         read = {name: values[name] + offset for name, offset in offsets.items()}
         inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
         how = f"components by name, {' and '.join(f'{e} {name}' for name, e in aligned.items())}"

@@ -22,18 +22,18 @@ from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import GreedyRollouts, greedy_rollouts
 from curricle.transfer.transfer import CALIBRATION_EPISODES, Calibrate
 
-AnyPotential = Any  # of a task: a StateActionPotential, MappedPotential or ObservationPotential
-FIRST_EPISODES = 20  # episodes after which a calibration stops if they reached nothing
+AnyPotential = Any  # a StateActionPotential, MappedPotential or ObservationPotential
+FIRST_EPISODES = 20  # a calibration stops after as many episodes that reach nothing
 MIN_NONZERO = 0.5  # least share of the steps in which phi is not 0
-MIN_EXPLAINED = 0.25  # least share of the squares of the returns that the fit explains
+MIN_EXPLAINED = 0.25  # least share of the squared returns that the fit explains
 LARGEST_SEARCHED = 10_000_000
-"""Pairs (S x A) in which the highest value of phi is searched; of more, as many at random."""
+"""Most pairs (S x A) among which the highest phi is searched; a random sample of more pairs."""
 CHUNK = 1_000_000  # pairs read at a time
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """A calibrated potential, and the rollouts that it was fitted to.
+    """A calibrated potential, and the rollouts to which it was fitted.
 
     Attributes
     ----------
@@ -41,13 +41,13 @@ class Calibration:
         The potential scale phi, or phi itself where no scale could be fitted.
     scale : float
     predicted, return_to_go : float
-        Means over all steps: of phi(s_t, a_t), and of the discounted return from t on.
+        Means over all steps of phi(s_t, a_t), and of the discounted return from step t on.
     explained : float
-        The share of the squares of the returns to go that the fit explains; NaN without a fit.
+        The share of the squared returns to go that the fit explains; NaN without a fit.
     episodes, ended : int
-        Greedy episodes, and how many of them terminated.
+        Numbers of greedy episodes, and of those that terminated.
     warm_up : WarmUp
-        The episodes' lengths and returns, to be charged to the target.
+        The lengths and returns of the episodes, which are charged to the target.
     refusal : str
         Why no scale could be fitted; empty if one was fitted.
     stopped : bool
@@ -112,8 +112,8 @@ def calibrate(
     CalibrationError
         When the episodes carry no information (phi was 0 in most of their steps, they reached
         nothing, or `max_steps` ended the first); when no positive scale explains the returns; or
-        when the scale would raise values of phi well above the values it was fitted to: common
-        where rewards have both signs, not checked for observations.
+        when the scale would raise some phi far above the values of phi in the episodes. The last is
+        common if rewards have both signs, and is not checked for observations.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def calibrate(
 def fit_calibration(
     potential: AnyPotential, settings: Calibrate, *, seed: int = 0, stream: str = "calibrate"
 ) -> Calibration:
-    """Return a calibration; if no scale can be fitted, it has a refusal and phi unchanged."""
+    """Return a calibration; if no scale fits, it has a refusal and the unchanged potential."""
     if not isinstance(potential, PairPotential | ObservationPotential):
         raise PotentialError(
             "a potential to be calibrated must be a StateActionPotential, a MappedPotential or an "
@@ -141,8 +141,8 @@ def fit_calibration(
         )
     cap = settings.max_steps
     roll = partial(greedy_rollouts, potential, seed=seed, stream=stream, max_steps=cap)
-    # A few episodes show whether anything is reached, and if not the rest would be wasted. They
-    # are the first of the rest.
+    # If the first episodes reach nothing, the rest would be wasted. They are run again as the
+    # first of all episodes.
     few = min(FIRST_EPISODES, settings.episodes)
     rollouts: GreedyRollouts = roll(episodes=few)
     if (
@@ -175,8 +175,8 @@ def fit_calibration(
 
 
 def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
-    """Return the c for which c phi is nearest to the returns, and the share that it explains."""
-    # The bootstrapped value is scaled like phi, so it moves to the other side.
+    """Return the c for which c phi is nearest to the returns, and the share that c phi explains."""
+    # The bootstrapped value is scaled like phi, so the fit subtracts it from phi.
     phi = rollouts.predicted - rollouts.bootstrap_discount * rollouts.bootstrapped_value
     # Steps with phi 0, in unmapped states, carry no information on the scale.
     used = phi != 0
@@ -190,7 +190,7 @@ def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
 
 
 def _inner(left: FloatArray, right: FloatArray) -> float:
-    """Return the inner product, its sum rounded once: BLAS rounds as the processor does."""
+    """Return the inner product with one rounding, since BLAS rounds differently by processor."""
     return math.fsum(left * right)
 
 
@@ -198,7 +198,7 @@ def _inner(left: FloatArray, right: FloatArray) -> float:
 
 
 def _uninformative(rollouts: GreedyRollouts, cap: int | None) -> str:
-    """Return a refusal if the episodes, ended by a cap of steps if any, cannot tell the scale."""
+    """Return a refusal if the episodes, `cap` steps at most, cannot determine the scale."""
     if cap is not None and len(rollouts.lengths) == 1 and not rollouts.ended.any():
         return (
             f"a calibration needs a whole episode: its most steps, {cap:,}, ended during the first"
@@ -213,7 +213,7 @@ def _uninformative(rollouts: GreedyRollouts, cap: int | None) -> str:
 
 
 def _nothing_reached(rollouts: GreedyRollouts) -> str:
-    """Return a refusal if no episode terminated and all steps had one reward, else ""."""
+    """Return a refusal if no episode terminated and all rewards were equal, else ""."""
     if rollouts.ended.any() or not rollouts.one_reward:
         return ""
     return (
@@ -258,7 +258,7 @@ def _poor_fit(
 
 
 def _highest(potential: PairPotential) -> float:
-    """Return the highest phi(s, a), terminal states aside."""
+    """Return the highest phi(s, a) outside terminal states."""
     model = generative_model(potential.task)
     n_states, n_actions = model.states.size, model.actions.size
     states, searched = np.arange(n_states), max(1, LARGEST_SEARCHED // n_actions)

@@ -1,6 +1,6 @@
 """Inter-task mappings f(s, a): the source pair that each target pair reads (paper E5).
 
-A mapping maps batches: states by their numbers through an index, observations by functions.
+A mapping maps batches: numbers of states by an index array, observations by functions.
 """
 
 import math
@@ -30,24 +30,24 @@ PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 UNMAPPED = -1
 """Entry of a mapping for a target pair without a source pair."""
 ENDED = -2
-"""Entry for a pair whose source counterpart lies in a terminal state: there the value is 0."""
+"""Entry for a target pair whose counterpart is a terminal source state, of value 0."""
 MOST_LISTED = 1_000_000_000
-"""Pairs of a target that a mapping by a function may list: its array takes 8 GB."""
+"""Most pairs of a target for a mapping by a function: its array takes 8 GB."""
 
 # -- the values of a source ------------------------------------------------------------------------
 
 
 @runtime_checkable
 class ValueSource(Protocol):
-    """The values of a task, of n observations at once.
+    """The values of a task, for n observations at once.
 
-    Observations are stacked as the task's space stacks them: an array (n, ...), or a dict or tuple
-    of such. Observations of a task with tables are its states' numbers, (n,) int64.
+    Observations are stacked as in the task's space: an array (n, ...), or a dict or tuple of such
+    arrays. For a task with tables they are the numbers of states, (n,) int64.
     """
 
     @property
     def of_actions(self) -> bool:
-        """Whether it has action values, so that :meth:`q` can be called."""
+        """Whether there are action values, so that :meth:`q` can be called."""
 
     def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a), of the shape of `actions`: (n,), or (n, m) for m actions in each."""
@@ -92,11 +92,11 @@ class TableValues:
 
 @dataclass(frozen=True, eq=False)
 class FunctionValues:
-    """Values that a user's functions compute; at least one of the two functions is needed.
+    """Values from a user's functions, at least one of which is needed.
 
     `action_values` is (observations, actions) -> (n,) or (n, m), as :meth:`ValueSource.q`,
-    `state_values` is observations -> (n,). Where only the first is given, V(s) = max_a Q(s, a) is
-    taken over the number of `actions`.
+    `state_values` is observations -> (n,). Without `state_values`, V(s) is max_a Q(s, a) over
+    `actions`, the number of actions.
 
     Examples
     --------
@@ -160,7 +160,7 @@ class TaskMapping(ABC):
     target: Any
     source: Any
     unmapped_value: float | None
-    knows_target: bool = False  # whether a search read the target's model for it, without a charge
+    knows_target: bool = False  # whether a search read the target's model for it; not charged
 
     @abstractmethod
     def pairs(self, values: Any, batch: Any, scale: float = 1.0, shift: float = 0.0) -> FloatArray:
@@ -174,11 +174,11 @@ class TaskMapping(ABC):
     @property
     @abstractmethod
     def parts(self) -> tuple[Any, ...]:
-        """The parts by which the mapping differs from others of its kind."""
+        """The parts by which mappings of this class differ."""
 
     @property
     def countable(self) -> bool:
-        """Whether the pairs of both tasks are numbered, and few enough to count."""
+        """Whether the pairs of both tasks are numbered and few enough to count."""
         return False
 
     def _repr_html_(self) -> str:
@@ -203,7 +203,7 @@ class StateActionMapping(Frozen, TaskMapping):
         How a search found the mapping.
     knows_target : bool
         Whether a search read the dynamics or the values of the target's model for it. No step is
-        charged for that, so that what the mapping gains is not the source's alone.
+        charged for that, so that gains of the mapping may not come from the source alone.
 
     Raises
     ------
@@ -262,7 +262,7 @@ class StateActionMapping(Frozen, TaskMapping):
     ) -> FloatArray:
         """Return phi(s, a) = scale Q_source(f(s, a)) + shift, (..., S', A') -> (..., S, A) float64.
 
-        It is `shift` where ended, and where unmapped `unmapped_value` or NaN.
+        phi is `shift` where ended, and `unmapped_value` or NaN where unmapped.
         """
         q = numbers("source_values", source_values, MappingError)
         expected = (self.source.states.size, self.source.actions.size)
@@ -282,7 +282,7 @@ class StateActionMapping(Frozen, TaskMapping):
 
     @property
     def description(self) -> str:
-        """How the mapping was found, in words."""
+        """How the mapping was found, as text."""
         return f"found: {self.how}" if self.how else "state by state and action by action"
 
     @property
@@ -301,7 +301,7 @@ class StateActionMapping(Frozen, TaskMapping):
         return replace(self, unmapped_value=value)
 
     def knowing_target(self) -> Self:
-        """Return the same mapping as one for which a search read the target's model."""
+        """Return the same mapping, marked as found by a search in the target's model."""
         same = copy(self)
         vars(same)["knows_target"] = True
         return same
@@ -336,7 +336,7 @@ class StateActionMapping(Frozen, TaskMapping):
 
 
 def rescale(values: FloatArray, scale: float, shift: float) -> FloatArray:
-    """Return scale values + shift; the array itself where that changes nothing."""
+    """Return scale * values + shift; the array itself if scale is 1 and shift 0."""
     return values if scale == 1 and shift == 0 else scale * values + shift
 
 
@@ -358,11 +358,11 @@ def transferred(
 def from_function(
     target: Task, source: Task, function: PairFunction, *, unmapped_value: float | None = None
 ) -> StateActionMapping:
-    """Return the mapping that a function on decoded components computes.
+    """Return the mapping that a function of decoded components computes.
 
     The function takes the target's decoded states (name -> (S, 1) int64) and actions (name ->
-    (1, A)) and returns the source's as two dicts of arrays that broadcast to (S, A). Values that
-    are no point of the source's space leave the pair unmapped.
+    (1, A)). It returns the source's states and actions, two dicts of arrays that broadcast to
+    (S, A). Values outside the source's spaces leave a pair unmapped.
 
     Raises
     ------
@@ -426,9 +426,9 @@ class _Components(dict[str, IntArray]):
 def compose(first: StateActionMapping, second: StateActionMapping) -> StateActionMapping:
     """Return `second` after `first`: from the target of `first` to the source of `second`.
 
-    The source of `first` must be the target of `second`. Pairs that either leaves unmapped are
-    unmapped, with the value of `first`. It knows the target if either mapping knows its own.
-    MappingError if the tasks do not fit.
+    The source of `first` must be the target of `second`, else MappingError. Pairs that `first` or
+    `second` leaves unmapped are unmapped, with the value of `first`. The result knows the target if
+    either mapping knows its target.
 
     Examples
     --------
@@ -447,7 +447,7 @@ def compose(first: StateActionMapping, second: StateActionMapping) -> StateActio
         )
     through = second.index.ravel()[np.maximum(first.index, 0)]
     index = np.where(first.index >= 0, through, first.index)
-    # A task between may be a copy of the target, so that the second mapping's knowledge counts too.
+    # The second mapping's target may be a copy of the first's, so its knowledge counts too.
     knows_target = first.knows_target or second.knows_target
     ends, unmapped_value = (first.target, second.source), first.unmapped_value
     return StateActionMapping(*ends, index, unmapped_value, knows_target=knows_target)
@@ -466,7 +466,7 @@ def pair_mapping(
     action: IntArray,
     unmapped_value: float | None = None,
 ) -> StateActionMapping:
-    """Return the mapping to these source states and actions, which broadcast to (S, A)."""
+    """Return the mapping to arrays of source states and actions that broadcast to (S, A)."""
     state, action = np.broadcast_arrays(state, action)
     missing = (state == MISSING) | (action == MISSING)
     ended = terminal_states(source)[np.maximum(state, 0)]
@@ -486,14 +486,14 @@ class ObservationMapping(TaskMapping):
     target : ObservationTask
     source : ObservationTask or Task
     observations : callable, optional
-        The target's stacked observations -> the source's, as many; of a source with tables its
-        states' numbers, (n,) ints, which may be `UNMAPPED` or `ENDED`. By default unchanged.
+        n stacked observations of the target -> n of the source; for a source with tables n numbers
+        of states, which may be `UNMAPPED` or `ENDED`. By default observations are unchanged.
     actions : (A,) int array or callable, optional
-        The source's action for each of the target's, `UNMAPPED` where none; or observations ->
-        (n, A) of them. By default the same numbers.
+        The source action of each target action, `UNMAPPED` if there is none; or a function,
+        observations -> (n, A) source actions. By default actions keep their numbers.
     status : callable, optional
-        observations -> (n,) bool, whether there is a counterpart; or ints, `UNMAPPED` or `ENDED`
-        where there is none. The counterparts returned for these are not read.
+        observations -> (n,) bool, whether an observation has a counterpart; or ints, `UNMAPPED` or
+        `ENDED` where it has none. `observations` may return anything for these.
     unmapped_value : float, optional
         As in :class:`StateActionMapping`.
     description : str
@@ -559,12 +559,12 @@ class ObservationMapping(TaskMapping):
 
     @property
     def is_identity(self) -> bool:
-        """Whether observations and actions are left as they are, all of them mapped."""
+        """Whether all observations and actions are mapped to themselves."""
         return self.observations is None and self.actions is None and self.status is None
 
     @property
     def _source_actions(self) -> int | None:
-        """The number of the source's actions; None where they are not numbered."""
+        """The number of the source's actions; None if they are not numbered."""
         source = self.source
         n: int | None = source.n_actions if is_observation_task(source) else source.actions.size
         return n
@@ -593,7 +593,7 @@ class ObservationMapping(TaskMapping):
             table, distinct, column = self._fixed_actions
             q = values.q(counterparts, distinct.repeat(n, axis=0))
             phi = self._transferred("Q", q, status, scale, shift).take(column, axis=1)
-        # An action without a counterpart is unmapped in every state; all others are ready.
+        # Actions without a counterpart are unmapped in every state.
         missing = table == UNMAPPED
         if not missing.any():
             return phi
@@ -601,7 +601,7 @@ class ObservationMapping(TaskMapping):
 
     @cached_property
     def _fixed_actions(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The source's action for each of the target's; the mapped ones, (1, n); their columns."""
+        """The source action of each target action; the n mapped actions, (1, n); their columns."""
         table = self._actions(None, 1)[0]
         distinct, column = np.unique(np.maximum(table, 0), return_inverse=True)
         return table, distinct[None], column
@@ -609,7 +609,7 @@ class ObservationMapping(TaskMapping):
     def states(
         self, values: ValueSource, observations: Any, scale: float = 1.0, shift: float = 0.0
     ) -> FloatArray:
-        """Return Phi(s) = scale V_source(f(s)) + shift, (n,) float64; else as :meth:`pairs`."""
+        """Return Phi(s) = scale V_source(f(s)) + shift, (n,) float64, as :meth:`pairs`."""
         counterparts, status = self._counterparts(observations)
         return self._transferred("V", values.v(counterparts), status, scale, shift)
 
@@ -636,7 +636,7 @@ class ObservationMapping(TaskMapping):
         )
 
     def _counterparts(self, observations: Any) -> tuple[Any, IntArray | None]:
-        """Return a source observation or state for each, and the status: None if all are mapped."""
+        """Return the counterparts of observations, and their status: None if all are mapped."""
         n = batch_size(observations)
         images = observations if self.observations is None else self.observations(observations)
         status = None
@@ -666,7 +666,7 @@ class ObservationMapping(TaskMapping):
         return images, status
 
     def _actions(self, observations: Any, n: int) -> IntArray:
-        """Return the source's action for each pair, (n, A)."""
+        """Return the source action of each target pair, (n, A)."""
         n_actions = self.target.n_actions
         if callable(self.actions):
             return self._checked_actions(self.actions(observations), (n, n_actions))
@@ -691,7 +691,7 @@ class ObservationMapping(TaskMapping):
     def _transferred(
         self, name: str, values: FloatArray, status: IntArray | None, scale: float, shift: float
     ) -> FloatArray:
-        """Return source values, (n,) or (n, m), as the target reads them."""
+        """Return source values, (n,) or (n, m), scaled and shifted as the target reads them."""
         if not np.isfinite(values).all():
             place = np.argwhere(~np.isfinite(values))[0]
             raise MappingError(
@@ -716,21 +716,21 @@ def _integers(name: str, array: Any) -> IntArray:
 
 # -- coverage --------------------------------------------------------------------------------------
 
-LARGEST_COVERAGE = 5_000_000  # pairs of either task up to which a mapping's coverage is counted
+LARGEST_COVERAGE = 5_000_000  # coverage is counted if neither task has more pairs
 
 
 @dataclass(frozen=True)
 class Coverage:
     """Coverage of a mapping between tasks with numbered states; shares sum to 1."""
 
-    target_pairs: int  # (s, a), s not terminal
-    mapped: float  # the share of them that read a source pair
-    ended: float  # that fall on a terminal state of the source, of value 0
-    unmapped: float  # that have no counterpart
-    source_pairs: int  # of states that are not terminal
-    never_used: int  # by any target pair
-    most_readers: int  # target pairs that read one source pair
-    mean_readers: float  # over the source pairs that are read
+    target_pairs: int  # target pairs (s, a), s not terminal
+    mapped: float  # share of target pairs that read a source pair
+    ended: float  # share of target pairs that read a terminal source state, of value 0
+    unmapped: float  # share of target pairs without a counterpart
+    source_pairs: int  # source pairs (s, a), s not terminal
+    never_used: int  # source pairs that no target pair reads
+    most_readers: int  # most target pairs that read the same source pair
+    mean_readers: float  # mean target pairs that read a source pair, over those that are read
 
     _repr_html_ = printed
 
@@ -746,14 +746,14 @@ class Coverage:
 
 @dataclass(frozen=True)
 class ObservationCoverage:
-    """Coverage of a mapping of observations, over a sample of them; shares sum to 1."""
+    """Coverage of a mapping over a sample of observations; shares sum to 1."""
 
     observations: int
     mapped: float  # of all pairs (s, a)
     ended: float
     unmapped: float
-    # Of the mapped observations those whose counterpart lies outside the source's space, where its
-    # values are extrapolated; NaN where nothing is mapped, or the source has numbered states.
+    # Share of the mapped observations whose counterpart lies outside the source's space, where the
+    # source's values are extrapolated; NaN if nothing is mapped, or the source has numbered states.
     outside: float
 
     _repr_html_ = printed
@@ -770,7 +770,7 @@ class ObservationCoverage:
 
 
 def coverage_table(covers: Mapping[str, Any]) -> Markup:
-    """Return the coverage of mappings as a table, name -> Coverage or ObservationCoverage."""
+    """Return a table of `covers`, name -> Coverage or ObservationCoverage."""
     rows, counts = [], "pairs"
     for name, cover in covers.items():
         if isinstance(cover, Coverage):
@@ -780,5 +780,5 @@ def coverage_table(covers: Mapping[str, Any]) -> Markup:
         shares = (f"{share:.1%}" for share in (cover.mapped, cover.ended, cover.unmapped))
         rows.append((name, size, *shares))
     head = ["mapping", counts, "mapped", "at the source's end", "unmapped"]
-    named = int(not any(covers))  # the first column is left out where the names are empty
+    named = int(not any(covers))  # the column of names is left out if all are empty
     return table(head[named:], [row[named:] for row in rows])

@@ -1,4 +1,4 @@
-"""Two tasks with their exact values, which searches for mappings read, and their proposals."""
+"""Two tasks with the exact values that searches for mappings read; the proposals of searches."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,12 +14,12 @@ from curricle.text import brief_repr
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
 NOT_PROVEN = float("nan")
-ENDLESS = 1_000  # steps that stand for the horizon of a task with discount 1 and no time limit
+ENDLESS = 1_000  # the horizon of a task with discount 1 and no time limit, in steps
 
 
 @dataclass(frozen=True, eq=False)
 class TaskPair:
-    """A target and a source with tables; the values that searches need are computed once.
+    """A target and a source with tables; values that several searches need are computed once.
 
     A discount of 1 is taken as 1 - 1/L, L the time limit (1,000 steps without one), so that values
     are bounded and distances between states contract.
@@ -62,7 +62,7 @@ class TaskPair:
 
     @cached_property
     def values_without(self) -> FloatArray:
-        """Values of the target's random or myopic policy, (S,): whichever has the larger mean."""
+        """Values of the target's random or myopic policy, (S,): those with the larger mean."""
         mdp = self.target_mdp
         rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
         policies = np.full(rewards.shape, 1 / rewards.shape[1]), greedy_policy(rewards)
@@ -71,12 +71,12 @@ class TaskPair:
 
     @cached_property
     def judged(self) -> BoolArray:
-        """The target's states that an episode can be in and that do not end it, (S,) bool."""
+        """The target's reachable nonterminal states, (S,) bool."""
         return reachable_states(self.target_mdp) & ~self.target_mdp.terminal
 
     @cached_property
     def own_solutions(self) -> tuple[Solution, Solution] | None:
-        """Both at their own discounts; None where one has no finite Q*."""
+        """The solutions of both tasks at their own discounts; None if a task has no finite Q*."""
         judged = (self.target, self.target_solution), (self.source, self.source_solution)
         try:
             of_target, of_source = (
@@ -87,7 +87,7 @@ class TaskPair:
         return of_target, of_source
 
     def bound(self, index: IntArray) -> float:
-        """Return a bound of abs(Q* - Q* of the pair read) over mapped pairs; or `NOT_PROVEN`."""
+        """Return a bound on abs(Q* - Q* of the pair read) over mapped pairs; or `NOT_PROVEN`."""
         mapped = (index != UNMAPPED) & ~self.target_mdp.terminal[:, None]
         if self.own_solutions is None or not mapped.any():
             return NOT_PROVEN
@@ -96,13 +96,13 @@ class TaskPair:
         return float((most + error) * (1 + 4 * EPSILON))
 
     def proposal(self, index: IntArray, how: str) -> "Proposal":
-        """Return the proposal to read the source through an index, (S, A), and how it was found."""
+        """Return the proposal of a mapping by an index, (S, A); `how` states how it was found."""
         mapping = StateActionMapping(self.target, self.source, index, how=how, knows_target=True)
         return Proposal(mapping, how, self.bound(index))
 
 
 def apart(index: IntArray, of_target: Solution, of_source: Solution) -> FloatArray:
-    """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it reads none."""
+    """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it is unmapped."""
     read = np.where(index >= 0, of_source.action_values.ravel()[np.maximum(index, 0)], 0.0)
     return np.asarray(abs(of_target.action_values - np.where(index == UNMAPPED, np.nan, read)))
 
@@ -123,4 +123,4 @@ class Proposal(NamedTuple):
 
     mapping: StateActionMapping
     how: str  # how it was found
-    bound: float = NOT_PROVEN  # as in :class:`FoundMapping`, which computes it itself
+    bound: float = NOT_PROVEN  # as in :class:`FoundMapping`

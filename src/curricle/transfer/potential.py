@@ -1,4 +1,4 @@
-"""Potentials of transfers: an array, looked up while learning, or over observations."""
+"""Potentials of transfers: as an array, looked up during learning, or over observations."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -39,9 +39,9 @@ from curricle.transfer.mapping import (
 )
 from curricle.transfer.transfer import Transfer
 
-MOST_SOURCES = 64  # sources of a lookup, at most: each has a bit of a number
+MOST_SOURCES = 64  # most sources of a lookup, which has a bit for each source
 
-# -- looked up while learning ----------------------------------------------------------------------
+# -- looked up during learning ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +49,13 @@ class MappedPotential(PairPotential):
     """phi(s, a) computed from the sources' values one state at a time, without an array.
 
     :class:`Curriculum` makes it from transfers with mappings by name (:func:`project`) and an
-    aggregate of the library's own. The lookup holds the sources' values and the tables by which
-    states and actions of the task are looked up in them.
+    aggregate of the library. The lookup holds the sources' values, and tables that lead from the
+    task's states and actions to these values.
 
     Raises
     ------
     PotentialError
-        When the lookup does not fit the task, or values are larger than 1e15 in size.
+        When the lookup does not fit the task, or the size of a value exceeds 1e15.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class MappedPotential(PairPotential):
         read_table(self.lookup._replace(initial=initial), q)
 
     def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
-        """Return phi(s, a) of n states, (n, A) float64, computing no others."""
+        """Return phi(s, a) of n states, (n, A) float64, without computing other states."""
         states = numbered_states(self.task, states)
         generative = generative_model(self.task)
         phi = np.empty((len(states), generative.actions.size))
@@ -109,14 +109,14 @@ class MappedPotential(PairPotential):
         return phi
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
-        """Return scale phi(s, a) + shift; it keeps the optimum."""
+        """Return the potential scale phi(s, a) + shift."""
         lookup, (scale, shift) = self.lookup, finite_scale(scale, shift)
         lookup = lookup._replace(scale=scale * lookup.scale, shift=scale * lookup.shift + shift)
         return replace(self, lookup=lookup)
 
 
 def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
-    """Return whether every state of a task is looked up within its sources: loops do not look."""
+    """Return whether all lookups of a task's states stay within the sources: loops do not check."""
     if not isinstance(lookup, ValueLookup) or not states.is_box:
         return False
     n, c = len(lookup.first), len(states.components)
@@ -132,7 +132,7 @@ def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
     ends = lookup.strides_at + np.array(sizes)
     if lookup.strides_at.min() < 0 or ends.max() > len(lookup.strides):
         return False
-    last = lookup.first.copy()  # where the values of each source's last mapped state start
+    last = lookup.first.copy()  # the offset of each source's last mapped state
     for source, component in np.ndindex(n, c):
         at, end = lookup.strides_at[source, component], ends[source, component]
         last[source] += max(int(lookup.strides[at:end].max()), 0)
@@ -144,7 +144,7 @@ def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
 @compiled_once
 def read_table(lookup, q):
     """Write initial value + phi into every row of a table, (S, A)."""
-    row = np.empty(q.shape[1])  # a table may have float32: numbers are rounded once, at the end
+    row = np.empty(q.shape[1])  # a table may have float32: numbers are rounded once, when written
     for state in range(np.uint64(q.shape[0])):
         read_row(lookup, state, row)
         for action in range(row.shape[0]):
@@ -153,12 +153,12 @@ def read_table(lookup, q):
 
 @compiled_once
 def read_rows(lookup, states, q):
-    """Write initial value + phi of n states into the rows of a table, (n, A) float64."""
+    """Write initial value + phi of n states into a table of n rows, (n, A) float64."""
     for i in range(states.shape[0]):
         read_row(lookup, np.uint64(states[i]), q[i])
 
 
-# -- of several transfers --------------------------------------------------------------------------
+# -- made of several transfers ---------------------------------------------------------------------
 
 
 def combined_potential(
@@ -183,8 +183,8 @@ def mapped_potential(
     function: Aggregate,
     unknown_value: float = 0.0,
 ) -> MappedPotential | None:
-    """Return the aggregated potential, looked up while learning; None if it cannot be."""
-    # Only mappings by name between whole boxes, and aggregates that compiled loops know.
+    """Return the aggregated potential as a lookup; None if it cannot be looked up."""
+    # A lookup needs mappings by name between whole boxes, and an aggregate of compiled loops.
     by_name = [edge.mapping for edge in transfers if isinstance(edge.mapping, ComponentMapping)]
     offsets = [parts for parts in (mapping.lookups() for mapping in by_name) if parts is not None]
     known = built_in(function)
@@ -195,7 +195,7 @@ def mapped_potential(
     tables, actions, strides = list[FloatArray](), list[IntArray](), list[IntArray]()
     partial = False
     for edge, values, of_components in zip(transfers, source_values, offsets, strict=True):
-        # What the target reads of a source, (S' + 1, A' + 1).
+        # The values of a source that the target reads, (S' + 1, A' + 1).
         q = np.pad(np.asarray(values, dtype=np.float64), (0, 1))
         index = np.zeros(q.shape, dtype=np.int64)
         index[:-1][terminal_states(edge.mapping.source)] = ENDED
@@ -205,7 +205,7 @@ def mapped_potential(
         width, action = q.shape[1], edge.mapping.actions
         actions.append(np.where(action == MISSING, width - 1, action))
         strides += [np.where(at == MISSING, -1, at * width) for at in reversed(of_components)]
-        # In tables, a row and a column are for unmapped pairs also where no pair is.
+        # Tables have a row and a column for unmapped pairs, even if all pairs are mapped.
         missing = any((part == MISSING).any() for part in (action, *of_components))
         partial |= missing and unmapped_value is None
     first = _starts(tables)
@@ -231,7 +231,7 @@ def mapped_potential(
 
 
 def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
-    """Return where each array begins when they are put one after the other."""
+    """Return the index at which each array begins in their concatenation."""
     ends: IntArray = np.cumsum([array.size for array in arrays])
     return np.concatenate([[0], ends[:-1]])
 
@@ -243,20 +243,20 @@ def _starts(arrays: Sequence[npt.NDArray[Any]]) -> IntArray:
 class ObservationPotential:
     """phi(s, a) = scale g(phi_1, ..., phi_N) + shift, read for n observations at once.
 
-    It is a :class:`ValueSource`. Where all sources have action values, and actions are numbered,
-    Phi(s) = max_a phi(s, a); else it is the aggregate of the sources' V(s).
+    It is a :class:`ValueSource`. If all sources have action values, and actions are numbered, then
+    Phi(s) = max_a phi(s, a); else Phi is the aggregate of the sources' V(s).
 
     Parameters
     ----------
     task : ObservationTask
         The target.
     edges, values : sequences of N Transfer and N ValueSource
-        Each with an :class:`ObservationMapping`, and the values of its source.
+        Transfers, each with an :class:`ObservationMapping`, and the values of their sources.
     function : callable
-        g, (N, S, A) -> (S, A), of n observations as S; of state values A = 1.
+        g, (N, S, A) -> (S, A), with n observations in place of S; A = 1 for state values.
     scale, shift : float
     unknown_value : float
-        g where no source knows anything.
+        g at pairs that all transfers leave unmapped.
 
     Raises
     ------

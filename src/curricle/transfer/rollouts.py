@@ -1,7 +1,7 @@
-"""Greedy rollouts of a potential: what it predicts at each step, and the return that follows.
+"""Greedy rollouts of a potential: its prediction at each step, and the return that follows.
 
-They calibrate a potential, or say how far it is from the truth, before anything is learnt. Tasks
-with numbered states are rolled out in compiled loops, observation tasks side by side.
+They calibrate a potential, or measure its errors, before anything is learnt. Tasks with numbered
+states are rolled out in compiled loops, observation tasks in parallel environments.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -42,11 +42,11 @@ from curricle.text import brief_repr
 from curricle.transfer.potential import ObservationPotential
 
 LARGEST_ARRAY = 1_000_000
-"""Pairs (S x A) up to which a potential is read from an array, also where it could be looked up."""
-MOST_STEPS = 50_000_000  # steps that may be recorded (2.4 GB)
-OBSERVATION_ROLLOUTS = 50  # episodes of which returns are the mean, unless another number is given
-COVERAGE_EPISODES = 20  # episodes whose observations are the sample for a mapping's coverage
-MAX_RANKED = 200_000  # pairs over which a rank correlation is taken at most; a sample of more
+"""Most pairs (S x A) of a potential that is read from an array, even if it can be looked up."""
+MOST_STEPS = 50_000_000  # most steps to record (2.4 GB)
+OBSERVATION_ROLLOUTS = 50  # default number of episodes for mean returns
+COVERAGE_EPISODES = 20  # episodes that give the sample of observations for coverage
+MAX_RANKED = 200_000  # most pairs for a rank correlation; a sample if there are more
 STREAM = "potential_quality"  # name of the random stream of rollouts that judge a potential
 NAN = float("nan")
 
@@ -55,15 +55,15 @@ NAN = float("nan")
 class GreedyRollouts(Frozen):
     """E greedy episodes with n steps in all, and what the potential predicts at each step."""
 
-    states: IntArray  # (n,); empty, as actions are, where states are not numbered
+    states: IntArray  # (n,); empty like actions if states are not numbered
     actions: IntArray  # (n,)
     predicted: FloatArray  # (n,) phi(s_t, a_t)
     return_to_go: FloatArray  # (n,) discounted rewards from step t to the end of its episode
     bootstrap_discount: FloatArray  # (n,) gamma^(steps to the end) if truncated, 0 if terminated
     bootstrapped_value: FloatArray  # (n,) max_a phi of the last state if truncated, else 0
     lengths: IntArray  # (E,) steps of each episode
-    ended: BoolArray  # (E,) whether it terminated
-    returns: FloatArray  # (E,) its sum of rewards, undiscounted
+    ended: BoolArray  # (E,) whether each episode terminated
+    returns: FloatArray  # (E,) undiscounted sum of rewards of each episode
     one_reward: bool  # whether every step had the same reward
 
     __repr__ = brief_repr
@@ -114,7 +114,7 @@ def greedy_rollouts(
 
 
 def _first_of(steps: StepRecord, ends: EpisodeEnds, n: int) -> tuple[StepRecord, EpisodeEnds]:
-    """Return the first n steps; an episode that goes on is truncated there."""
+    """Return the first n steps; the episode that exceeds them is truncated there."""
     after = np.cumsum(ends.lengths)
     if after[-1] <= n:
         return steps, ends
@@ -128,7 +128,7 @@ def _first_of(steps: StepRecord, ends: EpisodeEnds, n: int) -> tuple[StepRecord,
 
 
 def rollout_size(task: Any, episodes: int, max_steps: int | None = None) -> tuple[int, int]:
-    """Return the episodes, checked, and the most steps of each; SettingError if too many."""
+    """Return the number of episodes and the most steps of each; SettingError if too many."""
     episodes = whole_number("episodes of rollouts", episodes, 1, SettingError)
     horizon = GreedyEvaluation().horizon(task)
     horizon = horizon if max_steps is None else min(horizon, max_steps)
@@ -144,7 +144,7 @@ def rollout_size(task: Any, episodes: int, max_steps: int | None = None) -> tupl
 
 
 class LookedUp(NamedTuple):
-    """The values of a potential that is looked up in its sources' values."""
+    """A potential that is looked up in its sources' values, as compiled loops read it."""
 
     lookup: ValueLookup
     row: FloatArray  # (A,) work space
@@ -165,12 +165,12 @@ def _greedy_looked_up(view, state, bits):
 
 
 def greedy_start(potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0) -> float:
-    """Return the greedy policy's return, which :func:`learn` records where Q starts at phi."""
+    """Return the greedy policy's return: the first return of :func:`learn` if Q starts at phi."""
     return greedy_policy_return(potential.task, acting_view(potential), evaluation, seed=seed)
 
 
 def acting_view(potential: PairPotential) -> LookedUp | Values:
-    """Return a potential as compiled loops read it: an array, unless that would be large."""
+    """Return a potential as compiled loops read it: an array, or a lookup if that is too large."""
     task = generative_model(potential.task)
     n_actions, kernel = task.actions.size, potential.kernel
     if kernel is not None and task.states.size * n_actions > LARGEST_ARRAY:
@@ -179,7 +179,7 @@ def acting_view(potential: PairPotential) -> LookedUp | Values:
 
 
 def _predict(view, discount, steps, ends, predicted, following):
-    """Fill in phi and the later return of each step; arrays as in :class:`GreedyRollouts`."""
+    """Write phi and the return to go of each step; arrays as in :class:`GreedyRollouts`."""
     return_to_go, bootstrap_discount, bootstrapped_value = following
     row, first = np.empty((1, view.values.shape[1])), 0
     for episode in range(ends.lengths.shape[0]):
@@ -196,10 +196,10 @@ def _predict(view, discount, steps, ends, predicted, following):
         first = last
 
 
-# -- observations, side by side --------------------------------------------------------------------
+# -- observations, in parallel environments --------------------------------------------------------
 
 Policy = Callable[[Any, Sequence[int]], tuple[Any, Any]]
-"""n stacked observations, and the environments they are of -> n actions, and predicted values."""
+"""(n stacked observations, indices of their environments) -> (n actions, n predicted values)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,21 +207,21 @@ class ObservationEpisode:
     """One episode of T steps."""
 
     rewards: FloatArray  # (T,)
-    predicted: FloatArray  # (T,) as the policy returned it
+    predicted: FloatArray  # (T,) as returned by the policy
     terminated: bool  # rather than truncated
     last_observation: Any
-    observations: list[Any]  # T of them: those in which an action was taken
+    observations: list[Any]  # the T observations in which an action was taken
 
 
 class Environments:
-    """Environments of a task, one an episode, in which a policy is rolled out side by side."""
+    """Environments of a task, one for each episode, in which a policy is rolled out in parallel."""
 
     def __init__(self, task: ObservationTask, episodes: int, max_steps: int):
         self.task, self.max_steps = task, max_steps
         self.environments = [task.environment() for _ in range(episodes)]
 
     def rollouts(self, policy: Policy, seed: int) -> list[ObservationEpisode]:
-        """Return one episode of each environment; `seed` decides where each begins."""
+        """Return one episode of each environment; `seed` determines their first states."""
         n = len(self.environments)
         current = [
             environment.reset(seed=splitmix64(seed ^ k) >> 33)[0]
@@ -281,7 +281,7 @@ def greedy_episodes(
 
 
 def _first_steps(rolled: Sequence[ObservationEpisode], n: int) -> Iterator[ObservationEpisode]:
-    """Yield the episodes of the first n steps; one that goes on is truncated there."""
+    """Yield the episodes of the first n steps; the episode that exceeds them is truncated."""
     for episode in rolled:
         if 0 < n < len(episode.rewards):
             yield replace(
@@ -354,11 +354,11 @@ def _of_episodes(
 
 @dataclass(frozen=True, eq=False)
 class ObservationTarget:
-    """A target whose optimum is unknown; as :class:`Target` is for tasks with tables."""
+    """A target whose optimum is unknown, in place of :class:`Target` for tasks with tables."""
 
     task: ObservationTask
-    # By rollouts, also where that of its learner is exact: tables of the environment pay its own
-    # rewards, so that both are in the same units.
+    # Evaluated by rollouts, even if the learner's evaluation is exact: exact tables of the
+    # environment have the same rewards, so that both returns are in the same units.
     evaluation: GreedyEvaluation
     solution: None = None
     typical_reward: float = float("nan")
@@ -376,17 +376,17 @@ class ObservationTarget:
 
     @property
     def floor(self) -> float:
-        """The return above which something was learnt: the random policy's and its noise."""
+        """The random policy's return plus its noise; higher returns show learning."""
         noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
         return self.random_return + STANDARD_ERRORS * float(noise)
 
     @property
     def episodes(self) -> int:
-        """Episodes of which returns are the mean."""
+        """Number of episodes for mean returns."""
         return self.evaluation.episodes or OBSERVATION_ROLLOUTS
 
     def observations(self, potential: ObservationPotential) -> Any:
-        """Return stacked observations of greedy rollouts, or random ones without action values."""
+        """Return stacked observations of greedy rollouts; of random ones without action values."""
         if potential.of_actions:
             rolled = greedy_episodes(potential, COVERAGE_EPISODES)
         else:
@@ -398,7 +398,7 @@ class ObservationTarget:
 def target_of(
     task: Any, evaluation: GreedyEvaluation | None = None, *, episodes: int | None = None
 ) -> Target | ObservationTarget:
-    """Return the target of a task with tables or with observations."""
+    """Return a task with tables or observations as a target."""
     if not is_observation_task(task):
         return Target.of(task, evaluation, episodes=ROLLOUTS if episodes is None else episodes)
     number = OBSERVATION_ROLLOUTS if episodes is None else episodes
@@ -406,25 +406,25 @@ def target_of(
     return ObservationTarget(task, evaluation)
 
 
-# -- how far a potential is from the truth ---------------------------------------------------------
+# -- the errors of a potential ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class PotentialQuality:
-    """How a potential compares with the values of its target."""
+    """Comparison of a potential with the values of its target."""
 
     start: float  # expected return of its greedy policy: where learning starts
     optimistic: float  # share of pairs (s, a) with phi > Q*
     excess: float  # mean of phi - Q*
-    mean_absolute_value: float  # of V*, to compare an excess with
-    rank: float  # Spearman's correlation of phi and Q*; NaN where one of them does not vary
+    mean_absolute_value: float  # mean abs(V*), the scale of an excess
+    rank: float  # Spearman's correlation of phi and Q*; NaN if phi or Q* does not vary
     # The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
-    # lies below both the truth and an initial value of 0. Such a state is avoided, so learning does
-    # not correct its value. NaN unless exact.
+    # lies below both V* and an initial value of 0. Learning avoids such a state, and so does not
+    # correct its value. NaN unless exact.
     largest_underestimate: float = NAN
-    most_underestimated_state: int = -1  # where that is; -1 if nowhere
-    # Whether it is compared with Q*, and not with the return to go of greedy rollouts, which Q*
-    # exceeds, over the steps of these.
+    most_underestimated_state: int = -1  # that state; -1 if there is none
+    # True: phi is compared with Q*. False: with the returns to go of greedy rollouts, which are
+    # at most Q*, over the steps of the rollouts.
     exact: bool = False
 
 
@@ -434,7 +434,7 @@ def potential_quality(
     *,
     seed: int = 0,
 ) -> PotentialQuality:
-    """Return how a potential compares with the values of its target."""
+    """Return the comparison of a potential with the values of its target."""
     roll = partial(greedy_rollouts, potential, seed=seed, stream=STREAM)
     if isinstance(target, ObservationTarget):
         if not potential.of_actions:
@@ -458,7 +458,7 @@ def potential_quality(
     underestimate, state = (float(below[state]), state) if below[state] > 0 else (0.0, -1)
     return PotentialQuality(
         start=start,
-        # A difference within the proven error of Q* does not count.
+        # Differences within the proven error of Q* count as 0.
         optimistic=float((phi > q + solution.error_bound).mean()),
         excess=float((phi - q).mean()),
         mean_absolute_value=float(abs(solution.values[alive]).mean()),
@@ -482,12 +482,12 @@ def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> Potential
 
 
 def _rank_correlation(phi: FloatArray, truth: FloatArray, seed: int) -> float:
-    """Return Spearman's rank correlation, of a sample where there are many."""
+    """Return Spearman's rank correlation, of a sample if there are many pairs."""
     if phi.size > MAX_RANKED:
         drawn = np.random.default_rng(seed).choice(phi.size, MAX_RANKED, False, shuffle=False)
         phi, truth = phi[drawn], truth[drawn]
     if not (np.ptp(phi) > 0 and np.ptp(truth) > 0):
         return NAN
-    from scipy.stats import rankdata  # half a second that few need
+    from scipy.stats import rankdata  # its import takes half a second
 
     return float(np.corrcoef(rankdata(phi), rankdata(truth))[0, 1])

@@ -1,9 +1,9 @@
-"""Mappings between two tasks that searches find, scored and ranked; and the best mapping.
+"""Searches for mappings between two tasks; scores and ranks of the mappings; the best mapping.
 
-Unmapped pairs are worth 0 by default. Where steps cost, 0 is too high: a learner leaves the mapped
-part to try the unmapped one. A constant that fits does not lead away from it. It minimises a
-weighted square of the Bellman residuals (Schweitzer, Seidmann 1985; Baird 1995) of states, not of
-pairs: the cost of one bad action does not say what a state is worth.
+Unmapped pairs have the value 0 by default. If steps cost, 0 is too high: a learner leaves the
+mapped states to try the unmapped ones. A fitted constant avoids this. It minimises a weighted
+square of the Bellman residuals (Schweitzer, Seidmann 1985; Baird 1995) of states instead of pairs,
+because the cost of one bad action does not determine the value of a state.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -43,44 +43,44 @@ from curricle.transfer.transfer import Transfer
 from curricle.transfer.warping import by_component_warping
 
 NAN = float("nan")
-TIED = 1e-9  # values this close, in units of the largest, are tied for a greedy policy
-_BLOCKS = WeakKeyDictionary[TaskPair, IntArray]()  # of source states: those that behave alike
-LARGEST_SAMPLE = 20_000  # pairs on which next states are compared at most; a sample of more
+TIED = 1e-9  # largest difference of ties for a greedy policy, in units of the largest value
+_BLOCKS = WeakKeyDictionary[TaskPair, IntArray]()  # blocks of equivalent source states
+LARGEST_SAMPLE = 20_000  # most pairs on which next states are compared; a sample if more
 
 
 @dataclass(frozen=True)
 class MappingScores:
-    """How a mapping fits its tasks; phi are the source's exact values Q* read through it."""
+    """Scores of a mapping; phi are the source's exact values Q* read through the mapping."""
 
-    # Means are over pairs (s, a) of the target in states that can be reached and do not end it.
+    # Means are over the pairs (s, a) of the target's reachable nonterminal states.
 
     # Mean total variation distance, in [0, 1], between the next states that the source predicts
-    # and those of the target, over the mapped pairs; NaN if nothing maps. A target state stands for
-    # the source state that its best pair reads; source states that behave alike count as one.
+    # and the target's next states, over mapped pairs; NaN if none is mapped. A target state stands
+    # for the source state that its best pair reads; equivalent source states count as one state.
     dynamics_error: float
     # Mean of abs(r + gamma sum_s' P(s') max_a' phi(s', a') - phi(s, a)), in return units, over the
-    # pairs that have a phi and whose next states all have one. 0 if phi is Q* there.
+    # pairs that have a phi and whose next states all have a phi. 0 if phi is Q* there.
     bellman_inconsistency: float
-    # The same, divided by what is left if a constant takes the place of phi(s, a): the median of
-    # r + gamma sum_s' P(s') max_a' phi(s', a'). 0 if phi is Q*; from 1 on phi says no more of pairs
-    # than a constant; NaN where nothing varies.
+    # `bellman_inconsistency`, divided by its value if a constant replaces phi(s, a): the median of
+    # r + gamma sum_s' P(s') max_a' phi(s', a'). 0 if phi is Q*; from 1 on phi tells no more about
+    # pairs than a constant; NaN if these numbers do not vary.
     unexplained: float
-    coverage: float  # of pairs with a phi: mapped, at the source's end, or by an unmapped value
+    coverage: float  # share of pairs with a phi: mapped, ended, or with an unmapped value
     optimistic: float  # share of these with phi > Q*
-    start_value: float  # of the policy that is greedy on phi, 0 where unmapped, at the start
-    # (V^phi - V^without) / (V* - V^without), each summed over the states: the share of the way that
-    # this policy goes from what needs no source, the better of the random policy and of the myopic
-    # one, which looks at the next reward alone. V^phi is V^without where nothing is known. At most
-    # 1; negative if phi misleads; NaN if there is no way to go.
+    start_value: float  # value, at the start, of the policy greedy on phi (0 where unmapped)
+    # (V^phi - V^without) / (V* - V^without), all summed over the states: the share of the way to
+    # the optimum that this policy goes. The way starts at the better of the random policy and the
+    # myopic policy, which sees only the next reward. V^phi is V^without in states without a phi.
+    # At most 1; negative if phi misleads; NaN if V^without is optimal.
     regained: float
-    regained_where_known: float  # the same over the states of which something is known
+    regained_where_known: float  # the same over the states with a phi
 
     __repr__ = brief_repr
     _repr_html_ = printed
 
     @property
     def worth(self) -> float:
-        """`regained`, times the share explained if that is a gain; NaN where unknown."""
+        """`regained`, times the explained share if `regained` is positive; NaN if unknown."""
         return self.regained * (max(0.0, 1 - self.unexplained) if self.regained > 0 else 1.0)
 
     def __str__(self) -> str:
@@ -96,10 +96,10 @@ class MappingScores:
 def score_mapping(
     mapping: StateActionMapping, *, seed: int = 0, tasks: TaskPair | None = None
 ) -> MappingScores:
-    """Return how a mapping fits its tasks, from their tables.
+    """Return the scores of a mapping, from the tables of its tasks.
 
     Next states are compared on at most 20,000 pairs, a sample drawn with `seed`. `tasks` are the
-    mapping's, where they have been solved already.
+    mapping's tasks, if they have been solved before.
 
     Examples
     --------
@@ -129,7 +129,7 @@ def score_mapping(
 
 
 def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, float]:
-    """Return the mean of abs(T phi - phi), and its share of that of abs(T phi - its median)."""
+    """Return the mean of abs(T phi - phi), also as a share of the mean of abs(T phi - median)."""
     mdp = tasks.target_mdp
     best = np.where(np.isnan(phi), -np.inf, phi).max(axis=1)
     best[np.isneginf(best)] = np.nan
@@ -147,20 +147,20 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
 
 
 def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, float]:
-    """Return the start value of phi's greedy policy, the share it regains, and that where known."""
+    """Return the start value of phi's greedy policy, its regained share, in all and with phi."""
     filled = np.where(np.isnan(phi), 0.0, phi)
     policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
     of_policy = evaluate(tasks.target_mdp, policy)
-    known = ~np.isnan(phi).all(axis=1) & tasks.judged
+    with_phi = ~np.isnan(phi).all(axis=1) & tasks.judged
     best = tasks.target_solution.values
     most, gained = (values - tasks.values_without for values in (best, of_policy.values))
 
     def share(states: BoolArray) -> float:
         whole = float(most[states].sum())
         nothing = whole <= TIED * max(1.0, float(abs(best[states]).sum()))
-        return NAN if nothing else float(gained[known].sum()) / whole
+        return NAN if nothing else float(gained[with_phi].sum()) / whole
 
-    return of_policy.start_value, share(tasks.judged), share(known)
+    return of_policy.start_value, share(tasks.judged), share(with_phi)
 
 
 def _dynamics_error(
@@ -175,7 +175,7 @@ def _dynamics_error(
     if not len(mapped):
         return NAN
     s, a = mapped.T
-    # Blocks of the source; 0 is its end (where the target's is too), -1 has no counterpart.
+    # Blocks of the source; 0 is its end, for which the target's end stands, -1 no counterpart.
     if tasks not in _BLOCKS:
         _BLOCKS[tasks] = refined([model_for_refinement(source)])[0].states
     block = np.where(terminal_states(source), 0, 1 + _BLOCKS[tasks])
@@ -191,9 +191,9 @@ def _dynamics_error(
 # -- the value of unmapped pairs -------------------------------------------------------------------
 
 EXPECTILE = 0.03
-"""Expectile of the residuals that is 0; 0.5 is least squares. Values too low do less harm."""
-SWEEPS = 100  # greedy policies that are fitted to at most
-SETTLED = 1e-9  # two constants are one if they differ by less, in units of the larger
+"""Expectile of the residuals that is 0; 0.5 is least squares. Too low values do less harm."""
+SWEEPS = 100  # most rounds of fitting the constant to the greedy policy
+SETTLED = 1e-9  # largest difference of equal constants, in units of the larger
 
 
 def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
@@ -217,15 +217,15 @@ def fitted_unmapped_value(
     shift: float = 0.0,
     tasks: TaskPair | None = None,
 ) -> float | None:
-    """Return the value of unmapped pairs that fits the mapped ones best, or None.
+    """Return the value of unmapped pairs that fits the mapped pairs best, or None.
 
     It is the constant u at which the expectile of max_a (T phi)(s, a) - max_a phi(s, a), over the
     target's reachable states, is 0. T is the target's Bellman operator, phi the source's exact
-    values where the mapping has any and u elsewhere. It is at least the value of the worst reward
-    for ever. It is None where all is mapped, where u would not be below 0, and where some state has
-    no way to a mapped state.
+    values at mapped pairs and u elsewhere. u is at least the value of receiving the worst reward
+    for ever. The result is None if all pairs are mapped, if u would not be below 0, or if a state
+    has no path to a mapped state.
 
-    `scale` and `shift` are the transfer's; `tasks` as in :func:`score_mapping`.
+    `scale` and `shift` are the transfer's; `tasks` is as in :func:`score_mapping`.
 
     Examples
     --------
@@ -257,7 +257,7 @@ def fitted_unmapped_value(
 def _residuals(
     phi: FloatArray, unmapped: BoolArray, constant: float, rewards: FloatArray, tasks: TaskPair
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residuals for what is greedy at this constant, before and after a step."""
+    """Return (n,) terms of the residuals: without the constant, and its factor."""
     mdp, states = tasks.target_mdp, np.arange(len(phi))
     action = np.where(unmapped, constant, phi).argmax(axis=1)
     at_constant = unmapped[states, action] & ~mdp.terminal
@@ -269,7 +269,7 @@ def _residuals(
     return (after[row] - best)[kept], (at_constant - share[row])[kept]
 
 
-# -- the mappings that are found -------------------------------------------------------------------
+# -- the mappings found by searches ----------------------------------------------------------------
 
 Search = Callable[[TaskPair], Iterable[Proposal]]
 """A search for mappings; it raises MappingError where it does not apply."""
@@ -282,30 +282,30 @@ SEARCHES: tuple[Search, ...] = (
     by_lax_bisimulation,
 )
 LEAST_REGAINED = 0.25
-"""Share of the way to the optimum that a mapping used unseen must regain where it is known."""
-MOST_UNEXPLAINED = 0.75  # share that such a mapping may leave unexplained
+"""Share of the way to the optimum that a mapping must regain in mapped states to be used unseen."""
+MOST_UNEXPLAINED = 0.75  # largest `unexplained` of a mapping to be used unseen
 MOST_APART = 0.4
 """Dynamics error that such a mapping may have. Of the limits tried it sets the sensible pairs of
 the development families furthest apart from unrelated ones (benchmarks/unrelated_pairs.py)."""
 MOST_MISSED = 0.05
-"""Share of the way to the optimum that a mapping as good as exact may miss where it is known."""
+"""Share of the way to the optimum that a nearly exact mapping may miss in mapped states."""
 LEFT_BY_EXACT = 0.01
-"""Share that such a mapping may leave unexplained: flat values of many pairs are explained well."""
-SAME = 1e-7  # two mappings are one if phi differs by less, in units of the largest
+"""Largest `unexplained` of a nearly exact mapping: flat values of many pairs are explained well."""
+SAME = 1e-7  # largest difference of phi of equal mappings, in units of the largest
 
 
 @dataclass(frozen=True, eq=False)
 class FoundMapping:
-    """A mapping that a search found, and how well it fits."""
+    """A mapping that a search found, with its scores."""
 
     mapping: StateActionMapping
     how: str
     scores: MappingScores
-    # Proven: the Q* of no mapped pair, reachable or not, is further than this from the Q* of the
-    # source pair that it reads, or from 0 at the source's end, in return units, each task with its
-    # own discount. NaN where nothing is mapped, or a task has no finite Q*.
+    # A proven bound, in return units, on the difference between the Q* of a mapped pair, reachable
+    # or not, and the Q* of the source pair that it reads, or 0 at the source's end; each task with
+    # its own discount. NaN if nothing is mapped, or a task has no finite Q*.
     bound: float = NOT_PROVEN
-    # The value that fits unmapped pairs; the mapping has it if a curriculum finds the mapping.
+    # The value that fits unmapped pairs, which a curriculum sets if it finds the mapping.
     unmapped_value: float | None = None
 
     __repr__ = brief_repr
@@ -319,10 +319,10 @@ class FoundMapping:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FoundMappings:
-    """The mappings that were found, best first, and why other searches found none."""
+    """The mappings that were found, best first, and why the other searches found none."""
 
     candidates: tuple[FoundMapping, ...]
-    refused: dict[str, str]  # each search that found nothing -> why
+    refused: dict[str, str]  # search that found nothing -> reason
 
     _repr_html_ = printed
 
@@ -357,25 +357,25 @@ def find_mappings(
     """Return mappings between two tasks, best first.
 
     Candidates of all searches are scored by :func:`score_mapping` from the tables of both tasks.
-    Candidates that clear the bar of :func:`auto_mapping` come first; among them, candidates as
-    good as exact where they map anything and have a value that fits elsewhere. Then come larger
-    ``scores.worth`` (the share of the optimum that the greedy policy of the source's values
-    regains, times the share that the values explain), smaller dynamics error and smaller Bellman
-    inconsistency. Of candidates that read the source's values alike, the first is kept.
+    The order: candidates that clear the bar of :func:`auto_mapping`; candidates that are nearly
+    exact in mapped states and have a value that fits elsewhere; larger ``scores.worth`` (the share
+    of the way to the optimum that the source's greedy policy regains, times the share that its
+    values explain); smaller dynamics error; smaller Bellman inconsistency. Of candidates with
+    equal phi only the first is kept.
 
     Parameters
     ----------
     target, source : Task
     searches : sequence of callable
-        Each takes a :class:`TaskPair` and yields a :class:`Proposal` for each mapping.
+        A search takes a :class:`TaskPair` and yields a :class:`Proposal` for each mapping.
     keep : int
-        Candidates to return, at most.
+        Most candidates to return.
     seed : int
         Seed of the samples of pairs.
     unmapped_value : float, optional
         phi of unmapped pairs, in all mappings.
     progress : bool or callable, optional
-        True shows a bar of the searches, a function is called with the name of each that has ended.
+        True shows a bar of the searches; a function is called with the name of each ended search.
 
     Raises
     ------
@@ -421,7 +421,7 @@ def proposed(
     refused: dict[str, str],
     bars: Bars,
 ) -> Iterator[tuple[StateActionMapping, str]]:
-    """Yield the mappings of searches; reasons why searches do not apply go to `refused`."""
+    """Yield the mappings of searches; write into `refused` why a search does not apply."""
     grow = bars.bar("searches", len(searches))
     for search in searches:
         name = getattr(search, "__name__", repr(search))
@@ -441,7 +441,7 @@ def proposed(
                         )
                 if unmapped_value is not None:
                     mapping = mapping.with_unmapped_value(unmapped_value)
-                # Whichever search made it, the target's values decide which mapping is first.
+                # All searches count: the target's values decide which mapping is first.
                 yield mapping.knowing_target(), proposal.how
         except MappingError as error:
             refused[name] = str(error)
@@ -451,9 +451,9 @@ def proposed(
 
 def clears_bar(scores: MappingScores) -> bool:
     """Return whether a mapping fits well enough to be used unseen."""
-    # No score suffices alone: two tasks may look alike nearly everywhere and have goals in
-    # different places, a policy that follows wrong values may gain by avoiding the worst, and a
-    # search that reads the target's values finds like ones in any source, whatever leads where.
+    # No single score suffices. Tasks may be alike nearly everywhere and have goals in different
+    # places. A policy on wrong values may gain by avoiding the worst states. A search that reads
+    # the target's values finds similar values in any source, with unlike dynamics.
     return (
         scores.regained_where_known >= LEAST_REGAINED
         and scores.unexplained <= MOST_UNEXPLAINED
@@ -463,10 +463,10 @@ def clears_bar(scores: MappingScores) -> bool:
 
 def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
     """Return the sort key of a candidate, lowest for the best."""
-    # Second come those that are as good as exact where they know anything, and fit elsewhere. Where
-    # steps cost, pairs that were tried fall below the value that fits, so that a learner goes on to
-    # others. Without such a value it walks at random until it meets a mapped state: then a rough
-    # mapping of many states is better than an exact one of few.
+    # Second criterion: nearly exact in mapped states, with a value that fits elsewhere. If steps
+    # cost, values of tried pairs fall below that value, and a learner tries other pairs. Without
+    # such a value a learner walks at random until it meets a mapped state: then a rough mapping of
+    # many states is better than an exact mapping of few.
     scores = candidate.scores
     right = scores.regained_where_known >= 1 - MOST_MISSED and scores.unexplained <= LEFT_BY_EXACT
     exact = right and (candidate.unmapped_value is not None or scores.coverage == 1)
@@ -477,9 +477,9 @@ def rank(candidate: FoundMapping) -> tuple[bool, bool, float, float, float]:
     return not clears_bar(scores), not exact, worth, dynamics, bellman
 
 
-# -- the best mapping, or why none is used ---------------------------------------------------------
+# -- the best mapping, or the reason why no mapping is used ----------------------------------------
 
-REMEMBERED = 16  # searches whose result is kept while the program runs; one may take half a minute
+REMEMBERED = 16  # results of searches to keep in memory; a search may take half a minute
 
 
 def auto_mapping(
@@ -492,13 +492,13 @@ def auto_mapping(
     shift: float = 0.0,
     progress: Progress = None,
 ) -> FoundMapping:
-    """Return the best mapping of :func:`find_mappings`, if it fits well enough to be used unseen.
+    """Return the best mapping of :func:`find_mappings`, if its scores suffice for use unseen.
 
     In mapped states its greedy policy must regain at least 25 % of the way to the optimum, its
-    values may leave unexplained at most 75 % of the variation that a constant leaves unexplained,
-    and its dynamics error may be at most 0.4 (:func:`score_mapping`). To accept another, pass the
-    mapping of a candidate of :func:`find_mappings` to the transfer. The scores do not use the
-    value that fits unmapped pairs.
+    values may leave at most 75 % of the variation unexplained that a constant leaves unexplained,
+    and its dynamics error may be at most 0.4 (:func:`score_mapping`). To use another mapping, pass
+    that of a candidate of :func:`find_mappings` to the transfer. The scores do not use the value
+    that fits unmapped pairs.
 
     Parameters
     ----------
@@ -506,8 +506,8 @@ def auto_mapping(
     unmapped_value : float, optional
         phi of unmapped pairs.
     fit_unmapped : bool
-        Whether unmapped pairs are given their :func:`fitted_unmapped_value`, unless
-        `unmapped_value` is given. False lets an aggregate of several transfers skip them.
+        Whether unmapped pairs get their :func:`fitted_unmapped_value` if `unmapped_value` is None.
+        With False an aggregate of several transfers skips unmapped pairs.
     scale, shift : float
         Scale and shift of the transfer, for that fit.
     progress : bool or callable, optional
@@ -516,7 +516,7 @@ def auto_mapping(
     Raises
     ------
     MappingError
-        When no mapping that is found clears this bar.
+        When no mapping clears this bar.
 
     Examples
     --------
@@ -556,7 +556,7 @@ def auto_mapping(
 def with_mapping(
     transfer: Transfer, target: Any, source: Any, *, fit_unmapped: bool = True
 ) -> Transfer:
-    """Return a transfer with its mapping, or with the mapping that is found, which is printed."""
+    """Return a transfer with its mapping, or else with a found mapping, which is printed."""
     if transfer.mapping is not None:
         return transfer
     edge = f"{transfer.source} -> {transfer.target}"
@@ -584,7 +584,7 @@ def announced(
     say: Callable[[str], Any] = print,
     **settings: Any,
 ) -> FoundMapping:
-    """Return the mapping that is found for an edge; print it and the runner-up."""
+    """Return the mapping found for an edge; print it and the runner-up."""
     for role, task in (("target", target), ("source", source)):
         if not has_tables(task):
             raise MappingError(
@@ -604,7 +604,7 @@ def _remembered(
     """Return the mappings found, from memory for tasks that were searched before."""
     try:
         memory = _memory(target, source, unmapped_value)
-    except TypeError:  # of a user's own task, which has no hash
+    except TypeError:  # a user's task may have no hash
         memory = []
     if not memory:
         how: Any = {"unmapped_value": unmapped_value, "progress": progress}
@@ -614,5 +614,5 @@ def _remembered(
 
 @lru_cache(maxsize=REMEMBERED)
 def _memory(target: Any, source: Any, unmapped_value: float | None) -> list[FoundMappings]:
-    """Return the list of the mappings found between two tasks, which is empty at first."""
+    """Return the cached list of results for two tasks, which is empty at first."""
     return []

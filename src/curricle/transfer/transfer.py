@@ -16,10 +16,10 @@ from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.text import brief_repr
 from curricle.transfer.mapping import TaskMapping
 
-CALIBRATION_EPISODES = 200  # greedy episodes of a calibration, unless another number is given
+CALIBRATION_EPISODES = 200  # default number of greedy episodes of a calibration
 CALIBRATION_SHARE = 20
-"""A calibration takes 1/20 of its target's budget by default, at most: 5 %."""
-LARGEST_SHARE = 4  # a calibration that states its steps gets at most a quarter of that budget
+"""By default a calibration takes at most 1/20 of its target's budget: 5 %."""
+LARGEST_SHARE = 4  # a stated number of steps is cut to a quarter of that budget
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Calibrate:
     episodes : int
         Greedy episodes in the target, at most. Their steps are charged to the target.
     max_steps : int, optional
-        Steps in the target after which the episodes stop, the last of them truncated. In a
-        curriculum a twentieth of the target's budget by default, and at most a quarter of it.
+        Steps in the target after which the last episode is truncated. In a curriculum by default a
+        twentieth of the target's budget, and at most a quarter of it.
 
     Examples
     --------
@@ -64,11 +64,11 @@ class Transfer:
     source, target : str
         Names of tasks in the curriculum.
     mapping : StateActionMapping or ObservationMapping, optional
-        From the target to the source. By default a curriculum finds it when it is made
-        (:func:`auto_mapping`), and prints its scores and the runner-up's.
+        From the target to the source. By default the curriculum searches it when it is made
+        (:func:`auto_mapping`), and prints its scores and those of the runner-up.
     scale, shift : float
-        Applied to mapped pairs and to ended pairs (whose value is 0). Neither changes the optimum;
-        both change learning strongly.
+        Applied to mapped pairs and to ended pairs, whose value is 0. They do not change the
+        optimal policy, but strongly affect learning.
     calibrate : bool or Calibrate
         Whether to fit the target's potential to the returns of its own greedy policy before the
         target is learnt (:func:`calibrate`). Transfers into one task must agree.
@@ -118,7 +118,7 @@ class Transfer:
 
     @property
     def calibration(self) -> Calibrate | None:
-        """The settings of the calibration; None without one."""
+        """The settings of the calibration; None without calibration."""
         if isinstance(self.calibrate, Calibrate):
             return self.calibrate
         return Calibrate() if self.calibrate else None
@@ -134,12 +134,12 @@ class Transfer:
 
 
 def transfer_names(transfers: Sequence[Transfer]) -> list[str]:
-    """Return a name for each transfer, ``source -> target``, numbered where several share it."""
+    """Return a name for each transfer, ``source -> target``, with a number if several share it."""
     return numbered([f"{transfer.source} -> {transfer.target}" for transfer in transfers])
 
 
 def numbered(names: Sequence[str]) -> list[str]:
-    """Return the names, numbered where several are alike: "a [1]", "b", "a [2]"."""
+    """Return the names, with numbers for equal ones: "a [1]", "b", "a [2]"."""
     return [
         f"{name} [{names[: i + 1].count(name)}]" if names.count(name) > 1 else name
         for i, name in enumerate(names)
@@ -150,7 +150,7 @@ def numbered(names: Sequence[str]) -> list[str]:
 
 FOUND = "mapping found in the target's model, 0 steps charged"
 DIGEST_BYTES = 16
-SIGNIFICANT = 6  # digits of values in a digest: the last ones may differ between machines
+SIGNIFICANT = 6  # digits of values in a digest: further digits may differ between machines
 
 
 def transfer_words(transfer: Transfer) -> str:
@@ -179,7 +179,7 @@ def same_transfer(transfer: Transfer, other: Transfer) -> bool:
 
 
 def mappings_digest(transfers: Iterable[Transfer]) -> str:
-    """Return a digest of what mappings with an index read, equal for equal mappings."""
+    """Return a digest of the mappings that have an index; equal mappings have equal digests."""
     digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
     for transfer in transfers:
         mapping = transfer.mapping

@@ -1,10 +1,11 @@
 """Mappings between tasks whose components lie on paths of unequal lengths, without names.
 
-In a row of a grid or a queue nearly every change leads from a value to one beside it, however they
-are numbered. Components and their directions are matched by the moves that change them, values by
-what the actions do there: what they pay, where they lead, whether they end the episode. The paths
-of a part of the target are windows of the target's. Those of a smaller version are warped onto it
-by dynamic time warping (Sakoe, Chiba 1978), one after the other until nothing changes.
+In a row of a grid or a queue nearly every change leads from a value to a neighbouring value,
+however values are numbered. Components and their directions are matched by the moves that change
+them, values by the effects of actions: reward, next state, end of the episode. If the source is a
+part of the target, its paths are windows of the target's paths. If it is a smaller version, the
+target's paths are warped onto its paths by dynamic time warping (Sakoe, Chiba 1978), one path after
+the other until nothing changes.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +26,7 @@ from curricle.transfer.pair import Proposal, TaskPair
 
 # -- the order of values ---------------------------------------------------------------------------
 
-MOST_VALUES = 200  # values of a component; all pairs of them are looked at
+MOST_VALUES = 200  # most values of a component, whose pairs are all compared
 
 
 class Path(NamedTuple):
@@ -35,7 +36,7 @@ class Path(NamedTuple):
     values: IntArray  # (n,) the value at each position, numbered from 0
     position: IntArray  # (S,) of the states' values
     up: FloatArray  # (S, A) chance that the position rises; 0 in states that end the episode
-    down: FloatArray  # (S, A) that it falls
+    down: FloatArray  # (S, A) chance that it falls
 
     def reversed(self) -> "Path":
         """Return the same path, counted from its other end."""
@@ -49,7 +50,7 @@ def paths(mdp: FiniteMDP) -> list[Path]:
     chance = np.where(mdp.terminal[:, None, None], 0.0, mdp.probability[mdp.outcome_row])
     on_paths = []
     for place, numbers in enumerate(numbered(mdp.states)):
-        used, values = np.unique(numbers, return_inverse=True)  # a wall's row has no states
+        used, values = np.unique(numbers, return_inverse=True)  # rows of walls have no states
         size = len(used)
         if size > MOST_VALUES:
             continue
@@ -66,19 +67,19 @@ def paths(mdp: FiniteMDP) -> list[Path]:
 
 
 def numbered(space: Space) -> list[IntArray]:
-    """Return for each component its values at the points of a space, numbered from 0, (n,) each."""
+    """Return each component's values at the n points of a space, numbered from 0, (n,) each."""
     values = space.decode()
     return [np.asarray(values[component.name] - component.low) for component in space.components]
 
 
 def path_order(weight: FloatArray) -> IntArray | None:
-    """Return the position of each value on the path of the largest weights, (n,); None if none."""
-    # Pairs of values are joined from the heaviest on, each value to two others at most, never in a
-    # ring. It is a path if no pair left out weighs as much: falls that lead far back do not hide
-    # the order of a row, but the cells of a grid have none.
+    """Return the position of each value on the path of largest weights, (n,); None if no path."""
+    # Pairs of values are joined from the heaviest pair on, a value to at most two other values,
+    # never in a ring. The result is a path if all pairs left out weigh less. So moves that lead far
+    # back do not hide the order of a row, but the cells of a grid have no order.
     first, second = np.triu_indices(len(weight), 1)
     part, beside = np.arange(len(weight)), [list[int]() for _ in weight]
-    lightest, heaviest = np.inf, 0.0  # on the path; left out
+    lightest, heaviest = np.inf, 0.0  # of pairs on the path; of pairs left out
     for pair in np.argsort(-weight[first, second], kind="stable"):
         a, b, weighs = int(first[pair]), int(second[pair]), float(weight[first[pair], second[pair]])
         if part[a] == part[b] or max(len(beside[a]), len(beside[b])) == 2:
@@ -101,37 +102,37 @@ def path_order(weight: FloatArray) -> IntArray | None:
 LARGEST = 50_000  # state-action pairs of a task
 LARGEST_BOX = 2_000_000  # combinations of a source's values
 MOST_ASSIGNMENTS = 10_000
-MOST_LAID = 48  # assignments whose values are matched, those whose moves agree best
-SLACK = 1.0  # how much less than the best the moves of such an assignment may agree
-LARGEST_WORK = 20_000_000  # pairs that are compared at most to find the windows of one assignment
-KEPT = 4  # ways of either kind that are proposed, those that fit best
-NOWHERE = 2.0  # mismatch of a pair that reads a state which the source lacks or which ends it
+MOST_LAID = 48  # most assignments whose values are matched, those of lowest cost
+SLACK = 1.0  # most by which their cost may exceed the lowest cost
+LARGEST_WORK = 20_000_000  # most pairs to compare for the windows of one assignment
+KEPT = 4  # most windows, and most warps, to propose, those that fit best
+NOWHERE = 2.0  # mismatch of a pair that reads a missing or terminal source state
 STEP = 0.1
-"""Cost for each pair of a value where a path stands still, or leaps by one, on the source's."""
-NEARER_SCALE = 1e-6  # cost that decides between warps that fit alike: for the one nearer to scale
+"""Cost, for each pair of a value, where a warp repeats or skips one source position."""
+NEARER_SCALE = 1e-6  # cost that favours, among equal warps, the warp nearest to a linear scale
 ROUNDS = 10
 
 
 class Assigned(NamedTuple):
-    """Which components of a target stand for the source's, and which moves for its moves."""
+    """The target components and moves that stand for the source's components and moves."""
 
-    paths: tuple[Path, ...]  # for each of the source's paths, the right way round
-    actions: tuple[int, ...]  # for each of the source's components of actions, the target's
-    moves: tuple[IntArray, ...]  # and the source's value for each of its values; MISSING if none
-    cost: float  # how much the changes that the moves make differ
+    paths: tuple[Path, ...]  # for each source path the target's, in its direction
+    actions: tuple[int, ...]  # for each source component of actions the target's
+    moves: tuple[IntArray, ...]  # and the source value of each target value, or MISSING
+    cost: float  # difference between the changes that the moves make
 
 
 class Laid(NamedTuple):
-    """Paths laid beside the source's."""
+    """Target paths whose positions are matched to positions of the source's paths."""
 
     assigned: Assigned
-    rows: tuple[IntArray, ...]  # for each, the source's position at each position; -1 if none
-    mismatch: float  # mean over the pairs that have one
-    cost: float  # with that of a warp's uneven steps
+    rows: tuple[IntArray, ...]  # for each path the source position of each position, or -1
+    mismatch: float  # mean mismatch over the pairs inside
+    cost: float  # mismatch plus the cost of a warp's uneven steps
 
 
 def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
-    """Yield the mappings that lay components whose values lie on paths beside the source's.
+    """Yield mappings that match target components to source components along paths of values.
 
     The search assigns the source's components to target components in either direction and keeps
     the assignments whose moves make the same changes. Target pairs outside a window are unmapped.
@@ -167,7 +168,7 @@ def by_component_warping(tasks: TaskPair) -> Iterator[Proposal]:
 
 
 def _checked_paths(tasks: TaskPair) -> tuple[list[Path], list[Path]]:
-    """Return the paths of both tasks; MappingError if none can be laid, or too many."""
+    """Return the paths of both tasks; MappingError if they do not fit or are too many."""
     target, source = tasks.target_mdp, tasks.source_mdp
     for mdp in (target, source):
         if mdp.outcome_row.size > LARGEST:
@@ -204,14 +205,14 @@ def _checked_paths(tasks: TaskPair) -> tuple[list[Path], list[Path]]:
     return target_paths, source_paths
 
 
-# -- which component is which ----------------------------------------------------------------------
+# -- the assignment of components ------------------------------------------------------------------
 
 
 def _assignments(
     tasks: TaskPair, target_paths: list[Path], source_paths: list[Path]
 ) -> Iterator[Assigned]:
     """Yield every assignment of components, with the moves that agree best."""
-    from scipy.optimize import linear_sum_assignment  # takes time, and few need it
+    from scipy.optimize import linear_sum_assignment  # its slow import is rarely needed
 
     shares = _shares(target_paths, tasks.target_mdp.actions)
     source_shares = _shares(source_paths, tasks.source_mdp.actions)
@@ -234,7 +235,7 @@ def _assignments(
 
 
 def _shares(on_paths: list[Path], actions: Space) -> list[FloatArray]:
-    """Return for each component of actions the share of a path's rises and falls by its values."""
+    """Return for each component of actions the shares of each path's rises and falls by value."""
     shares = []
     for values, component in zip(numbered(actions), actions.components, strict=True):
         moves = [(path.up.sum(axis=0), path.down.sum(axis=0)) for path in on_paths]
@@ -244,11 +245,11 @@ def _shares(on_paths: list[Path], actions: Space) -> list[FloatArray]:
     return shares
 
 
-# -- which value is which --------------------------------------------------------------------------
+# -- the matching of values ------------------------------------------------------------------------
 
 
 class _Match:
-    """Lays the paths of an assignment beside the source's."""
+    """Matches the target paths of an assignment to the source's paths."""
 
     def __init__(self, tasks: TaskPair, assigned: Assigned, source_paths: list[Path]):
         target, source = tasks.target_mdp, tasks.source_mdp
@@ -262,13 +263,13 @@ class _Match:
         self.mine = _described(target, assigned.paths, scale)[live]
         self.theirs = _described(source, source_paths, scale)[:, np.maximum(action, 0)]
         self.lacking = action == MISSING
-        # The source's live state at each combination of positions, -1 where there is none.
+        # The nonterminal source state at each combination of positions, -1 if there is none.
         self.state = np.full(self.others, -1)
         here = np.where(source.terminal, -1, np.arange(len(source.terminal)))
         self.state[tuple(path.position for path in source_paths)] = here
 
     def warped(self) -> Laid:
-        """Return the warp that fits best, from paths in proportion on."""
+        """Return the warp that fits best, searched from the linear scale."""
         rows = [
             np.rint(np.linspace(0, there - 1, here)).astype(np.int64)
             for here, there in zip(self.sizes, self.others, strict=True)
@@ -284,7 +285,7 @@ class _Match:
         return Laid(self.assigned, tuple(rows), mismatch, mismatch + STEP * uneven)
 
     def windows(self) -> list[Laid]:
-        """Return the source in every place within a larger target; none if it does not fit."""
+        """Return the source at every place within a larger target; [] if it does not fit."""
         free = [here - there + 1 for here, there in zip(self.sizes, self.others, strict=True)]
         if min(free) < 1 or max(free) == 1 or np.prod(free) * self.mine.size > LARGEST_WORK:
             return []
@@ -310,7 +311,7 @@ class _Match:
         return np.asarray(mismatch)
 
     def _warped_along(self, i: int, rows: list[IntArray]) -> IntArray:
-        """Return the warp of one path that fits best, the others as they are."""
+        """Return the warp of path i that fits best, with the other paths fixed."""
         size, other = self.sizes[i], self.others[i]
         costs = np.empty((size, other))
         for position in range(other):
@@ -323,7 +324,7 @@ class _Match:
 
 
 def warp(costs: FloatArray, step: float) -> IntArray:
-    """Return the cheapest way that never turns back, (n,): a column for each row (time warping)."""
+    """Return the cheapest column for each row, (n,), columns never falling (time warping)."""
     ahead = np.arange(costs.shape[1])[:, None] - np.arange(costs.shape[1])  # to, from
     price = np.where(ahead >= 0, step * abs(ahead - 1), np.inf)
     total, came = costs[0], list[IntArray]()
@@ -348,18 +349,18 @@ def _rewards(mdp: FiniteMDP) -> FloatArray:
     return np.asarray((mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row])
 
 
-# -- what is proposed ------------------------------------------------------------------------------
+# -- proposals -------------------------------------------------------------------------------------
 
 
 def _source_actions(tasks: TaskPair, assigned: Assigned) -> IntArray:
-    """Return the source's action for each of the target's, (A,); `MISSING` where it has none."""
+    """Return the source action of each target action, (A,), or `MISSING`."""
     values, space = numbered(tasks.target_mdp.actions), tasks.source_mdp.actions
     moves = zip(assigned.actions, assigned.moves, strict=True)
     return _encoded(space, [move[values[c]] for c, move in moves])
 
 
 def _encoded(space: Space, values: list[IntArray]) -> IntArray:
-    """Return the points of a space with these values, numbered from 0, and `MISSING` below 0."""
+    """Return the points of a space with these values, numbered from 0; `MISSING` if negative."""
     numbers = np.stack(values)
     shifted = np.maximum(numbers, 0) + np.array([[part.low] for part in space.components])
     points = space.encode(**dict(zip(space.names, shifted, strict=True)))
@@ -367,14 +368,14 @@ def _encoded(space: Space, values: list[IntArray]) -> IntArray:
 
 
 def _proposal(tasks: TaskPair, laid: Laid, source_paths: list[Path], kind: str) -> Proposal:
-    """Return the mapping that paths laid beside the source's make."""
+    """Return the proposal of the mapping that matched paths make."""
     target, source, chosen = tasks.target_mdp, tasks.source_mdp, laid.assigned
     values = [
         np.where(row >= 0, there.values[row], -1)[path.position]
         for path, row, there in zip(chosen.paths, laid.rows, source_paths, strict=True)
     ]
     state = _encoded(source.states, values)
-    # A state that goes on is unlike one that has ended.
+    # Nonterminal target states must not read terminal source states.
     state = np.where(source.terminal[state] & ~target.terminal, MISSING, state)
     index = pair_mapping(tasks.target, tasks.source, state[:, None], _source_actions(tasks, chosen))
     laid_beside = [path.place for path in chosen.paths]
@@ -385,6 +386,6 @@ def _proposal(tasks: TaskPair, laid: Laid, source_paths: list[Path], kind: str) 
 
 
 def _in_words(source: Space, target: Space, places: Sequence[int]) -> str:
-    """Return which of the target's components, in these places, are the source's."""
+    """Return as text which target components, at these places, stand for the source's."""
     names = zip(source.names, (target.names[place] for place in places), strict=True)
     return ", ".join(f"{theirs} is {ours}" for theirs, ours in names)

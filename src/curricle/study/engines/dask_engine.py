@@ -14,7 +14,7 @@ from curricle.study.engines.engine import Engine, answers
 from curricle.study.workers import POSIX, interrupts_blocked, start_tracker
 
 LOGGERS = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
-"""Dask gives the second its own level; the third logs tasks that a lost scheduler ended."""
+"""Dask sets the second logger's level itself; the third logs tasks that a lost scheduler ended."""
 REACHED_IN = 10  # seconds in which a scheduler must answer
 
 
@@ -24,11 +24,11 @@ class DaskEngine(Engine):
     def __init__(self, client: Client, cluster: LocalCluster | None):
         self.client, self.cluster = client, cluster
         self.share_folders = cluster is not None
-        with suppress(KeyError):  # of a scheduler without a dashboard
+        with suppress(KeyError):  # a scheduler may have no dashboard
             self.link = client.dashboard_link or None
         self.levels = [logger.level for logger in LOGGERS]
         for logger in LOGGERS:
-            logger.setLevel(logging.CRITICAL)  # futures report a lost scheduler
+            logger.setLevel(logging.CRITICAL)  # futures report a lost scheduler instead
 
     def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
         """Return the future result of a call."""
@@ -38,10 +38,10 @@ class DaskEngine(Engine):
 
     async def _outcome(self, there: Any) -> Any:
         """Return the result of a call, even if its first result was lost with its worker."""
-        # Dask's own executor never ends the future of a call that then raises.
+        # After a lost worker, Dask's own executor never ends the future of a call that raises.
         try:
             return await self.client.gather(there, asynchronous=True)
-        except asyncio.CancelledError:  # here
+        except asyncio.CancelledError:  # cancelled by this process
             with suppress(Exception):
                 await there.cancel(asynchronous=True)
             raise
@@ -49,19 +49,19 @@ class DaskEngine(Engine):
             raise asyncio.CancelledError from None
 
     def count(self) -> int:
-        """Return how many threads the workers have."""
+        """Return the number of threads of all workers."""
         return sum(self.client.nthreads().values())
 
     def close(self, whole: bool) -> None:
-        """Leave the scheduler, which drops calls not begun; end a cluster started here."""
-        # Dask logs again unless the run was interrupted or its scheduler is lost: Dask's threads
-        # log that for some time after this.
+        """Leave the scheduler, which drops calls not yet begun; end a cluster started here."""
+        # Dask's logging is restored, unless the run was interrupted or its scheduler is lost: then
+        # Dask's threads log errors for some time after this.
         host, _, port = self.client.scheduler.address.rpartition("://")[2].rpartition(":")
         whole = whole and self.client.status == "running" and answers(host, int(port))
         with suppress(Exception):  # a scheduler that is gone cannot be left
             self.client.close(timeout=2)
         if self.cluster is not None:
-            with suppress(TimeoutError):  # its processes end with this one
+            with suppress(TimeoutError):  # processes that remain end with this process
                 self.cluster.close(timeout=20)
         for logger, level in zip(LOGGERS, self.levels, strict=True) if whole else ():
             logger.setLevel(level)
@@ -73,7 +73,7 @@ def connected(address: str | None, workers: int | None) -> DaskEngine:
         return DaskEngine(Client(f"tcp://{address}", timeout=REACHED_IN), None)
     here = {"dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
     if POSIX:
-        start_tracker()  # which lets interrupts in again where it is started
-    with interrupts_blocked():  # they are ended by this process, not by a terminal's Ctrl-C
+        start_tracker()  # before the next line, because starting it unblocks interrupts
+    with interrupts_blocked():  # this process ends the workers, not a terminal's Ctrl-C
         cluster = LocalCluster(n_workers=workers, threads_per_worker=1, **here)
     return DaskEngine(Client(cluster), cluster)

@@ -1,4 +1,4 @@
-"""Engines: clusters that train units, the data sent to them, and how they are opened."""
+"""Engines: clusters that train units, the data sent to them, and functions that open them."""
 
 import atexit
 import pickle
@@ -25,15 +25,15 @@ from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.store import StoredUnit, UnitResult, lost_errors, stored_values, written_unit
 from curricle.study_file.own_code import PACKAGES, own_files
 
-# -- What a worker on another machine does: take the study's own modules, and train a unit ---------
+# -- On the worker's machine: write the user's modules, and train a unit ---------------------------
 
-FOLDERS = dict[Any, Path]()  # of modules that this process has written, by their content
+FOLDERS = dict[Any, Path]()  # content of modules -> folder where this process wrote them
 WRITING, LIVE = Lock(), Lock()
 Result = TypeVar("Result")
 
 
 def called(function: Callable[[Any], Result], argument: Any) -> Result | Exception:
-    """Return a function's result, or its error in a form that another process can read."""
+    """Return a function's result, or its error in a form that other processes can read."""
     try:
         return function(argument)
     except Exception as error:
@@ -41,19 +41,19 @@ def called(function: Callable[[Any], Result], argument: Any) -> Result | Excepti
 
 
 def _sendable(error: Exception) -> Exception:
-    """Return an error without its causes, or an error with the same text that can be sent."""
+    """Return an error without causes; if it cannot be sent, an error with the same text."""
     text = "".join(traceback.format_exception(error))
     error.__cause__ = error.__context__ = error.__traceback__ = None
-    try:  # whether a process without the study's own modules reads the error as it is
+    try:  # can a process without the user's modules read the error unchanged?
         content = pickle.dumps(error)
         again = pickle.loads(content)
         same = type(again) is type(error) and str(again) == str(error)
         survives = same and PACKAGES.encode() not in content
-    except Exception:  # whatever a class's own methods raise
+    except Exception:  # methods of the error's class may raise anything
         survives = False
     if not survives:
         kind: type[Exception] = ForeignError
-        if isinstance(error, CurricleError):  # its class is the user's own, below one of ours
+        if isinstance(error, CurricleError):  # a user's subclass of an error of ours
             ours = CurricleError.__module__
             kind = next(parent for parent in type(error).__mro__ if parent.__module__ == ours)
         error = kind(in_words(error))
@@ -85,7 +85,7 @@ def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
 
 
 def versions_here() -> dict[str, str]:
-    """Return the versions that must be equal everywhere."""
+    """Return the versions that must be equal on all machines."""
     python = ".".join(platform.python_version_tuple()[:2])  # the third number changes no result
     return {name: metadata.version(name) for name in ("curricle", "numba")} | {"Python": python}
 
@@ -97,11 +97,11 @@ def difference(here: Mapping[str, str], there: Mapping[str, str]) -> str:
 
 
 def written(files: Mapping[str, bytes]) -> Path:
-    """Return a folder with these files, written once in a process and removed when it ends."""
+    """Return a folder with these files, written once a process and removed when it ends."""
     content = frozenset(files.items())
     with WRITING:
         if content not in FOLDERS:
-            # Others cannot guess its name: in a folder that they could, they could put code.
+            # Its name cannot be guessed: others could put code into a folder with a known name.
             folder = Path(mkdtemp(prefix="curricle-"))
             atexit.register(shutil.rmtree, folder, ignore_errors=True)
             for name, code in files.items():
@@ -111,9 +111,9 @@ def written(files: Mapping[str, bytes]) -> Path:
         return FOLDERS[content]
 
 
-# -- What trains units: threads, processes, any executor, or an engine on other machines -----------
+# -- Workers: threads, processes, any executor, or an engine on other machines ---------------------
 
-ANSWERS_IN = 10  # seconds in which a scheduler or a head must take a connection
+ANSWERS_IN = 10  # seconds in which a scheduler or head must accept a connection
 
 
 @dataclass(frozen=True)
@@ -125,12 +125,12 @@ class ExecutorWorkers:
     share_folders: bool = True
 
     def see(self, place: Place) -> bool:
-        """Return False: the process that runs the study reads and writes for them."""
+        """Return False: the process that runs the study reads and writes files for the workers."""
         return False
 
     def train(self, sent: UnitInput) -> "Future[Any]":
         """Return the future result of a unit."""
-        # Threads hand on what is raised as it is.
+        # Threads pass errors on unchanged.
         threads = isinstance(self.executor, ThreadPoolExecutor)
         try:
             return self.executor.submit(
@@ -142,23 +142,23 @@ class ExecutorWorkers:
             return failed(broken)
 
     def number(self) -> int:
-        """How many there are."""
+        """The number of workers."""
         return self.workers
 
     def lost(self) -> Exception:
-        """Return why a unit was cancelled that this process did not cancel."""
+        """Return the error of a unit that was cancelled, but not by this process."""
         return BrokenExecutor("the executor cancelled it")
 
 
 class Engine(ABC):
-    """A cluster that trains units: it calls functions, and repeats calls whose machine died."""
+    """A cluster that trains units: it calls functions, and repeats calls lost with a machine."""
 
-    on = ""  # the word for it
-    link: str | None = None  # of its own page, if there is one
-    share_folders = False  # whether it was started here and sees our folders
-    files: Mapping[str, bytes]  # the own modules; each unit carries them
-    versions: Mapping[str, str]  # those that each worker must have
-    live: bool  # whether a unit needs its process for itself (`Arms.live`)
+    on = ""  # the text by which the user chose it
+    link: str | None = None  # of its dashboard, if it has one
+    share_folders = False  # whether it was started here and so sees this machine's folders
+    files: Mapping[str, bytes]  # the user's modules, which are sent with each unit
+    versions: Mapping[str, str]  # the versions that each worker must have
+    live: bool  # whether a process must train one unit at a time (`Arms.live`)
     _number = 1
 
     @abstractmethod
@@ -167,23 +167,23 @@ class Engine(ABC):
 
     @abstractmethod
     def count(self) -> int:
-        """Return how many calls run in parallel now; EngineError if the cluster is lost."""
+        """Return how many calls can run in parallel; EngineError if the cluster is lost."""
 
     @abstractmethod
     def close(self, whole: bool) -> None:
-        """Leave the engine, and end it if it was started here. `whole`: nothing was interrupted."""
+        """Leave the engine, and end it if it was started here; `whole`: without an interrupt."""
 
     def carry(self, all_arms: Sequence[Arms], folder: Path) -> None:
-        """Send the own modules of a study in a folder along with the units of all its arms."""
+        """Prepare to send the user's modules in a study's folder with the units of all arms."""
         files = own_files([list(arms.dependencies.values()) for arms in all_arms], folder)
         self.versions, self.live = versions_here(), any(arms.live for arms in all_arms)
-        # Of modules elsewhere on Python's path workers import their own (`arms_from_json`).
+        # Modules elsewhere on Python's path are not sent: workers import theirs (`arms_from_json`).
         root = folder.resolve()
         beside = {name: file for name, file in files.items() if root / name == file.resolve()}
         self.files = {name: file.read_bytes() for name, file in beside.items()}
 
     def see(self, place: Place) -> bool:
-        """Return whether workers read and write the study's files themselves: those at a URL."""
+        """Return whether workers read and write the study's files themselves, as files at a URL."""
         return isinstance(place, RemotePath)
 
     def train(self, sent: UnitInput) -> "Future[Any]":
@@ -195,7 +195,7 @@ class Engine(ABC):
             return failed(self.lost(f" ({type(error).__name__}: {error})"))
 
     def number(self) -> int:
-        """Return how many workers there are; the last number where the cluster does not answer."""
+        """Return the number of workers; the last known number if the cluster does not answer."""
         try:
             self._number = self.count()
         except EngineError:
@@ -205,15 +205,15 @@ class Engine(ABC):
         return self._number
 
     def lost(self, why: str = "") -> Exception:
-        """Return why a unit was cancelled that this process did not cancel."""
+        """Return the error of a unit that was cancelled, but not by this process."""
         return EngineError(f"{self.on} was lost or cancelled it{why}: go on with --resume")
 
 
-Workers = ExecutorWorkers | Engine  # what the units of a study are sent to
+Workers = ExecutorWorkers | Engine  # they train the units of a study
 
 
 def answers(host: str, port: int) -> bool:
-    """Return whether something takes connections there."""
+    """Return whether a server accepts connections at this host and port."""
     try:
         create_connection((host.strip("[]"), port), ANSWERS_IN).close()
     except OSError:
@@ -228,7 +228,7 @@ def failed(error: Exception) -> "Future[Any]":
     return future
 
 
-# -- Opening the engine that a word names ----------------------------------------------------------
+# -- Opening the engine that a text names ----------------------------------------------------------
 
 WORD = re.compile(r"(dask|ray)(?:://([^\s/:]+|\[[0-9a-fA-F:]+\]):(\d{1,5}))?")
 ENGINE_PACKAGES = {"dask": "distributed", "ray": "ray"}
@@ -265,7 +265,7 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
         raise
     except Exception as error:  # each engine has its own
         first, *further_lines = str(error).strip().splitlines() or [""]
-        reason = " ".join([first, *further_lines[-1:]])  # a trace's last line says what it is
+        reason = " ".join([first, *further_lines[-1:]])  # the last line of a trace names the error
         raise SettingError(
             f"{on} cannot be reached or started: {type(error).__name__}: {reason}"
         ) from None
@@ -273,7 +273,7 @@ def opened_engine(on: str, workers: int | None) -> Iterator[Engine]:
     try:
         yield engine
     except BaseException as error:
-        whole = isinstance(error, Exception)  # and no interrupt
+        whole = isinstance(error, Exception)  # an interrupt is no Exception
         raise
     finally:
         engine.close(whole)

@@ -14,22 +14,22 @@ import ray
 from curricle.errors import EngineError
 from curricle.study.engines.engine import Engine, answers
 
-ASKED_AGAIN, PAUSE = 3, 2.0  # how often a head that turns us away is asked, and seconds between
+ASKED_AGAIN, PAUSE = 3, 2.0  # retries if a head refuses a connection, and seconds between them
 
 
 class RayEngine(Engine):
     """A Ray cluster of one or several machines, to which this process is connected."""
 
-    # A connection to its `head`, (host, port), tells whether it is lost: Ray itself raises nothing
-    # and ends this process after a minute, and its client tries for half a minute. A connection
-    # that was made here `ends` here.
+    # A connection to the `head`, (host, port), tells whether the cluster is lost: Ray itself raises
+    # nothing and ends this process after a minute; Ray's client retries for half a minute. `ends`:
+    # the connection to Ray was made here and is closed here.
 
     def __init__(self, link: str | None, head: tuple[str, int], ends: bool):
         self.link, self.head, self.ends = link, head, ends
-        self._remote = cache(ray.remote)  # each ray.remote sends the function to the head again
+        self._remote = cache(ray.remote)  # ray.remote sends the function to the head
 
     def submit(self, function: Callable[[Any], Any], argument: Any) -> "Future[Any]":
-        """Return the future result of a call, which has a processor to itself."""
+        """Return the future result of a call, which gets a processor of its own."""
         if not ray.is_initialized():  # Ray would start a new cluster
             raise ConnectionError("it is not connected to Ray")
         reference, outcome = self._remote(function).remote(argument), Future[Any]()
@@ -53,7 +53,7 @@ class RayEngine(Engine):
         return outcome
 
     def count(self) -> int:
-        """Return how many processors there are; EngineError if the head takes no connection."""
+        """Return the number of processors; EngineError if the head takes no connection."""
         if not answers(*self.head):
             raise lost(f"its head at {self.head[0]}:{self.head[1]} is gone")
         if not ray.is_initialized():  # Ray would start a new cluster
@@ -73,7 +73,7 @@ def lost(why: str) -> EngineError:
 
 
 def _connected(where: Mapping[str, Any], again: int = ASKED_AGAIN) -> Any:
-    """Return the result of ``ray.init``, called again if a head has just lost a machine."""
+    """Return the result of ``ray.init``; retry if a head has just lost a machine."""
     try:
         return ray.init(**where, logging_level=logging.ERROR, log_to_driver=False)
     except ConnectionAbortedError:
@@ -88,7 +88,7 @@ def connected(address: str | None, workers: int | None) -> RayEngine:
     ends, link = address is not None or not ray.is_initialized(), None
     if ends:
         where = {"num_cpus": workers} if address is None else {"address": f"ray://{address}"}
-        with catch_warnings():  # that it was not reached is an error too
+        with catch_warnings():  # an error says too that the cluster was not reached
             filterwarnings("ignore", "Ray Client connection timed out")
             context = _connected(where)
         link = getattr(context, "dashboard_url", None)

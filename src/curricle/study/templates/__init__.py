@@ -1,4 +1,4 @@
-"""Studies to begin with: commented files, and a file for any registered environment."""
+"""Templates of studies: commented files, and a file for any registered environment."""
 
 from contextlib import closing
 from difflib import get_close_matches
@@ -22,7 +22,7 @@ KINDS = {
     "gymnasium": "a slippery lake learnt from one that is not",
     "deep": "a network learns three walls from solved levels of one wall",
 }
-"""The ready files and their subjects."""
+"""Name of a ready file -> its subject."""
 
 
 def new_study(kind: str) -> tuple[str, str]:
@@ -34,7 +34,7 @@ def new_study(kind: str) -> tuple[str, str]:
     name = _known(kind)
     try:
         env = gym.make(name)
-    except Exception as error:  # of any kind: an environment is somebody's own code
+    except Exception as error:  # an environment's code may raise any error
         why = " ".join(str(error).split())
         raise ConfigError(f"{name} cannot be made: {type(error).__name__}: {why}") from None
     with closing(env):
@@ -43,7 +43,7 @@ def new_study(kind: str) -> tuple[str, str]:
 
 
 def template(kind: str) -> str:
-    """Return a commented file of one of the :data:`KINDS` that runs as it is."""
+    """Return a commented file of one of the :data:`KINDS`, which runs unchanged."""
     if kind not in KINDS:
         raise ConfigError(f"template {kind!r} {unknown(kind, KINDS)}")
     return _text(f"{kind}.toml")
@@ -55,19 +55,19 @@ def _text(name: str) -> str:
 
 # -- A study of an environment of Gymnasium's registry ---------------------------------------------
 
-SHOWN = 3  # ids that are named where one is unknown
-LIMIT = 500  # steps of an episode in an environment that sets no limit of its own
+SHOWN = 3  # similar ids that a message about an unknown id names
+LIMIT = 500  # time limit for environments without a limit
 
 
 def _known(name: str) -> str:
-    """Return the id of an environment, of MiniGrid's with its module; ConfigError if unknown."""
+    """Return the id of an environment (MiniGrid's with its module); ConfigError if unknown."""
     module, colon, _ = name.partition(":")
     if name in registry or (colon and module.isidentifier() and find_spec(module)):
-        return name  # gymnasium.make imports the module, which registers its own
+        return name  # gymnasium.make imports the module, which registers its environments
     if find_spec("minigrid"):
         import_module("minigrid")
     if name in registry:
-        return f"minigrid:{name}"  # a run in another process finds it by this
+        return f"minigrid:{name}"  # with its module, other processes find it
     lower = {known.lower(): known for known in registry}
     near = get_close_matches(name.lower(), lower, SHOWN, 0.6)
     meant = f", did you mean {' or '.join(lower[known] for known in near)}?" if near else ""
@@ -85,7 +85,7 @@ def _parts(name: str, env: Any) -> tuple[str, dict[str, Any]]:
     limit = "" if limited else f"time_limit = {LIMIT}\n"
     minigrid = any(kind.__module__.startswith("minigrid.") for kind in type(env.unwrapped).__mro__)
     if is_discrete(acting) and (is_discrete(observed) or minigrid):
-        quick = minigrid or has_table(env)  # others are played, a thousand times slower
+        quick = minigrid or has_table(env)  # other environments are played, a thousand times slower
         budget, seeds, kind = 100_000 if quick else 20_000, 20 if quick else 5, "gymnasium"
         kind = "tabulated" if minigrid else kind
         return "table.txt", {
