@@ -8,7 +8,9 @@ document.addEventListener("DOMContentLoaded", () => {
   for (const event of ["pointerdown", "keydown", "wheel", "touchmove"]) {
     addEventListener(event, () => { touched = performance.now(); }, { passive: true });
   }
-  setInterval(() => {
-    if (!document.hidden && performance.now() - touched >= QUIET) location.reload();
+  const timer = setInterval(() => {
+    if (document.hidden || performance.now() - touched < QUIET) return;
+    clearInterval(timer); // a second reload would break off a first that takes long
+    location.reload();
   }, 1000 * seconds);
 });
