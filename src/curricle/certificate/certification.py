@@ -133,8 +133,8 @@ class Certificate(Frozen):
         reward between F and gamma Phi(s') - Phi(s).
     findings : tuple of str
         Other findings, as sentences.
-        counterexample : Counterexample or None
-            The state of the largest loss, if `holds` is False.
+    counterexample : Counterexample or None
+        The state of the largest loss, if `holds` is False.
     potential : (S,) float64 or None
         The Phi behind a bonus or reward.
 
