@@ -7,8 +7,9 @@ deceptive cases: lines whose near prize the source knows, and an inventory's neg
 pair of the stocks). Scores are mean returns while learning, as shares of the way from the random
 policy (0) to the optimum (1): of the training episodes (t), and of the greedy policy (g). Gains
 are over learning from scratch; a loss is against the best of scratch, the raw source and the
-optimistic learner. The source's steps are not charged, as all that the portfolio decides on comes
-after them; `cost` is their share of the target's.
+optimistic learner. Training returns are undiscounted, and say nothing where the discounted optimum
+is no better than random play by them. The source's steps are not charged, as all that the portfolio
+decides on comes after them; `cost` is their share of the target's.
 """
 
 import argparse
@@ -108,10 +109,9 @@ def chosen(split: Any) -> Iterator[Pair]:
     else:
         seen = [pair for family in SEEN for pair in pairs(family=family)]
         apart = [pair for pair in pairs(split) if pair.family not in SEEN]
-        further = [*seen, *pursuits().pairs.values()]
-        if split == "verification":
-            further = [*gamblers().pairs.values()]
-        played = [*apart, *further, *lines(split).pairs.values()]
+        more = gamblers() if split == "verification" else pursuits()
+        played = [*apart, *more.pairs.values(), *lines(split).pairs.values()]
+        played += seen if split == "development" else ()
     for pair in (pair for pair in played if pair.sensible):
         yield pair
         yield replace(pair, name=f"{pair.name}, negated", kind="negated", scale=-pair.scale)
@@ -152,9 +152,11 @@ def played(pair: Pair, seeds: int) -> dict[str, Any]:
             curve[:, k] = np.where(np.isnan(curve[:, k]), last, curve[:, k])
         height = mean_return(Curve(result.steps, result.greedy_return)).mean()
         row[arm] = {
-            "t": (curve.mean() - training[0]) / (training[1] - training[0]),
+            "t": np.nan,
             "g": (height - greedy[0]) / (greedy[1] - greedy[0]),
         }
+        if training[1] > training[0]:
+            row[arm]["t"] = (curve.mean() - training[0]) / (training[1] - training[0])
         if arm == "portfolio":
             row["share"] = float(result.source_share[:, 1:].mean())
     return row
@@ -181,12 +183,13 @@ def main() -> None:
 
 def judge(name: str, rows: list[dict[str, Any]]) -> None:
     """Print the bars on training returns or on greedy ones."""
+    rows = [row for row in rows if not np.isnan(row["portfolio"][name])]
     scores = np.array([[row[arm][name] for arm in (*RIVALS, "portfolio")] for row in rows])
     loss = scores[:, :3].max(axis=1) - scores[:, 3]
     kept = (scores[:, 3] - scores[:, 0]).mean() / (scores[:, 1:3].max(axis=1) - scores[:, 0]).mean()
     lost = [f"{rows[k]['pair']} {loss[k]:.2f}" for k in np.argsort(-loss) if loss[k] > MOST_LOSS]
     deceptive = [k for k, row in enumerate(rows) if row["family"] == "deceptive"]
-    behind = (scores[deceptive, 2] - scores[deceptive, 3]).max()
+    behind = (scores[deceptive, 2] - scores[deceptive, 3]).max(initial=-np.inf)
     met = "MET" if not lost and kept >= LEAST_KEPT else "MISSED"
     print(
         f"{name}: {met}; largest loss {loss.max():.2f}, above {MOST_LOSS} in {len(lost)} of "

@@ -400,8 +400,8 @@ def run_study(
                     choice = chosen(of_trials, lambda *part: _tried(*of_folder, *part).comparison)
                     study = chosen_study(study, trials, choice)
                 else:
-                    words = f"tuning: {counted(len(of_trials.curricula), 'trial')}"
-                    tried = _tried(*of_folder, of_trials, trials.seeds, words)
+                    title = f"tuning: {counted(len(of_trials.curricula), 'trial')}"
+                    tried = _tried(*of_folder, of_trials, trials.seeds, title)
                     study = tuned_study(study, tried)
             arms = Arms.of(study)
             about, record = described(study, arms)
