@@ -30,12 +30,13 @@ from curricle.tasks.kernel import (
     uniform,
 )
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
+from curricle.tasks.models import OpenValues, drawn_among_available
 
 Q_LEARNING, SARSA_RULE, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)  # update rules
 
 
 class EpsilonGreedy(NamedTuple):
-    """A uniform action with probability epsilon, else a greedy one."""
+    """A uniform available action with probability epsilon, else a greedy one."""
 
     epsilon: Constant | Schedule
 
@@ -64,8 +65,8 @@ class Learner:
         alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair in each
         table.
     epsilon : float or Schedule, optional
-        Epsilon-greedy exploration: a uniform action with this probability, else a greedy one,
-        ties broken at random. 0.1 by default.
+        Epsilon-greedy exploration: a uniform action, of those available, with this probability,
+        else a greedy one, ties broken at random. 0.1 by default.
     inverse_temperature : float or Schedule, optional
         Softmax exploration instead: P(a) proportional to exp(beta Q(s, a)).
     initial_value : float
@@ -329,13 +330,14 @@ def softmax(table, row, best, inverse_temperature, counter):
             return action, counter
     total = 0.0
     for action in range(n_actions):
-        total += np.exp(inverse_temperature * (table[row, action] - best))
+        if table[row, action] != -np.inf:  # 0 times infinity, of a beta of 0, is no number
+            total += np.exp(inverse_temperature * (table[row, action] - best))
     left = uniform(splitmix64(counter)) * total
     counter += STRIDE
     chosen = np.uint64(0)
     for action in range(n_actions):
         weight = np.exp(inverse_temperature * (table[row, action] - best))
-        if weight > 0.0:
+        if weight > 0.0:  # not of an unavailable action: its weight is 0, or no number
             chosen = action
             left -= weight
             if left < 0.0:
@@ -374,19 +376,25 @@ explorations, expectations = Overloaded(explore), Overloaded(expected_value)
 def _explore_epsilon_greedy(exploration, values, row, best, step, counter):
     bits = splitmix64(counter)
     if bernoulli(bits, at(exploration.epsilon, step)):
-        return integers(bits, np.uint64(values.shape[1])), bits, counter + STRIDE, False
+        n_actions = np.uint64(values.shape[1])
+        action = integers(bits, n_actions)
+        action = drawn_among_available(OpenValues(values), n_actions, row, action, bits)
+        return action, bits, counter + STRIDE, False
     return np.uint64(0), bits, counter + STRIDE, True
 
 
 @expectations.body(EpsilonGreedy)
 def _expect_epsilon_greedy(exploration, q, state, values, step):
     epsilon, best = at(exploration.epsilon, step), highest(values, ONLY_ROW)
-    total, ties, mean = 0.0, 0.0, 0.0
+    total, ties, mean, n_actions = 0.0, 0.0, 0.0, 0
+    for action in range(values.shape[1]):
+        n_actions += values[0, action] != -np.inf
     for action in range(values.shape[1]):
         if values[0, action] == best:
             total += q[0, state, action]
             ties += 1.0
-        mean += q[0, state, action] / values.shape[1]
+        if values[0, action] != -np.inf:
+            mean += q[0, state, action] / n_actions
     return (1.0 - epsilon) * total / ties + epsilon * mean
 
 
@@ -402,6 +410,8 @@ def _expect_softmax(exploration, q, state, values, step):
     beta, best = at(exploration.inverse_temperature, step), highest(values, ONLY_ROW)
     total, weight = 0.0, 0.0
     for action in range(values.shape[1]):
+        if values[0, action] == -np.inf:
+            continue
         w = np.exp(beta * (values[0, action] - best))
         total += w * q[0, state, action]
         weight += w

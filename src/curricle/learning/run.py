@@ -58,7 +58,13 @@ from curricle.planning.policy_evaluation import (
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, Task, generative_model
+from curricle.tasks.mdp import (
+    NO_LIMIT,
+    GenerativeModel,
+    Task,
+    available_actions,
+    generative_model,
+)
 from curricle.tasks.models import Functions
 
 MOST_ACTIONS = int(TIED)  # actions that 15 bits can tell apart
@@ -485,6 +491,8 @@ class Run:
             potential.fill(q, initial)
         if self.task.terminal is not None:
             q[self.task.terminal] = 0.0
+        if (available := available_actions(self.task)) is not None:
+            q[~available] = -np.inf  # so that no policy takes it, and no target is read from it
         return q
 
     def _only_ends(self, record: Record, tables: FloatTable, potential: Any) -> IntArray:
@@ -496,5 +504,6 @@ class Run:
         initial = float(self.learner.initial_value)
         phi = 0.0 if potential is None else potential.pairs(ends)
         start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
-        same: Any = (tables[:, ends] == start.astype(tables.dtype)).all(axis=(0, 2))
+        now = tables[:, ends]
+        same: Any = ((now == start.astype(now.dtype)) | np.isneginf(now)).all(axis=(0, 2))
         return np.asarray(ends[same])

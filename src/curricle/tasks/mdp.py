@@ -6,7 +6,7 @@ rows of up to O outcomes. A maze has Y = 2 S, a pursuit Y = S, an arbitrary MDP 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +17,18 @@ from curricle.errors import TaskError
 from curricle.tasks.models import (
     LARGEST_REWARD,
     REWARD_RULE,
+    AvailableTable,
     DeterministicTables,
+    Restricted,
     Tables,
     check_horizon,
     cumulated,
     described,
     learning_model,
 )
-from curricle.tasks.spaces import Component, Space, whole_by_type
+from curricle.tasks.spaces import Component, Space, state_name, whole_by_type
 
+Table = TypeVar("Table", bound=npt.NDArray[Any])
 PROBABILITY_TOLERANCE = 1e-8
 SINGLE_PRECISION = 1e-6
 """How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
@@ -59,6 +62,9 @@ class FiniteMDP(Frozen):
         In [0, 1]; 1 only where a way leads to an end from every state, or a time limit is set.
     time_limit : int, optional
         Steps after which an episode is truncated. This is not termination: learners bootstrap.
+    available : (S, A) bool, optional
+        Which actions can be taken in each state, by default all; None where all can. The outcome
+        row of a pair that is not available becomes that of the state's first available action.
 
     Raises
     ------
@@ -84,6 +90,7 @@ class FiniteMDP(Frozen):
     start: FloatArray
     discount: float
     time_limit: int | None = None
+    available: BoolArray | None = None
 
     def __post_init__(self) -> None:
         instance("states", self.states, Space, TaskError)
@@ -115,6 +122,7 @@ class FiniteMDP(Frozen):
             if name in ("probability", "start"):
                 array = frozen(normalised(array))
             object.__setattr__(self, name, array)
+        self._check_available()
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
         start = self.start
         if abs(start.sum() - 1) > PROBABILITY_TOLERANCE:
@@ -138,6 +146,29 @@ class FiniteMDP(Frozen):
                     f"there from state {endless.argmax()}"
                 )
 
+    def _check_available(self) -> None:
+        """Narrow the actions to those that are available, and make the others' rows duplicates."""
+        # A duplicate changes no optimum, no bound and no state that can be reached: what reads
+        # tables without choosing an action needs to know nothing of available actions.
+        if self.available is None:
+            return
+        available = _adopted("available", self.available, np.bool_)
+        if available.shape != self.outcome_row.shape:
+            raise TaskError(
+                f"available must have shape {self.outcome_row.shape}: got {available.shape}"
+            )
+        available = available | self.terminal[:, None]
+        if not available.any(axis=1).all():
+            state = state_name(self.states, int(available.any(axis=1).argmin()))
+            raise TaskError(
+                f"a state that does not end episodes needs an available action: {state} has none"
+            )
+        if available.all():
+            object.__setattr__(self, "available", None)
+            return
+        object.__setattr__(self, "available", frozen(available))
+        object.__setattr__(self, "outcome_row", frozen(duplicated(self.outcome_row, available)))
+
     @classmethod
     def from_dense(
         cls,
@@ -150,6 +181,7 @@ class FiniteMDP(Frozen):
         time_limit: int | None = None,
         states: Space | None = None,
         actions: Space | None = None,
+        available: npt.ArrayLike | None = None,
     ) -> Self:
         """Return the MDP of dense arrays.
 
@@ -162,8 +194,9 @@ class FiniteMDP(Frozen):
         terminal : (S,) bool array
         start : int or (S,) float array
             The start state, or its distribution.
-        discount, time_limit, states, actions
+        discount, time_limit, states, actions, available
             As in the class; spaces default to one component ``state`` and one ``action``.
+            Transitions of pairs that are not available do not count.
 
         Examples
         --------
@@ -196,6 +229,7 @@ class FiniteMDP(Frozen):
             start=start_distribution(start, n_states),
             discount=discount,
             time_limit=time_limit,
+            available=available,
         )
 
     @classmethod
@@ -217,7 +251,8 @@ class FiniteMDP(Frozen):
         outcomes : nested sequences or dicts
             ``outcomes[s][a]`` is a list of ``(probability, next_state, reward)``, or of
             ``(probability, next_state, reward, terminated)`` as Gymnasium's toy-text tables
-            have it. The list may be empty in terminal states.
+            have it. The list may be empty in terminal states; elsewhere an empty list means that
+            the action is not available.
         terminal : (S,) bool array, optional
             Needed unless the outcomes carry ``terminated``.
         start, discount, time_limit, states, actions
@@ -229,6 +264,7 @@ class FiniteMDP(Frozen):
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
         settings: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
         settings["terminal"] = np.asarray(terminal)
+        settings["available"] = np.array([[bool(pair) for pair in row] for row in lists])
         return cls.one_row_a_pair(states, actions, *tables, **settings)
 
     @classmethod
@@ -257,9 +293,17 @@ class FiniteMDP(Frozen):
         return self
 
     @cached_property
-    def model(self) -> Tables | DeterministicTables:
+    def model(self) -> Tables | DeterministicTables | Restricted:
         """The generative model for compiled loops."""
-        return learning_model(self)
+        model = learning_model(self)
+        if self.available is None:
+            return model
+        return Restricted(model, AvailableTable(self.available))
+
+    @property
+    def available_table(self) -> BoolArray | None:
+        """The available actions, as every kind of task with a generative model has them."""
+        return self.available
 
     @cached_property
     def cumulative(self) -> FloatArray:
@@ -278,8 +322,42 @@ class FiniteMDP(Frozen):
         """The states an episode may start in."""
         return frozen(np.flatnonzero(self.start))
 
+    @property
+    def random_policy(self) -> FloatArray:
+        """The policy that takes each available action equally often, (S, A) float64.
+
+        Examples
+        --------
+        >>> FiniteMDP.from_outcomes([[[(1.0, 1, 0.0)], []], [[], []]], terminal=[False, True],
+        ...                         start=0, discount=0.9).random_policy
+        array([[1. , 0. ],
+               [0.5, 0.5]])
+        """
+        if self.available is None:
+            return np.full(self.outcome_row.shape, 1 / self.actions.size)
+        return np.asarray(self.available / self.available.sum(axis=1, keepdims=True))
+
     def __repr__(self) -> str:
         return described(self, f"{int(self.terminal.sum())} terminal")
+
+
+def closed(values: Table, available: BoolArray | None) -> Table:
+    """Return values of pairs, (..., S, A), with -inf where an action is not available."""
+    return values if available is None else np.where(available, values, values.dtype.type(-np.inf))
+
+
+def duplicated(values: Table, available: BoolArray | None) -> Table:
+    """Return values, (S, A), in which each unavailable pair has its state's first available one."""
+    if available is None:
+        return values
+    first = available.argmax(axis=1)[:, None]
+    return np.where(available, values, np.take_along_axis(values, first, axis=1))
+
+
+def available_actions(task: Any) -> BoolArray | None:
+    """Return which actions a task knows to be available, (S, A) bool; None where all may be."""
+    known: BoolArray | None = getattr(generative_model(task), "available_table", None)
+    return known
 
 
 def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:

@@ -14,10 +14,18 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from numba.extending import overload
 
-from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.kernel import INLINED, Overloaded, first_above, uniform
+from curricle.tasks.kernel import (
+    INLINED,
+    Overloaded,
+    first_above,
+    inlined,
+    integers,
+    splitmix64,
+    uniform,
+)
 from curricle.tasks.spaces import Space, action_name, state_name
 from curricle.text import counted
 
@@ -83,6 +91,90 @@ first_states, transitions = Overloaded(first_state), Overloaded(transition)
 truncations = Overloaded(truncated, otherwise=lambda model: False)
 failures = Overloaded(has_failed, otherwise=lambda model: False)
 evaluation_models = Overloaded(evaluation_model, otherwise=lambda model: model)
+
+
+# -- actions that are not available everywhere -----------------------------------------------------
+
+
+def is_available(available, state, action):
+    """Return whether an action can be taken in a state; by default every action can."""
+
+
+def permitted(model, state, action, bits):
+    """Return the action if it is available in the state, else one drawn among those that are."""
+
+
+availabilities = Overloaded(is_available, otherwise=lambda available, state, action: True)
+permissions = Overloaded(permitted, otherwise=lambda model, state, action, bits: action)
+
+
+class AvailableTable(NamedTuple):
+    """The available actions of every state."""
+
+    table: BoolArray  # (S, A)
+
+
+class OpenValues(NamedTuple):
+    """The available actions as a learner's values show them, which are -inf where there is none."""
+
+    values: FloatTable  # (S, A)
+
+
+@availabilities.body(AvailableTable)
+def _is_listed(available, state, action):
+    return available.table[state, action]
+
+
+@availabilities.body(OpenValues)
+def _is_open(available, state, action):
+    return available.values[state, action] != -np.inf
+
+
+@inlined
+def drawn_among_available(available, n_actions, state, action, bits):
+    """Return the action if it is available in a state, else a uniform draw among those that are."""
+    # The bits have chosen the action, and mixed once they choose its outcome.
+    if is_available(available, state, action):
+        return action
+    count, n_actions, chosen = np.uint64(0), np.uint64(n_actions), np.uint64(action)
+    for other in range(n_actions):
+        count += np.uint64(is_available(available, state, other))
+    left = integers(splitmix64(~bits), count)
+    for other in range(n_actions):
+        if is_available(available, state, other):
+            if left == np.uint64(0):
+                chosen = other
+            left -= np.uint64(1)
+    return chosen
+
+
+@inlined
+def close_row(available, state, table, row):
+    """Write -inf into the row of a state where an action is not available."""
+    for action in range(np.uint64(table.shape[1])):
+        if not is_available(available, state, action):
+            table[row, action] = -np.inf
+
+
+class Restricted(NamedTuple):
+    """A model of tables in which some actions are not available."""
+
+    model: Any
+    available: AvailableTable
+
+
+first_states.body(Restricted)(lambda model, bits: first_state(model.model, bits))
+
+
+@transitions.body(Restricted)
+def _restricted_step(model, state, action, bits):
+    return transition(model.model, state, action, bits)
+
+
+@permissions.body(Restricted)
+def _permitted_by_table(model, state, action, bits):
+    n_actions = model.available.table.shape[1]
+    return drawn_among_available(model.available, n_actions, state, action, bits)
 
 
 # -- tables ----------------------------------------------------------------------------------------

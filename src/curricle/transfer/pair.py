@@ -9,7 +9,7 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
+from curricle.tasks.mdp import FiniteMDP, Task, closed, reachable_states, tables
 from curricle.text import brief_repr
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
@@ -66,7 +66,7 @@ class TaskPair:
         """Values of the target's random or myopic policy, (S,): whichever has the larger mean."""
         mdp = self.target_mdp
         rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
-        policies = np.full(rewards.shape, 1 / rewards.shape[1]), greedy_policy(rewards)
+        policies = mdp.random_policy, greedy_policy(closed(rewards, mdp.available))
         values = [evaluate(mdp, policy).values for policy in policies]
         return max(values, key=lambda by_policy: float(by_policy[self.judged].mean()))
 
@@ -104,8 +104,9 @@ class TaskPair:
 
 def apart(index: IntArray, of_target: Solution, of_source: Solution) -> FloatArray:
     """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it reads none."""
-    read = np.where(index >= 0, of_source.action_values.ravel()[np.maximum(index, 0)], 0.0)
-    return np.asarray(abs(of_target.action_values - np.where(index == UNMAPPED, np.nan, read)))
+    read = np.where(index >= 0, of_source.finite_action_values.ravel()[np.maximum(index, 0)], 0.0)
+    read = np.where(index == UNMAPPED, np.nan, read)
+    return np.asarray(abs(of_target.finite_action_values - read))
 
 
 # -- what a search proposes ------------------------------------------------------------------------
