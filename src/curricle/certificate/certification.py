@@ -426,7 +426,8 @@ class ActionComparison:
     @cached_property
     def task(self) -> ActionValues:
         """The values of the task itself."""
-        return ActionValues(self.unshaped.action_values[self.met.states], self.unshaped.error_bound)
+        q = self.unshaped.finite_action_values[self.met.states]
+        return ActionValues(q, self.unshaped.error_bound)
 
     @property
     def loss(self) -> float:

@@ -57,11 +57,12 @@ from curricle.planning.policy_evaluation import (
 )
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
-from curricle.tasks.live import open_model
+from curricle.tasks.live import masks_actions, open_model
 from curricle.tasks.mdp import (
     NO_LIMIT,
     GenerativeModel,
     Task,
+    availability,
     available_actions,
     generative_model,
 )
@@ -291,12 +292,17 @@ class Run:
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
-        if self.learner.update != Q_LEARNING:
-            return False
+        if self.learner.update != Q_LEARNING or masks_actions(self.task):
+            return False  # the fast loop keeps maxima, beside which no environment closes an action
         return shaping is None or (shaping.starts_at_potential and shaping.portfolio is None)
 
     def check_sparse(self, settings: Sequence[SeedSettings]) -> None:
         """Raise SettingError unless the loop for sparse tables can train every seed."""
+        if masks_actions(self.task):
+            raise SettingError(
+                "sparse tables need actions whose availability is known beforehand: got a live "
+                f"task with action_masks, {self.task!r}, which is learnt with dense tables"
+            )
         for shaping in (seed.shaping for seed in settings):
             if not self.plain(shaping) or isinstance(self.learner, OptimisticQLearning):
                 entering = "no shaping" if shaping is None else shaping.name
@@ -328,7 +334,7 @@ class Run:
             if self.task.terminal is not None:
                 acts[self.task.terminal] = 0.0
             tables = self._dense(seed, acts), Beside(learnt, highest), None
-        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None])
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None, None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
@@ -353,7 +359,7 @@ class Run:
         kernel = shaping.portfolio.kernel
         members = Members(kernel, tally, rows, highest, visits, part(0), learnt)
         tables = table, None, members
-        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, :n])
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, None, :n])
         if seed.out is not None:
             seed.out[...] = q[:n] if tally.share[0] > UNDECIDED else learnt.q
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
@@ -375,12 +381,13 @@ class Run:
             np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
             np.ones(1, np.int64),
             lookup._replace(initial=float(self.learner.initial_value)),
+            availability(self.task),
             np.uint64(splitmix64(seed.start)),
             self._width,
             (None,),
         )
         steps, episodes = self._loop(
-            train_q_learning, seed, (table, None, None), table, table.q[None]
+            train_q_learning, seed, (table, None, None), table, table.q[None, None]
         )
         checkpoint, rest = divmod(steps, self.eval_freq)
         stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
@@ -409,7 +416,7 @@ class Run:
         highest = 0.0 if self.bounds is None else self.bounds[1]
         learners = Learners.starting(q, self.learner.update, shaping.kernel(), kernel, highest)
         acting = Acting(q[0], False, learners.shaping.pair_values, 0.0, learners.values)
-        steps, episodes = self._loop(train, seed, learners, acting, q[-1])
+        steps, episodes = self._loop(train, seed, learners, acting, q)
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             if portfolio is None or record.source_share[checkpoint] > UNDECIDED:
                 step = checkpoint * self.eval_freq
@@ -429,7 +436,8 @@ class Run:
     ) -> Any:
         """Run a loop on a table or learners and return its result.
 
-        It evaluates a view such as `view`; `q`, (m, S, A), are the tables that are acted on first.
+        It evaluates a view such as `view`; `q`, (n, m, S, A), are the m tables of each learner, the
+        last of which acts first.
         """
         discount, limit = self.task.discount, self.task.time_limit
         limit = int(NO_LIMIT if limit is None else limit)
@@ -452,7 +460,7 @@ class Run:
                 self.eval_freq,
                 seed.evaluation.compiled_for(model, view),
                 seed.record,
-                address_of(compiled(note, False), *noted, q[0], q[0]),
+                address_of(compiled(note, False), *noted, q[-1, 0], q[-1, 0]),
             )
             rule = self.learner.kernel(visits)
             totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
@@ -464,7 +472,7 @@ class Run:
         self, settings: SeedSettings, start: int, q: FloatTable
     ) -> AbstractContextManager[Any]:
         """Return a context with the model that one seed's loop samples from `start` on."""
-        return open_model(self.task, start)
+        return open_model(self.task, start, q)
 
     @property
     def shape(self) -> tuple[int, int]:

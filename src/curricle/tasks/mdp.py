@@ -300,11 +300,6 @@ class FiniteMDP(Frozen):
             return model
         return Restricted(model, AvailableTable(self.available))
 
-    @property
-    def available_table(self) -> BoolArray | None:
-        """The available actions, as every kind of task with a generative model has them."""
-        return self.available
-
     @cached_property
     def cumulative(self) -> FloatArray:
         """Cumulative outcome probabilities, (Y, O) float64; the last possible outcome gets 1."""
@@ -343,7 +338,10 @@ class FiniteMDP(Frozen):
 
 def closed(values: Table, available: BoolArray | None) -> Table:
     """Return values of pairs, (..., S, A), with -inf where an action is not available."""
-    return values if available is None else np.where(available, values, values.dtype.type(-np.inf))
+    if available is None:
+        return values
+    open_alone: Any = np.where(available, values, -np.inf)
+    return open_alone  # type: ignore[no-any-return]
 
 
 def duplicated(values: Table, available: BoolArray | None) -> Table:
@@ -351,13 +349,25 @@ def duplicated(values: Table, available: BoolArray | None) -> Table:
     if available is None:
         return values
     first = available.argmax(axis=1)[:, None]
-    return np.where(available, values, np.take_along_axis(values, first, axis=1))
+    copied: Any = np.where(available, values, np.take_along_axis(values, first, axis=1))
+    return copied  # type: ignore[no-any-return]
 
 
-def available_actions(task: Any) -> BoolArray | None:
-    """Return which actions a task knows to be available, (S, A) bool; None where all may be."""
-    known: BoolArray | None = getattr(generative_model(task), "available_table", None)
-    return known
+def available_actions(task: Any, states: IntArray | None = None) -> BoolArray | None:
+    """Return the available actions of n states, by default all, (n, A) bool; None where all are.
+
+    A live task does not know them before it is played.
+    """
+    rules: Any = generative_model(task)
+    if hasattr(rules, "available_rows"):
+        return rules.available_rows(states)  # type: ignore[no-any-return]
+    known: BoolArray | None = getattr(rules, "available", None)
+    return known if known is None or states is None else known[states]
+
+
+def availability(task: Any) -> Any:
+    """Return the available actions for compiled code; None where all are, or none are known."""
+    return getattr(generative_model(task).model, "available", None)
 
 
 def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:

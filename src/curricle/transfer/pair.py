@@ -9,7 +9,7 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import FiniteMDP, Task, closed, reachable_states, tables
+from curricle.tasks.mdp import FiniteMDP, Task, closed, duplicated, reachable_states, tables
 from curricle.text import brief_repr
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
@@ -98,6 +98,12 @@ class TaskPair:
 
     def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal to read the source through an index, (S, A), and how it was found."""
+        # Searches read tables, in which an unavailable pair is a copy of another pair.
+        pairs = np.arange(self.source_mdp.outcome_row.size).reshape(
+            self.source_mdp.outcome_row.shape
+        )
+        copied = duplicated(pairs, self.source_mdp.available).ravel()
+        index = np.where(index < 0, index, copied[np.maximum(index, 0)])
         mapping = StateActionMapping(self.target, self.source, index, how=how, knows_target=True)
         return Proposal(mapping, how, self.bound(index))
 
