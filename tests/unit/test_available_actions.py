@@ -94,8 +94,8 @@ def test_random_rollouts_are_uniform_over_available_actions(by):
         task = ComputedMDP(
             cr.Space([cr.Component("state", 1)]), cr.Space([cr.Component("action", 5)]),
             lambda data, bits: 0,
-            lambda data, state, action, bits: (0, 1.0 if cr.tasks.bernoulli(bits, 0.5) else 0.0, False),
-            available=lambda data, state, action: action in (0, 2, 3),
+            lambda data, state, action, bits: (0, 1.0 * (bits % 2), False),
+            time_limit=None, available=lambda data, state, action: action in (0, 2, 3),
         )  # fmt: skip
     actions = random_rollouts(task, episodes=30, length=1000).actions.ravel()
     counts = np.bincount(actions, minlength=5)
