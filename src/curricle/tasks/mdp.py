@@ -4,6 +4,7 @@ Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, 
 rows of up to O outcomes. A maze has Y = 2 S, a pursuit Y = S, an arbitrary MDP Y = S A.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, Self, TypeVar
@@ -12,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, frozen
-from curricle.checks import brief, instance, numbers
+from curricle.checks import brief, indices, instance, numbers
 from curricle.errors import TaskError
 from curricle.tasks.models import (
+    LARGEST,
     LARGEST_REWARD,
     REWARD_RULE,
     AvailableTable,
@@ -39,7 +41,8 @@ NO_LIMIT = np.int64(2**62)  # steps that stand for no limit in compiled loops
 class FiniteMDP(Frozen):
     """A finite MDP with a start distribution, a discount and a time limit; validated and frozen.
 
-    Use :meth:`from_dense` or :meth:`from_outcomes` unless you have the compact form.
+    Use :meth:`from_dense`, :meth:`from_sparse`, :meth:`from_pairs` or :meth:`from_outcomes` unless
+    you have the compact form.
 
     Parameters
     ----------
@@ -268,6 +271,162 @@ class FiniteMDP(Frozen):
         return cls.one_row_a_pair(states, actions, *tables, **settings)
 
     @classmethod
+    def from_sparse(cls, transition: Sequence[Any], reward: Any, **settings: Any) -> Self:
+        """Return the MDP of a matrix for each action, sparse or dense, as pymdptoolbox has them.
+
+        Parameters
+        ----------
+        transition : sequence of A matrices (S, S)
+            P(s' | s) of each action. A row without entries means that the action is not available.
+        reward : (S,), (S, A), or sequence of A matrices (S, S)
+            Reward on the state that is left; on s, a; or on s, a, s'.
+        **settings
+            As in :meth:`from_pairs`.
+
+        Raises
+        ------
+        TaskError
+            When shapes do not fit, or a probability, a reward or a setting breaks a rule.
+
+        Examples
+        --------
+        >>> from scipy.sparse import csr_array
+        >>> stay, go = csr_array([[1.0, 0.0], [0.0, 1.0]]), csr_array([[0.1, 0.9], [0.0, 0.0]])
+        >>> mdp = FiniteMDP.from_sparse([stay, go], [0.0, 1.0], start=0, discount=0.5)
+        >>> mdp.available
+        array([[ True,  True],
+               [ True, False]])
+        """
+        from scipy.sparse import issparse, vstack
+
+        if not isinstance(transition, Sequence | np.ndarray):
+            raise TaskError(
+                f"transition must be a matrix (S, S) for each action: got {brief(transition)}"
+            )
+        matrices = [_sparse("transition", matrix) for matrix in transition]
+        shapes = {matrix.shape for matrix in matrices}
+        if len(shapes) != 1 or not (size := shapes.pop())[0] == size[1] > 0:
+            raise TaskError(
+                "transition must be a matrix (S, S) for each action: got "
+                f"{[matrix.shape for matrix in matrices]}"
+            )
+        n_states, n_actions = size[0], len(matrices)
+        s, a = np.tile(np.arange(n_states), n_actions), np.repeat(np.arange(n_actions), n_states)
+        several = isinstance(reward, Sequence | np.ndarray) and len(reward)
+        if several and (issparse(reward[0]) or np.ndim(reward[0]) == 2):
+            by_action = [_sparse("reward", matrix) for matrix in reward]
+            if [matrix.shape for matrix in by_action] != [size] * n_actions:
+                raise TaskError(
+                    f"reward must have a matrix {size} for each of {n_actions} actions: got "
+                    f"{[matrix.shape for matrix in by_action]}"
+                )
+            rewards: Any = vstack(by_action, format="csr")
+        else:
+            table = numbers("reward", reward.toarray() if issparse(reward) else reward, TaskError)
+            if table.shape not in ((n_states,), (n_states, n_actions)):
+                raise TaskError(
+                    f"reward must have shape {(n_states,)}, {(n_states, n_actions)} or a matrix "
+                    f"{size} for each action: got {table.shape}"
+                )
+            rewards = table[s] if table.ndim == 1 else table[s, a]
+        settings.setdefault("actions", Space([Component("action", n_actions)]))
+        return cls.from_pairs(vstack(matrices, format="csr"), rewards, s, a, **settings)
+
+    @classmethod
+    def from_pairs(
+        cls,
+        transition: Any,
+        reward: Any,
+        s_indices: npt.ArrayLike,
+        a_indices: npt.ArrayLike,
+        *,
+        start: npt.ArrayLike,
+        discount: float,
+        terminal: npt.ArrayLike | None = None,
+        time_limit: int | None = None,
+        states: Space | None = None,
+        actions: Space | None = None,
+    ) -> Self:
+        """Return the MDP of a row for each of L pairs (s, a), as QuantEcon's DiscreteDP has them.
+
+        Parameters
+        ----------
+        transition : (L, S) matrix, sparse or dense
+            P(s' | s, a) of each pair. Pairs that are not listed, or whose row has no entry, are not
+            available.
+        reward : (L,) float array or (L, S) matrix
+            Reward on s, a; or on s, a, s'.
+        s_indices, a_indices : (L,) int array
+            The state and the action of each row.
+        start : int or (S,) float array
+            The start state, or its distribution.
+        terminal : (S,) bool array, optional
+            States that end the episode when entered; by default none. Their rows do not count.
+        discount, time_limit, states, actions
+            As in the class; there are as many actions as the largest index says by default.
+
+        Raises
+        ------
+        TaskError
+            When shapes do not fit, a pair is listed twice, or a probability, a reward or a setting
+            breaks a rule.
+
+        Examples
+        --------
+        >>> mdp = FiniteMDP.from_pairs([[0.5, 0.5], [0, 1], [0, 1]], [5.0, 10.0, -1.0],
+        ...                            [0, 0, 1], [0, 1, 0], start=0, discount=0.9)
+        >>> mdp.available.tolist(), mdp.reward[1, 0]
+        ([[True, True], [True, False]], np.float64(10.0))
+        """
+        p = _sparse("transition", transition)
+        (n_rows, n_states), counts = p.shape, np.diff(p.indptr)
+        s = indices("s_indices", s_indices, n_states, TaskError)
+        a = indices("a_indices", a_indices, LARGEST if actions is None else actions.size, TaskError)
+        if not (s.shape == a.shape == (n_rows,) and n_rows):
+            raise TaskError(
+                f"s_indices and a_indices must have shape {(n_rows,)}, an entry for each row of "
+                f"transition, at least one: got {s.shape} and {a.shape}"
+            )
+        row, column = np.repeat(np.arange(n_rows), counts), p.indices
+        if np.ndim(reward) == 2:
+            paid = _sparse("reward", reward)
+            if paid.shape != p.shape:
+                raise TaskError(f"reward must have shape {p.shape}: got {paid.shape}")
+            rewards = np.asarray(paid[row, column]).ravel()
+        else:
+            of_rows = numbers("reward", reward, TaskError)
+            if of_rows.shape != (n_rows,):
+                raise TaskError(f"reward must have shape {(n_rows,)}: got {of_rows.shape}")
+            rewards = of_rows[row]
+        n_actions = int(a.max()) + 1 if actions is None else actions.size
+        rows, listed = np.zeros((n_states, n_actions), np.int64), np.zeros((n_states, n_actions))
+        np.add.at(listed, (s, a), 1)
+        if listed.max() > 1:
+            state, action = np.argwhere(listed > 1)[0]
+            raise TaskError(
+                f"a pair must have one row: state {state}, action {action} has "
+                f"{int(listed[state, action])}"
+            )
+        rows[s, a], listed[s, a] = np.arange(n_rows), counts > 0
+        place, width = np.arange(len(row)) - p.indptr[row], max(1, int(counts.max()))
+        outcomes = np.zeros((3, n_rows, width))
+        for table, values in zip(outcomes, (p.data, column, rewards), strict=True):
+            table[row, place] = values
+        return cls(
+            states or Space([Component("state", n_states)]),
+            actions or Space([Component("action", n_actions)]),
+            rows,
+            outcomes[0],
+            outcomes[1].astype(np.int64),
+            outcomes[2],
+            np.zeros(n_states, np.bool_) if terminal is None else np.asarray(terminal),
+            start_distribution(start, n_states),
+            discount,
+            time_limit,
+            listed > 0,
+        )
+
+    @classmethod
     def one_row_a_pair(
         cls,
         states: Space | None,
@@ -382,6 +541,19 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         kind = np.asarray(values).dtype
         raise TaskError(f"{name} must be flags, True or False: got other values, of {kind}")
     return array
+
+
+def _sparse(name: str, matrix: Any) -> Any:
+    """Return a matrix in SciPy's compressed rows, without zeros; TaskError where it is none."""
+    from scipy.sparse import csr_matrix  # of which an index by arrays gives an array
+
+    try:
+        rows = csr_matrix(matrix, dtype=np.float64, copy=True)
+    except (TypeError, ValueError):
+        raise TaskError(f"{name} must be a matrix of numbers: got {brief(matrix)}") from None
+    rows.sum_duplicates()
+    rows.eliminate_zeros()
+    return rows
 
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:
