@@ -336,14 +336,13 @@ def softmax(table, row, best, inverse_temperature, counter):
             return action, counter
     total = 0.0
     for action in range(n_actions):
-        if table[row, action] != -np.inf:  # 0 times infinity, of a beta of 0, is no number
-            total += np.exp(inverse_temperature * (table[row, action] - best))
+        total += np.exp(inverse_temperature * (table[row, action] - best))
     left = uniform(splitmix64(counter)) * total
     counter += STRIDE
     chosen = np.uint64(0)
     for action in range(n_actions):
         weight = np.exp(inverse_temperature * (table[row, action] - best))
-        if weight > 0.0:  # not of an unavailable action: its weight is 0, or no number
+        if weight > 0.0:
             chosen = action
             left -= weight
             if left < 0.0:
@@ -404,21 +403,27 @@ def _expect_epsilon_greedy(exploration, q, state, values, step):
     return (1.0 - epsilon) * total / ties + epsilon * mean
 
 
+@inlined
+def positive(beta):
+    """Return beta, or the smallest number for 0, by which -inf of an unavailable action stays."""
+    return beta if beta > 0.0 else 5e-324
+
+
 @explorations.body(Softmax)
 def _explore_softmax(exploration, values, row, best, step, counter):
-    beta = at(exploration.inverse_temperature, step)
+    beta = positive(at(exploration.inverse_temperature, step))
     action, counter = softmax(values, row, best, beta, counter)
     return action, splitmix64(counter), counter + STRIDE, False
 
 
 @expectations.body(Softmax)
 def _expect_softmax(exploration, q, state, values, step):
-    beta, best = at(exploration.inverse_temperature, step), highest(values, ONLY_ROW)
+    beta = positive(at(exploration.inverse_temperature, step))
+    best = highest(values, ONLY_ROW)
     total, weight = 0.0, 0.0
     for action in range(values.shape[1]):
-        if values[0, action] == -np.inf:
-            continue
         w = np.exp(beta * (values[0, action] - best))
-        total += w * q[0, state, action]
-        weight += w
+        if w > 0.0:  # else q may be -inf
+            total += w * q[0, state, action]
+            weight += w
     return total / weight
