@@ -25,7 +25,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from curricle.arrays import BoolArray, IntArray
+from curricle.arrays import IntArray
 from curricle.curriculum.curriculum import Curriculum, calibrated
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.miniature import Miniatures
@@ -34,7 +34,7 @@ from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
 from curricle.learning.stopping import StoppingRule
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import FiniteMDP, tables
+from curricle.tasks.mdp import live_pairs, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.by_components import identity
 from curricle.transfer.calibration import AnyPotential, Calibration
@@ -246,7 +246,7 @@ def unrelated_transfers(
     target, sources, edges = curriculum.tasks[curriculum.target], dict[str, SourceValues](), []
     for edge in curriculum.in_edges(curriculum.target):
         mdp = tables(curriculum.tasks[edge.source])
-        rows, live = mdp.outcome_row.copy(), _live_pairs(mdp)
+        rows, live = mdp.outcome_row.copy(), live_pairs(mdp)
         rng = np.random.default_rng([draw, 2])
         rows[live] = rng.permutation(rows[live])
         task = replace(mdp, outcome_row=rows)
@@ -266,18 +266,8 @@ def unrelated_transfers(
     return sources, edges
 
 
-def _live_pairs(mdp: FiniteMDP) -> BoolArray:
-    """Return the pairs of states that end no episode with actions that are available, (S, A)."""
-    live = ~mdp.terminal[:, None]
-    return (
-        np.broadcast_to(live, mdp.outcome_row.shape)
-        if mdp.available is None
-        else (live & mdp.available)
-    )
-
-
 def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
     """Return phi with its values permuted over all pairs that are not terminal."""
-    values, live = phi.values.copy(), _live_pairs(tables(phi.task))
+    values, live = phi.values.copy(), live_pairs(phi.task)
     values[live] = np.random.default_rng([seed, 1]).permutation(values[live])
     return StateActionPotential(phi.task, values)

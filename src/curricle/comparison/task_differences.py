@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import FloatArray
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, has_tables, same_task, tables
+from curricle.tasks.mdp import (
+    FiniteMDP,
+    Task,
+    generative_model,
+    has_tables,
+    live_pairs,
+    same_task,
+    tables,
+)
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
 
@@ -102,8 +110,7 @@ def _of_tables(mdp: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     if ends.size:
         yield f"end rule ({state_name(space, int(ends[0]))} ends one of them only)"
     alive = ~(mdp.terminal | other.terminal)
-    allowed = (mdp.random_policy > 0) != (other.random_policy > 0)
-    if len(where := np.argwhere(allowed & alive[:, None])):
+    if len(where := np.argwhere((live_pairs(mdp) != live_pairs(other)) & alive[:, None])):
         yield f"available actions ({state_name(space, int(where[0][0]))})"
     # With a random weight for each state, two distributions over successors with the same mean
     # weight are equal with probability 1.

@@ -36,7 +36,7 @@ from curricle.tasks.domain import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import LiveMDP, is_live
-from curricle.tasks.mdp import FiniteMDP, availability, available_actions, generative_model
+from curricle.tasks.mdp import FiniteMDP, available_actions, generative_model
 from curricle.tasks.models import Functions, check_answers, first_state, transition
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
@@ -663,7 +663,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         self._actions = Coding(rules.actions, action)
         self.observation_space, self.action_space = self._states.gym_space, self._actions.gym_space
         self._rules, self._model = rules, rules.model
-        self._restricted = availability(rules) is not None
+        self._restricted = getattr(self._model, "available", None) is not None
         self._users_code = isinstance(self._model, Functions)
         self._begun = compiled(_begun, self._users_code)
         self._moved = compiled(_moved, self._users_code)

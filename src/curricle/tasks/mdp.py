@@ -299,36 +299,31 @@ class FiniteMDP(Frozen):
         """
         from scipy.sparse import issparse, vstack
 
-        if not isinstance(transition, Sequence | np.ndarray):
-            raise TaskError(
-                f"transition must be a matrix (S, S) for each action: got {brief(transition)}"
-            )
-        matrices = [_sparse("transition", matrix) for matrix in transition]
-        shapes = {matrix.shape for matrix in matrices}
-        if len(shapes) != 1 or not (size := shapes.pop())[0] == size[1] > 0:
+        def matrices(name: str, given: Any) -> list[Any]:
+            return [_sparse(name, part) for part in given] if isinstance(given, listed) else []
+
+        listed, shape = (Sequence, np.ndarray), np.shape(reward)
+        of_actions = matrices("transition", transition)
+        n_states, n_actions = of_actions[0].shape[0] if of_actions else 0, len(of_actions)
+        square = [(n_states, n_states)] * n_actions
+        if not n_states or [matrix.shape for matrix in of_actions] != square:
             raise TaskError(
                 "transition must be a matrix (S, S) for each action: got "
-                f"{[matrix.shape for matrix in matrices]}"
+                f"{[matrix.shape for matrix in of_actions] or brief(transition)}"
             )
-        n_states, n_actions = size[0], len(matrices)
         s, a = np.tile(np.arange(n_states), n_actions), np.repeat(np.arange(n_actions), n_states)
-        several = isinstance(reward, Sequence | np.ndarray) and len(reward)
-        if several and (issparse(reward[0]) or np.ndim(reward[0]) == 2):
-            by_action = [_sparse("reward", matrix) for matrix in reward]
-            if [matrix.shape for matrix in by_action] != [size] * n_actions:
-                raise TaskError(
-                    f"reward must have a matrix {size} for each of {n_actions} actions: got "
-                    f"{[matrix.shape for matrix in by_action]}"
-                )
-            rewards: Any = vstack(by_action, format="csr")
+        if shape == (n_states,) and not issparse(reward[0]):
+            rewards: Any = numbers("reward", reward, TaskError)[s]
+        elif shape == (n_states, n_actions):
+            rewards = numbers("reward", reward, TaskError)[s, a]
         else:
-            table = numbers("reward", reward.toarray() if issparse(reward) else reward, TaskError)
-            if table.shape not in ((n_states,), (n_states, n_actions)):
+            by_action = matrices("reward", reward)
+            if [matrix.shape for matrix in by_action] != square:
                 raise TaskError(
-                    f"reward must have shape {(n_states,)}, {(n_states, n_actions)} or a matrix "
-                    f"{size} for each action: got {table.shape}"
+                    f"reward must have shape {(n_states,)} or {(n_states, n_actions)}, or a "
+                    f"matrix {square[0]} for each action: got {shape}"
                 )
-            rewards = table[s] if table.ndim == 1 else table[s, a]
+            rewards = vstack(by_action, format="csr")
         settings.setdefault("actions", Space([Component("action", n_actions)]))
         return cls.from_pairs(vstack(matrices, format="csr"), rewards, s, a, **settings)
 
@@ -522,6 +517,14 @@ def available_actions(task: Any, states: IntArray | None = None) -> BoolArray | 
         return rules.available_rows(states)  # type: ignore[no-any-return]
     known: BoolArray | None = getattr(rules, "available", None)
     return known if known is None or states is None else known[states]
+
+
+def live_pairs(task: Any) -> BoolArray:
+    """Return the pairs of known live states with available actions, (S, A) bool."""
+    rules, available = generative_model(task), available_actions(task)
+    pairs = np.ones((rules.states.size, rules.actions.size), np.bool_)
+    pairs[... if rules.terminal is None else rules.terminal] = rules.terminal is None
+    return pairs if available is None else pairs & available
 
 
 def availability(task: Any) -> Any:

@@ -25,6 +25,7 @@ from curricle.tasks.mdp import (
     available_actions,
     duplicated,
     generative_model,
+    live_pairs,
     same_task,
 )
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
@@ -327,13 +328,7 @@ class StateActionMapping(Frozen, TaskMapping):
 
     def coverage(self) -> "Coverage":
         """Return how much of the target is mapped, and how much of the source is read."""
-        live, available = (
-            ~terminal_states(task)[:, None] & (True if known is None else known)
-            for task, known in ((t, available_actions(t)) for t in (self.target, self.source))
-        )
-        index = self.index[np.broadcast_to(live, self.index.shape)]
-        pairs = self.source.states.size, self.source.actions.size
-        available = np.broadcast_to(available, pairs).ravel()
+        index, available = self.index[live_pairs(self.target)], live_pairs(self.source).ravel()
         readers = np.bincount(index[index >= 0], minlength=available.size)
         used = readers[readers > 0]
         return Coverage(

@@ -99,9 +99,8 @@ class TaskPair:
     def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal to read the source through an index, (S, A), and how it was found."""
         # Searches read tables, in which an unavailable pair is a copy of another pair.
-        pairs = np.arange(self.source_mdp.outcome_row.size).reshape(
-            self.source_mdp.outcome_row.shape
-        )
+        rows = self.source_mdp.outcome_row
+        pairs = np.arange(rows.size).reshape(rows.shape)
         copied = duplicated(pairs, self.source_mdp.available).ravel()
         index = np.where(index < 0, index, copied[np.maximum(index, 0)])
         mapping = StateActionMapping(self.target, self.source, index, how=how, knows_target=True)
