@@ -376,3 +376,15 @@ def test_a_wrong_function_of_available_actions_is_named():
     task = replace(ring(), available=lambda n, state, action: "yes")
     with pytest.raises(TaskError, match="available of a computed task must return a flag"):
         cr.learn(task, budget=100)
+
+
+@pytest.mark.parametrize("kind", ["gymnasium", "tabulated"])
+def test_a_study_file_asks_for_masks(kind, tmp_path):
+    (tmp_path / "masked.toml").write_text(
+        f'name = "taxi"\nbudget = 300\n[tasks.taxi]\ntype = "{kind}"\nid = "Taxi-v4"\n'
+        "action_masks = true\n",
+        "utf-8",
+    )
+    study = cr.read_study(tmp_path / "masked.toml")
+    task = study.curriculum("transfer").tasks["taxi"]
+    assert (task.mdp.random_policy == 0).any()

@@ -302,7 +302,10 @@ class FiniteMDP(Frozen):
         def matrices(name: str, given: Any) -> list[Any]:
             return [_sparse(name, part) for part in given] if isinstance(given, listed) else []
 
-        listed, shape = (Sequence, np.ndarray), np.shape(reward)
+        # Of a list of sparse matrices NumPy would make an array of objects.
+        listed = Sequence, np.ndarray
+        sparse = isinstance(reward, Sequence) and len(reward) and issparse(reward[0])
+        shape = () if sparse else np.shape(reward)
         of_actions = matrices("transition", transition)
         n_states, n_actions = of_actions[0].shape[0] if of_actions else 0, len(of_actions)
         square = [(n_states, n_states)] * n_actions
@@ -312,7 +315,7 @@ class FiniteMDP(Frozen):
                 f"{[matrix.shape for matrix in of_actions] or brief(transition)}"
             )
         s, a = np.tile(np.arange(n_states), n_actions), np.repeat(np.arange(n_actions), n_states)
-        if shape == (n_states,) and not issparse(reward[0]):
+        if shape == (n_states,):
             rewards: Any = numbers("reward", reward, TaskError)[s]
         elif shape == (n_states, n_actions):
             rewards = numbers("reward", reward, TaskError)[s, a]
@@ -325,7 +328,7 @@ class FiniteMDP(Frozen):
                 )
             rewards = vstack(by_action, format="csr")
         settings.setdefault("actions", Space([Component("action", n_actions)]))
-        return cls.from_pairs(vstack(matrices, format="csr"), rewards, s, a, **settings)
+        return cls.from_pairs(vstack(of_actions, format="csr"), rewards, s, a, **settings)
 
     @classmethod
     def from_pairs(
