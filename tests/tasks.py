@@ -47,6 +47,21 @@ def with_masks(task, seed, share=0.6):
     return replace(task, available=available)
 
 
+def among_more_actions(task, seed, n_actions=5):
+    """Return a task with its actions among more, in places that differ from state to state.
+
+    The others are not available. Also return the places, (S, A).
+    """
+    shape = len(task.start), n_actions
+    places = np.argsort(np.random.default_rng([seed, 8]).random(shape))[:, : task.actions.size]
+    places.sort(axis=1)
+    rows, available = np.zeros(shape, int), np.zeros(shape, bool)
+    np.put_along_axis(rows, places, task.outcome_row, axis=1)
+    np.put_along_axis(available, places, values=True, axis=1)
+    actions = Space([Component("action", n_actions)])
+    return replace(task, actions=actions, outcome_row=rows, available=available), places
+
+
 def predator_edges(hunt, chase, **settings):
     """Return a transfer for each predator of a hunt from a chase by one."""
     return [

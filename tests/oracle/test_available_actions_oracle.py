@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.certificate import ShapingReward
 from curricle.learning import OptimisticQLearning, Portfolio, value_bounds
-from tests.tasks import dense_of, random_mdp, with_masks
+from tests.tasks import among_more_actions, dense_of, random_mdp, with_masks
 
 from .conftest import learn_naively
 
@@ -119,12 +120,7 @@ def test_unavailable_actions_are_as_if_they_were_not_there(seed, kind):
     # among ties alone, of which there are as many in the same order: equal to the last bit.
     small = random_mdp(seed, n_actions=3, time_limit=9, discount=[0.9, 1.0][seed % 2])
     small = replace(small, reward=-1 - abs(small.reward))  # no way goes on for nothing
-    places = np.sort(np.argsort(np.random.default_rng(seed).random((len(small.start), 5)))[:, :3])
-    rows, available = np.zeros((len(small.start), 5), int), np.zeros((len(small.start), 5), bool)
-    np.put_along_axis(rows, places, small.outcome_row, axis=1)
-    np.put_along_axis(available, places, values=True, axis=1)
-    actions = cr.Space([cr.Component("action", 5)])
-    large = replace(small, actions=actions, outcome_row=rows, available=available)
+    large, places = among_more_actions(small, seed)
     np.testing.assert_array_equal(cr.solve(large).values, cr.solve(small).values)
     learner = kind(epsilon=0.0, learning_rate=0.5)
     first, second = (cr.learn(task, learner, 1500) for task in (small, large))
@@ -134,3 +130,27 @@ def test_unavailable_actions_are_as_if_they_were_not_there(seed, kind):
     np.testing.assert_array_equal(second.greedy_return, first.greedy_return)
     returns = [cr.planning.Target.of(task).random_return for task in (small, large)]
     np.testing.assert_allclose(*returns, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_certificates_are_those_of_the_task_without_the_other_actions(seed):
+    small = random_mdp(seed, n_actions=2 + seed % 2)
+    large, places = among_more_actions(small, seed)
+    rng = np.random.default_rng(seed)
+    phi, by_next = rng.normal(size=small.outcome_row.shape), rng.normal(size=(6, 6))
+    spread = np.where(large.available, 0.0, -np.inf)
+    np.put_along_axis(spread, places, phi, axis=1)
+
+    def added(s, a, after):
+        return by_next[s, after]
+
+    shapings = [
+        (cr.QInitialisation(phi), cr.QInitialisation(spread)),
+        (cr.StateShaping(phi), cr.StateShaping(spread)),
+        (cr.RewardBonus(phi), cr.RewardBonus(spread)),
+        (ShapingReward(added), ShapingReward(added)),
+    ]
+    for of_small, of_large in shapings:
+        first, second = (cr.certify(*pair) for pair in ((small, of_small), (large, of_large)))
+        assert first.holds == second.holds
+        assert "inf" not in str(second)

@@ -113,11 +113,13 @@ def test_random_rollouts_are_uniform_over_available_actions(by):
 
 
 def test_a_redrawn_action_says_nothing_about_its_outcome():
-    outcomes = [(0.5, 0, 0.0), (0.5, 1, 1.0)]
-    pairs = [outcomes, [], [], outcomes]
-    task = cr.FiniteMDP.from_outcomes(
-        [pairs, pairs], terminal=[False, False], start=0, discount=0.9
-    )
+    def step(data, state, action, bits):
+        return cr.tasks.integers(bits, 2), 0.0, False
+
+    task = ComputedMDP(
+        cr.Space([cr.Component("state", 2)]), cr.Space([cr.Component("action", 4)]),
+        lambda data, bits: 0, step, available=lambda data, state, action: action % 3 == 0,
+    )  # fmt: skip
     rolled = random_rollouts(task, episodes=20, length=1000)
     table = np.zeros((2, 2))
     np.add.at(table, (rolled.actions.ravel() // 3, rolled.states[:, 1:].ravel()), 1)
@@ -147,16 +149,23 @@ def test_an_available_pair_needs_a_finite_potential():
 
 @pytest.mark.parametrize("aggregate", [cr.mean, cr.minimum, cr.maximum])
 @pytest.mark.parametrize("n", [1, 2])
-def test_a_source_knows_nothing_of_actions_that_it_lacks(aggregate, n):
+@pytest.mark.parametrize("by", ["index", "name"])
+def test_a_source_knows_nothing_of_actions_that_it_lacks(by, aggregate, n):
     target = random_mdp(3, n_actions=4)
+    mapping = cr.transfer.identity
+    if by == "name":  # which is looked up while learning, but for the mean of several
+        cells = cr.Space([cr.Component("row", 2), cr.Component("column", 3)])
+        target, mapping = replace(target, states=cells), cr.project
     sources = {f"source {k}": with_masks(target, k) for k in range(n)}
-    edges = [cr.Transfer(name, "target", cr.transfer.identity(target, task))
+    edges = [cr.Transfer(name, "target", mapping(target, task))
              for name, task in sources.items()]  # fmt: skip
     curriculum = cr.Curriculum(
         {**sources, "target": target}, edges, budget=400, aggregate=aggregate
     )
     result = curriculum.train()
-    phi = result.potentials["target"][0].values
+    potential = result.potentials["target"][0]
+    assert (potential.kernel is not None) == (by == "name" and (n == 1 or aggregate is not cr.mean))
+    phi = potential.values
     read = np.stack([result.sources[name].values[0] for name in sources])
     read[np.isneginf(read)] = np.nan
     for s, a in product(*map(range, phi.shape)):

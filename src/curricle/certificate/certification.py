@@ -37,6 +37,7 @@ from curricle.tasks.live import is_live
 from curricle.tasks.mdp import (
     FiniteMDP,
     Task,
+    closed,
     generative_model,
     has_tables,
     improper_states,
@@ -426,8 +427,7 @@ class ActionComparison:
     @cached_property
     def task(self) -> ActionValues:
         """The values of the task itself."""
-        q = self.unshaped.finite_action_values[self.met.states]
-        return ActionValues(q, self.unshaped.error_bound)
+        return ActionValues(self.unshaped.action_values[self.met.states], self.unshaped.error_bound)
 
     @property
     def loss(self) -> float:
@@ -594,6 +594,8 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
+    allowed = None if met.mdp.available is None else met.mdp.available[met.states]
+    values = replace(values, values=closed(values.values, allowed))
     compared = ActionComparison(met, shaped.unshaped, values, tolerance)
     # At discount 1 the sum of F need not vanish in an episode without an end.
     endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
