@@ -16,7 +16,6 @@ from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, fr
 from curricle.checks import brief, indices, instance, numbers
 from curricle.errors import TaskError
 from curricle.tasks.models import (
-    LARGEST,
     LARGEST_REWARD,
     REWARD_RULE,
     AvailableTable,
@@ -34,6 +33,7 @@ Table = TypeVar("Table", bound=npt.NDArray[Any])
 PROBABILITY_TOLERANCE = 1e-8
 SINGLE_PRECISION = 1e-6
 """How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
+MOST_ACTIONS = 2**15  # an action of a larger number is a mistake, where most are not listed
 NO_LIMIT = np.int64(2**62)  # steps that stand for no limit in compiled loops
 
 
@@ -299,14 +299,8 @@ class FiniteMDP(Frozen):
         """
         from scipy.sparse import issparse, vstack
 
-        def matrices(name: str, given: Any) -> list[Any]:
-            return [_sparse(name, part) for part in given] if isinstance(given, listed) else []
-
-        # Of a list of sparse matrices NumPy would make an array of objects.
         listed = Sequence, np.ndarray
-        sparse = isinstance(reward, Sequence) and len(reward) and issparse(reward[0])
-        shape = () if sparse else np.shape(reward)
-        of_actions = matrices("transition", transition)
+        of_actions = [*map(_sparse, transition)] if isinstance(transition, listed) else []
         n_states, n_actions = of_actions[0].shape[0] if of_actions else 0, len(of_actions)
         square = [(n_states, n_states)] * n_actions
         if not n_states or [matrix.shape for matrix in of_actions] != square:
@@ -315,19 +309,21 @@ class FiniteMDP(Frozen):
                 f"{[matrix.shape for matrix in of_actions] or brief(transition)}"
             )
         s, a = np.tile(np.arange(n_states), n_actions), np.repeat(np.arange(n_actions), n_states)
-        if shape == (n_states,):
-            rewards: Any = numbers("reward", reward, TaskError)[s]
-        elif shape == (n_states, n_actions):
-            rewards = numbers("reward", reward, TaskError)[s, a]
+        if isinstance(reward, listed) and any(
+            issparse(part) or np.ndim(part) == 2 for part in reward
+        ):
+            parts = [_sparse(part, "reward") for part in reward]
+            shape: Any = [part.shape for part in parts]
+            rewards = vstack(parts, format="csr") if shape == square else None
         else:
-            by_action = matrices("reward", reward)
-            if [matrix.shape for matrix in by_action] != square:
-                raise TaskError(
-                    f"reward must have shape {(n_states,)} or {(n_states, n_actions)}, or a "
-                    f"matrix {square[0]} for each action: got {shape}"
-                )
-            rewards = vstack(by_action, format="csr")
-        settings.setdefault("actions", Space([Component("action", n_actions)]))
+            table = numbers("reward", reward, TaskError)
+            fits = (shape := table.shape) in ((n_states,), (n_states, n_actions))
+            rewards = table[(s, a)[: table.ndim]] if fits else None
+        if rewards is None:
+            raise TaskError(
+                f"reward must have shape {(n_states,)} or {(n_states, n_actions)}, or a matrix "
+                f"{square[0]} for each action: got {shape}"
+            )
         return cls.from_pairs(vstack(of_actions, format="csr"), rewards, s, a, **settings)
 
     @classmethod
@@ -376,10 +372,11 @@ class FiniteMDP(Frozen):
         >>> mdp.available.tolist(), mdp.reward[1, 0]
         ([[True, True], [True, False]], np.float64(10.0))
         """
-        p = _sparse("transition", transition)
+        p = _sparse(transition)
         (n_rows, n_states), counts = p.shape, np.diff(p.indptr)
         s = indices("s_indices", s_indices, n_states, TaskError)
-        a = indices("a_indices", a_indices, LARGEST if actions is None else actions.size, TaskError)
+        most = max(n_rows, MOST_ACTIONS) if actions is None else actions.size
+        a = indices("a_indices", a_indices, most, TaskError)
         if not (s.shape == a.shape == (n_rows,) and n_rows):
             raise TaskError(
                 f"s_indices and a_indices must have shape {(n_rows,)}, an entry for each row of "
@@ -387,7 +384,7 @@ class FiniteMDP(Frozen):
             )
         row, column = np.repeat(np.arange(n_rows), counts), p.indices
         if np.ndim(reward) == 2:
-            paid = _sparse("reward", reward)
+            paid = _sparse(reward, "reward")
             if paid.shape != p.shape:
                 raise TaskError(f"reward must have shape {p.shape}: got {paid.shape}")
             rewards = np.asarray(paid[row, column]).ravel()
@@ -549,7 +546,7 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     return array
 
 
-def _sparse(name: str, matrix: Any) -> Any:
+def _sparse(matrix: Any, name: str = "transition") -> Any:
     """Return a matrix in SciPy's compressed rows, without zeros; TaskError where it is none."""
     from scipy.sparse import csr_matrix  # of which an index by arrays gives an array
 
