@@ -387,6 +387,24 @@ def test_a_wrong_function_of_available_actions_is_named():
         cr.learn(task, budget=100)
 
 
+def test_a_saved_result_keeps_what_is_not_available(tmp_path):
+    task = with_masks(random_mdp(7, n_actions=4, time_limit=10), 7)
+    result = cr.learn(task, None, 500, snapshots=3)
+    again = cr.learning.LearningResult.load(result.save(tmp_path / "result"), task)
+    np.testing.assert_array_equal(again.values, result.values)
+    np.testing.assert_array_equal(again.snapshots.values, result.snapshots.values)
+    assert (again.policy.episode(max_steps=5).actions < 4).all()
+
+
+def test_differences_of_tasks_name_available_actions():
+    task = with_masks(random_mdp(7, n_actions=4), 7)
+    first = cr.comparison.task_differences.task_summary(task)
+    other = cr.comparison.task_differences.task_summary(replace(task, available=None))
+    assert any("available actions" in line for line in
+               cr.comparison.task_differences.summary_differences(first, other))  # fmt: skip
+    assert cr.comparison.task_differences.summary_differences(first, first) == ()
+
+
 @pytest.mark.parametrize("kind", ["gymnasium", "tabulated"])
 def test_a_study_file_asks_for_masks(kind, tmp_path):
     (tmp_path / "masked.toml").write_text(

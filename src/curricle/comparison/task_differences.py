@@ -189,7 +189,7 @@ def task_summary(task: Any) -> TaskSummary:
     parameters = {
         name: plain_text(getattr(task, name))
         for name in _parameters(task)
-        if name not in SELDOM or getattr(task, name) not in (None, False)
+        if name not in SELDOM or not (getattr(task, name) is None or getattr(task, name) is False)
     }
     spaces = dict[str, str]()
     if is_observation_task(task):
