@@ -749,7 +749,8 @@ class ListedOutcomes:
         self.transitions += 1
         total = 0.0
         listed = self.listed(content, action)
-        for outcome in listed if isinstance(listed, Iterable) else [listed]:
+        outcomes = [*listed] if isinstance(listed, Iterable) else [listed]
+        for outcome in outcomes:
             try:
                 chance, after, reward, ended = outcome
                 chance = number("a probability", chance, TaskError, 0, 1)
@@ -769,9 +770,7 @@ class ListedOutcomes:
             total += chance
             if chance > 0:
                 yield self._reached(chance, after, reward, ended=bool(ended))
-        if listed is not None and not len(listed):  # the action is not available
-            return
-        if abs(total - 1) > SINGLE_PRECISION:
+        if outcomes and abs(total - 1) > SINGLE_PRECISION:
             raise TaskError(
                 f"transition probabilities must sum to 1: action {action} in {content!r} sums to "
                 f"{total:.10g}"

@@ -425,9 +425,9 @@ class ComputedMDP:
 
     def available_rows(self, states: IntArray | None = None) -> BoolArray | None:
         """Return the available actions of n states, by default all, (n, A); None where all are."""
-        allowed = self.model.available
-        if allowed is None:
+        if self.available is None:
             return None
+        allowed = self.model.available
         rows = np.arange(self.states.size) if states is None else states
         values = np.zeros((len(rows), self.actions.size))
         compiled(_close_rows, True)(allowed, rows, values)
