@@ -313,9 +313,9 @@ def test_a_live_task_is_learnt_as_its_tables(kind, learner):
 
 def test_a_live_task_refuses_what_needs_masks_beforehand():
     live = from_gymnasium(Matches, discount=0.9, action_masks=True, time_limit=30)
-    with pytest.raises(SettingError, match="known beforehand"):
+    with pytest.raises(SettingError, match="got OptimisticQLearning and dense"):
         cr.learn(live, OptimisticQLearning(value_range=(-9, 0)), 100)
-    with pytest.raises(SettingError, match="dense tables"):
+    with pytest.raises(SettingError, match="got QLearning and sparse"):
         cr.learn(live, None, 100, storage=cr.Storage(kind="sparse"))
 
 

@@ -29,7 +29,6 @@ from curricle.tasks.kernel import (
     splitmix64,
     uniform,
 )
-from curricle.tasks.live import masks_actions
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
 from curricle.tasks.models import OpenValues, drawn_among_available
 
@@ -251,11 +250,6 @@ class OptimisticQLearning(Learner):
 
     def for_task(self, task: Task) -> Self:
         """Return the learner with its task's settings; SettingError if the task determines none."""
-        if masks_actions(task):
-            raise SettingError(
-                "OptimisticQLearning needs actions whose availability is known beforehand: got a "
-                f"live task with action_masks, {task!r}"
-            )
         rate: Any = self.learning_rate
         if rate is None:
             rate = harmonic(half=_horizon("OptimisticQLearning without learning_rate", task) + 1.0)

@@ -182,6 +182,12 @@ def learn(
         seeds=len(settings) if storage.save_values else max(1, threads),
         steps=longest,
     )
+    if masks_actions(task) and (rows or isinstance(learner, OptimisticQLearning)):
+        raise SettingError(
+            "a live task with action_masks is learnt with dense tables, and not by "
+            "OptimisticQLearning, as its available actions are not known beforehand: got "
+            f"{type(learner).__name__} and {'sparse' if rows else 'dense'} tables"
+        )
     run = Run(
         generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows, bounds
     )
@@ -298,11 +304,6 @@ class Run:
 
     def check_sparse(self, settings: Sequence[SeedSettings]) -> None:
         """Raise SettingError unless the loop for sparse tables can train every seed."""
-        if masks_actions(self.task):
-            raise SettingError(
-                "sparse tables need actions whose availability is known beforehand: got a live "
-                f"task with action_masks, {self.task!r}, which is learnt with dense tables"
-            )
         for shaping in (seed.shaping for seed in settings):
             if not self.plain(shaping) or isinstance(self.learner, OptimisticQLearning):
                 entering = "no shaping" if shaping is None else shaping.name
