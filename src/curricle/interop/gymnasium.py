@@ -805,7 +805,8 @@ def to_gymnasium(
     TaskError, SettingError
         When `task` is not a task, or a live one; when a form is unknown or not every combination of
         action components is an action; when an action is outside the space or not available, or no
-        episode is under way; when a reset's options are unknown, or its state does not exist or is terminal.
+        episode is under way; when a reset's options are unknown, or its state does not exist or is
+        terminal.
 
     Examples
     --------
