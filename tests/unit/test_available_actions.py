@@ -227,6 +227,27 @@ def test_comparisons_and_controls_run():
     assert "inf" not in str(comparison)
 
 
+def test_tasks_of_a_teacher_share_their_available_actions():
+    task = with_masks(random_mdp(9, n_actions=4, time_limit=10), 9)
+    elsewhere = cr.tasks.with_start(task, "reachable")
+    taught = cr.teaching.teach({"easy": elsewhere, "hard": task}, target="hard", budget=500)
+    assert (np.isneginf(taught.learning.values[0]) == ~task.available).all()
+    other = with_masks(random_mdp(9, n_actions=4, time_limit=10), 10)
+    with pytest.raises(SettingError, match="must allow the same actions in each state"):
+        cr.teaching.teach({"easy": other, "hard": task}, target="hard", budget=500)
+
+
+def test_coarser_sources_allow_what_one_of_their_states_allows():
+    cells = cr.Space([cr.Component("row", 1), cr.Component("column", 8)])
+    task = with_masks(random_mdp(10, n_states=8, n_actions=4, time_limit=20), 10)
+    task = replace(task, states=cells, terminal=np.arange(8) >= 6, start=np.eye(8)[0])
+    merged = [c.task for c in cr.design.source_candidates(task) if c.kind == "coarser"]
+    assert merged
+    for source in merged:
+        first = source.available[:3] if source.available is not None else np.ones((3, 4), bool)
+        np.testing.assert_array_equal(first, task.available[:6:2] | task.available[1:6:2])
+
+
 # -- computed, live and Gymnasium tasks ------------------------------------------------------------
 
 
