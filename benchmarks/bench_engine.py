@@ -10,9 +10,11 @@ import json
 import platform
 import subprocess
 import sys
+from dataclasses import replace
 from statistics import median
 
 import gymnasium_loop
+import numpy as np
 from cpp import reference
 from timing import GLIMPSE, LEARNER, Board, arguments, by_the_wall, in_turns, on_one_thread
 
@@ -39,12 +41,21 @@ def one_maze(board, cpp, turns, steps):
     """One thread, learning curve recorded."""
     task = maze(-5)
 
-    def ours(storage=None):
-        return on_one_thread(lambda: learn(task, steps, 10_000, storage=storage), steps)
+    mdp = task.mdp  # with masks, moves that lead nowhere are not available
+    moves = mdp.next_state[mdp.outcome_row, 0] != np.arange(len(mdp.start))[:, None]
+    masked = replace(mdp, available=moves)
+
+    def ours(storage=None, of=task):
+        return on_one_thread(lambda: learn(of, steps, 10_000, storage=storage), steps)
 
     learn(task, 1000, 1000, storage=SINGLE)  # compiles
     learn(task, 1000, 1000)
-    contestants = {"float32": lambda: ours(SINGLE), "float64": ours}
+    learn(masked, 1000, 1000)
+    contestants = {
+        "float32": lambda: ours(SINGLE),
+        "float64": ours,
+        "with masks": lambda: ours(of=masked),
+    }
     if cpp:
         contestants |= {
             f"{variant} {dtype}": lambda run=(variant, dtype): cpp.rate("W1", *run, steps)
@@ -54,6 +65,7 @@ def one_maze(board, cpp, turns, steps):
     rates = in_turns(contestants, turns)
     board.compare("W1 float32 : C++ cached", rates, "float32", "ties float32", 0.85)
     board.compare("W1 float32 : C++ naive", rates, "float32", "naive float32", 1.6)
+    board.compare("W1 float64 with masks : without", rates, "with masks", "float64", 0.8)
     board.compare("W1 float64 : C++ cached", rates, "float64", "ties float64")
     board.compare("W1 float32 : C++ cached, first of ties", rates, "float32", "cached float32")
 

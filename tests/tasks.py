@@ -1,6 +1,6 @@
 """Small tasks that several test files build: random MDPs, drawn ones, and a ring of functions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from hypothesis import strategies as st
@@ -37,6 +37,29 @@ def random_mdp(seed, *, n_states=6, n_actions=3, width=3, discount=0.9, time_lim
         discount=discount,
         time_limit=time_limit,
     )
+
+
+def with_masks(task, seed, share=0.6):
+    """Return a task in which a random part of the actions is available, one in each state."""
+    rng, (n_states, n_actions) = np.random.default_rng([seed, 7]), task.outcome_row.shape
+    available = rng.random((n_states, n_actions)) < share
+    available[np.arange(n_states), rng.integers(n_actions, size=n_states)] = True
+    return replace(task, available=available)
+
+
+def among_more_actions(task, seed, n_actions=5):
+    """Return a task with its actions among more, in places that differ from state to state.
+
+    The others are not available. Also return the places, (S, A).
+    """
+    shape = len(task.start), n_actions
+    places = np.argsort(np.random.default_rng([seed, 8]).random(shape))[:, : task.actions.size]
+    places.sort(axis=1)
+    rows, available = np.zeros(shape, int), np.zeros(shape, bool)
+    np.put_along_axis(rows, places, task.outcome_row, axis=1)
+    np.put_along_axis(available, places, values=True, axis=1)
+    actions = Space([Component("action", n_actions)])
+    return replace(task, actions=actions, outcome_row=rows, available=available), places
 
 
 def predator_edges(hunt, chase, **settings):

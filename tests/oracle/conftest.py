@@ -109,10 +109,14 @@ def pick_action(values, learner, step, draw, take=None, *, bold=False):
     if learner.inverse_temperature is None:
         bits = next(draw)
         if (bits >> 32) / 2**32 < value_of(exploring(learner), step):
-            return integers(bits, n), bits
+            action = integers(bits, n)
+            available = [a for a, v in enumerate(values) if v > -math.inf]
+            if action not in available:
+                action = available[integers(splitmix64(bits ^ (2**64 - 1)), len(available))]
+            return action, bits
         return (take(values) if take else draw_best(values, bits)[0]), bits
     beta = value_of(exploring(learner), step)
-    weights = [math.exp(beta * (v - max(values))) for v in values]
+    weights = [math.exp(beta * (v - max(values))) if v > -math.inf else 0.0 for v in values]
     for _ in range(n):  # rejection first, the full row after n failures
         bits = next(draw)
         action = integers(bits, n)
@@ -128,6 +132,8 @@ def pick_action(values, learner, step, draw, take=None, *, bold=False):
 def policy_mean(row, acting, learner, step):
     """Return sum_a pi(a) row[a] for the policy followed on the acting values."""
     parameter, best = value_of(exploring(learner), step), max(acting)
+    available = [a for a, v in enumerate(acting) if v > -math.inf]
+    row, acting = [row[a] for a in available], [acting[a] for a in available]
     if learner.inverse_temperature is None:
         weights = [1.0 if v == best else 0.0 for v in acting]
     else:
@@ -162,6 +168,7 @@ class NaiveLearner:
         if at_phi and not self.literal:
             start += self.shaping.potential.values
         start[~mdp.terminal] += self.learner.initial_value
+        start[mdp.random_policy == 0] = -math.inf
         n = 2 if isinstance(self.learner, cr.DoubleQLearning) else 1
         self.tables = [start.copy() for _ in range(n)]
 
@@ -241,6 +248,8 @@ class NaiveOptimist:
         shape = mdp.outcome_row.shape
         self.visits = np.zeros(shape, int)
         self.tables = [np.where(mdp.terminal[:, None], 0.0, np.full(shape, b)) for b in self.bounds]
+        for q in self.tables:
+            q[mdp.random_policy == 0] = -math.inf
 
     def acting(self, state, step):
         return self.tables[1][state].tolist()

@@ -37,6 +37,7 @@ from curricle.tasks.live import is_live
 from curricle.tasks.mdp import (
     FiniteMDP,
     Task,
+    closed,
     generative_model,
     has_tables,
     improper_states,
@@ -594,6 +595,8 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
+    allowed = None if met.mdp.available is None else met.mdp.available[met.states]
+    values = replace(values, values=closed(values.values, allowed))
     compared = ActionComparison(met, shaped.unshaped, values, tolerance)
     # At discount 1 the sum of F need not be -Phi(s) in an episode that never ends.
     endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0

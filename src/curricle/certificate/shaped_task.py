@@ -286,8 +286,8 @@ class ShapedTask:
     def with_rewards(self, f: FloatArray, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F, F (E,); by theory Q* - off, off (N,)."""
         solution = solve(self.met.with_reward(f))
-        q = solution.action_values[self.met.states]
-        expected = self.unshaped.action_values[self.met.states] - off[:, None]
+        q = solution.finite_action_values[self.met.states]
+        expected = self.unshaped.finite_action_values[self.met.states] - off[:, None]
         bound = ROUNDED * solution.error_bound
         return ShapedValues(q, bound, _largest(q - expected), _largest(q, f))
 
@@ -299,16 +299,16 @@ class ShapedTask:
         if phi[met.ends].any():
             ending = np.where(mdp.terminal, mdp.discount * phi.max(axis=1), 0.0)
             solution = solve(met.with_reward(met.reward(lambda s, a, after: ending[after])))
-        acted = (look_ahead_sweep(mdp, phi, solution.action_values - phi) + phi)[met.states]
+        acted = (look_ahead_sweep(mdp, phi, solution.finite_action_values - phi) + phi)[met.states]
         rounding = (mdp.probability.shape[1] + 8) * EPSILON * (_largest(phi) + _largest(acted))
-        residual = _largest(acted - self.unshaped.action_values[met.states])
+        residual = _largest(acted - self.unshaped.finite_action_values[met.states])
         bound = solution.error_bound + rounding
         return ShapedValues(acted, bound, residual, _largest(phi, acted))
 
     def advised(self, advice: FloatArray) -> ShapedValues:
         """Return Q* + advice, advice (S, A), for policies that learn Q from unshaped rewards."""
         added = advice[self.met.states]
-        acted = self.unshaped.action_values[self.met.states] + added
+        acted = self.unshaped.finite_action_values[self.met.states] + added
         bound = self.unshaped.error_bound + EPSILON * (_largest(acted) + _largest(added))
         return ShapedValues(acted, bound, _largest(added), _largest(acted, added))
 

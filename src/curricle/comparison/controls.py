@@ -34,7 +34,7 @@ from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
 from curricle.learning.stopping import StoppingRule
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import tables
+from curricle.tasks.mdp import live_pairs, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.by_components import identity
 from curricle.transfer.calibration import AnyPotential, Calibration
@@ -246,9 +246,9 @@ def unrelated_transfers(
     target, sources, edges = curriculum.tasks[curriculum.target], dict[str, SourceValues](), []
     for edge in curriculum.in_edges(curriculum.target):
         mdp = tables(curriculum.tasks[edge.source])
-        rows, live = mdp.outcome_row.copy(), ~mdp.terminal
+        rows, live = mdp.outcome_row.copy(), live_pairs(mdp)
         rng = np.random.default_rng([draw, 2])
-        rows[live] = rng.permutation(rows[live].ravel()).reshape(-1, rows.shape[1])
+        rows[live] = rng.permutation(rows[live])
         task = replace(mdp, outcome_row=rows)
         if not len(best := find_mappings(target, task, keep=1)):
             raise MappingError(
@@ -268,7 +268,6 @@ def unrelated_transfers(
 
 def _shuffled(phi: PairPotential, seed: int) -> AnyPotential:
     """Return phi with its values permuted over all pairs that are not terminal."""
-    values, ends = phi.values.copy(), tables(phi.task).terminal
-    alive = values[~ends]
-    values[~ends] = np.random.default_rng([seed, 1]).permutation(alive.ravel()).reshape(alive.shape)
+    values, live = phi.values.copy(), live_pairs(phi.task)
+    values[live] = np.random.default_rng([seed, 1]).permutation(values[live])
     return StateActionPotential(phi.task, values)

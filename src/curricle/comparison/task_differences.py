@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import FloatArray
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, has_tables, same_task, tables
+from curricle.tasks.mdp import (
+    FiniteMDP,
+    Task,
+    generative_model,
+    has_tables,
+    live_pairs,
+    same_task,
+    tables,
+)
 from curricle.tasks.observation_task import is_observation_task
 from curricle.tasks.spaces import state_name
 
@@ -102,6 +110,8 @@ def _of_tables(mdp: FiniteMDP, other: FiniteMDP) -> Iterator[str]:
     if ends.size:
         yield f"end rule ({state_name(space, int(ends[0]))} ends one of them only)"
     alive = ~(mdp.terminal | other.terminal)
+    if len(where := np.argwhere((live_pairs(mdp) != live_pairs(other)) & alive[:, None])):
+        yield f"available actions ({state_name(space, int(where[0][0]))})"
     # Each state gets a random weight. Two distributions over successors that have the same mean
     # weight are equal with probability 1.
     weight = np.random.default_rng(0).normal(size=space.size)
@@ -155,6 +165,7 @@ def _equal(first: Any, second: Any) -> bool:
 
 # -- The same comparison from the plain data in a study's folder -----------------------------------
 
+SELDOM = ("available", "action_masks")  # parameters that are stated only where they are set
 AGREE = 1e-11  # relative difference of equal projections: 10^5 times the rounding of a sum
 DIGEST_BYTES = 8
 
@@ -175,7 +186,11 @@ class TaskSummary:
 def task_summary(task: Any) -> TaskSummary:
     """Return the summary of a task."""
     kind = type(task).__name__
-    parameters = {name: plain_text(getattr(task, name)) for name in _parameters(task)}
+    parameters = {
+        name: plain_text(getattr(task, name))
+        for name in _parameters(task)
+        if name not in SELDOM or not (getattr(task, name) is None or getattr(task, name) is False)
+    }
     spaces = dict[str, str]()
     if is_observation_task(task):
         names = {"observations": "observations", "actions": "actions", "longest": "time_limit"}
@@ -188,6 +203,8 @@ def task_summary(task: Any) -> TaskSummary:
             content += b"".join(values.tobytes() for values in space.decode().values())
         spaces[name] = f"{space.size:,} ({_digest(content)})"
     spaces |= {name: repr(getattr(generative, name)) for name in ("discount", "time_limit")}
+    if _comparable(task) and (available := tables(task).available) is not None:
+        spaces["available actions"] = f"{available.sum():,} ({_digest(available.tobytes())})"
     projections = dict(_projections(tables(task))) if _comparable(task) else {}
     return TaskSummary(kind, spaces, projections, parameters)
 

@@ -312,7 +312,7 @@ class SolvedMember:
         rows = np.flatnonzero(self.training)
         seen = self.table.observations.batch(rows)
         if potential is None:
-            q, policy = self.solution.action_values, self.solution.policy
+            q, policy = self.solution.finite_action_values, self.solution.policy
             return Knowledge.of(seen, q[rows], policy[rows])
         return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
 

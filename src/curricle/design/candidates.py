@@ -438,12 +438,11 @@ def _proposed(target: Any, propose: Propose) -> Iterator[Draft]:
 
 def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
     """Return a task with its returns or its refusal; `goal`, (S,), is by default :func:`aims`."""
-    n_states, n_actions = mdp.outcome_row.shape
     if mdp.outcome_row.size > LARGEST:
         return Judged(mdp, "too large to be judged")
     try:
         best = solve(mdp)
-        chance = evaluate(mdp, np.full((n_states, n_actions), 1 / n_actions))
+        chance = evaluate(mdp, mdp.random_policy)
     except CurricleError:
         return Judged(mdp, "no exact solution")
     goal = aims(mdp) if goal is None else goal

@@ -389,7 +389,10 @@ def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
     terminal[cluster] = mdp.terminal  # terminal and other states are in different clusters
     np.add.at(start, cluster, mdp.start)
     probability, after, reward = _average(mdp, cluster, space.size)
-    n_actions = mdp.outcome_row.shape[1]
+    n_actions, available = mdp.outcome_row.shape[1], None
+    if mdp.available is not None:  # what one of a cluster's states allows
+        available = np.zeros((space.size, n_actions), bool)
+        np.logical_or.at(available, cluster, mdp.available)
     source = replace(
         mdp,
         states=space,
@@ -399,6 +402,7 @@ def _merged(task: Any, mdp: FiniteMDP, names: tuple[str, ...]) -> Made:
         reward=reward,
         terminal=terminal,
         start=start,
+        available=available,
     )
     return source, pair_mapping(task, source, cluster[:, None], np.arange(n_actions))
 

@@ -19,7 +19,7 @@ from gymnasium.envs.toy_text.taxi import TaxiEnv
 from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.wrappers import TimeLimit as StepLimit
 
-from curricle.arrays import IntArray, frozen
+from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import one_of, text, whole_number
 from curricle.errors import CurricleError, SettingError, TaskError
 from curricle.interop.encoders import Bins
@@ -36,7 +36,7 @@ from curricle.tasks.domain import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import LiveMDP, is_live
-from curricle.tasks.mdp import FiniteMDP, generative_model
+from curricle.tasks.mdp import FiniteMDP, available_actions, generative_model
 from curricle.tasks.models import Functions, check_answers, first_state, transition
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
@@ -62,6 +62,7 @@ def from_gymnasium(
     actions: Space | Sequence[str] | None = None,
     encode: Callable[[Any], Any] | None = None,
     live: bool = False,
+    action_masks: bool = False,
     **make_arguments: Any,
 ) -> FiniteMDP | LiveMDP:
     """Return a Gymnasium environment of discrete spaces as a task: by its table, or live.
@@ -94,6 +95,9 @@ def from_gymnasium(
         values, such as :class:`Bins`.
     live : bool
         Whether to use ``env.step`` even if there is a table.
+    action_masks : bool
+        Whether only available actions are taken: ``info["action_mask"]``, as Taxi has it, or the
+        method ``action_masks()`` of sb3-contrib flags them. By default every action can be taken.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -140,6 +144,8 @@ def from_gymnasium(
         act, actions = actions_of(env.action_space, actions, moves)
         number = encode
         outcomes = outcomes_of(world) if encode is None and not live and has_table(env) else None
+        if outcomes is not None and action_masks:
+            outcomes = outcomes_available(world, outcomes)
         if outcomes is not None:
             space = Space([Component("state", len(outcomes))])
         else:
@@ -162,7 +168,7 @@ def from_gymnasium(
                 )
             states = with_names(space, names, sizes)
         if outcomes is None:
-            return LiveMDP(states, actions, make, number, act, discount, limit)
+            return LiveMDP(states, actions, make, number, act, discount, limit, action_masks)
         start = np.zeros(len(outcomes))  # the end that `outcomes_of` may add is no start
         start[: len(world.initial_state_distrib)] = world.initial_state_distrib
         table: dict[str, Any] = {"start": start, "states": states, "actions": actions}
@@ -436,6 +442,23 @@ def outcomes_of(world: Any) -> Outcomes:
     return [*apart, [[] for _ in range(n_actions)]]
 
 
+def outcomes_available(world: Any, outcomes: Any) -> Any:
+    """Return a table's outcomes, [state][action], none for the actions that a world masks."""
+    mask_of = getattr(world, "action_mask", None)
+    if not callable(mask_of):
+        raise TaskError(
+            "action_masks of a table needs a method action_mask(state), as Taxi has it: "
+            f"{world} has none; live=True takes the masks of its steps"
+        )
+    rows = [[outcomes[s][a] for a in range(len(outcomes[s]))] for s in range(len(outcomes))]
+    return [
+        [pair if allowed else [] for pair, allowed in zip(row, mask_of(s), strict=True)]
+        if any(row)  # else it is the end that `outcomes_of` adds
+        else row
+        for s, row in enumerate(rows)
+    ]
+
+
 def names_of(world: Any) -> tuple[Space | None, Space | None]:
     """Return named state and action spaces of a known environment, None for others."""
     # Named as the library's own domains are, so that mappings by name work between the two.
@@ -640,6 +663,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         self._actions = Coding(rules.actions, action)
         self.observation_space, self.action_space = self._states.gym_space, self._actions.gym_space
         self._rules, self._model = rules, rules.model
+        self._restricted = getattr(self._model, "available", None) is not None
         self._users_code = isinstance(self._model, Functions)
         self._begun = compiled(_begun, self._users_code)
         self._moved = compiled(_moved, self._users_code)
@@ -666,6 +690,11 @@ class TaskEnvironment(gym.Env[Any, Any]):
         if not self._under_way:
             raise SettingError("step() needs an episode under way: call reset() first")
         move = self._actions.number(action)
+        if self._restricted and not self.action_masks()[move]:
+            raise SettingError(
+                f"an action must be available: {self._rules.actions.label(move)} is not in "
+                f'{self._rules.states.label(self.state)}; info["action_mask"] has those that are'
+            )
         self._state, reward, terminated = self._moved(self._model, self._state, move, self._stream)
         self._check()
         self._steps += 1
@@ -700,8 +729,16 @@ class TaskEnvironment(gym.Env[Any, Any]):
             self._under_way, model, self._model = False, self._model, self._rules.model
             check_answers(self.task, model)
 
+    def action_masks(self) -> BoolArray:
+        """Return which actions are available in the state, (A,) bool, as sb3-contrib asks it."""
+        rows = available_actions(self._rules, np.array([self.state])) if self._restricted else None
+        return np.ones(self._rules.actions.size, np.bool_) if rows is None else rows[0]
+
     def _info(self) -> dict[str, Any]:
-        return {"state": self._state, "label": self._rules.states.label(self._state)}
+        info = {"state": self._state, "label": self._rules.states.label(self._state)}
+        if self._restricted:
+            info["action_mask"] = self.action_masks().astype(np.int8)
+        return info
 
     def _named_start(self, options: dict[str, Any]) -> int:
         if set(options) != {"state"}:
@@ -745,7 +782,9 @@ def to_gymnasium(
     """Return a task as a Gymnasium environment, with its own rewards, ends and time limit.
 
     An episode is `terminated` when it enters a terminal state and `truncated` when it reaches the
-    time limit first. ``info`` has the number of the state, ``state``, and its ``label``.
+    time limit first. ``info`` has the number of the state, ``state``, and its ``label``; where not
+    every action is available ``action_mask``, (A,) int8, as Taxi has it, and the environment a
+    method ``action_masks()``, as sb3-contrib asks for.
     ``reset(options={"state": ...})`` starts in a state: its number, or a dict of values or labels.
 
     Parameters
@@ -765,8 +804,9 @@ def to_gymnasium(
     ------
     TaskError, SettingError
         When `task` is not a task, or a live one; when a form is unknown or not every combination of
-        action components is an action; when an action is outside the space or no episode is under
-        way; when a reset's options are unknown, or its state does not exist or is terminal.
+        action components is an action; when an action is outside the space or not available, or no
+        episode is under way; when a reset's options are unknown, or its state does not exist or is
+        terminal.
 
     Examples
     --------

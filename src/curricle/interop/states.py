@@ -27,7 +27,7 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeS
 from curricle.checks import number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import same_observation
-from curricle.tasks.live import RETURNED
+from curricle.tasks.live import RETURNED, action_mask
 from curricle.tasks.mdp import SINGLE_PRECISION, number_of
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
@@ -427,6 +427,7 @@ class Reached(NamedTuple):
     reward: float
     terminated: bool
     truncated: bool
+    available: tuple[bool, ...] | None = None  # the actions that can be taken there; None for all
 
 
 # What every action does in a state in which episodes are only ever truncated.
@@ -456,6 +457,7 @@ class Search:
         self.seconds = self.observing = 0.0  # in all, and for observations and words
         self._numbers = dict[tuple[Hashable, bool], int]()
         self._contents, self._queued, self._queue = list[Any](), list[bool](), deque[int]()
+        self._available = list[tuple[bool, ...] | None]()
 
     def run(self) -> Self:
         """Search to the end and return the search; TaskError when a limit is reached before."""
@@ -468,7 +470,10 @@ class Search:
         while self._queue:
             state = self._queue.popleft()
             content, self._contents[state] = self._contents[state], None
+            available = self._available[state]
             for action in range(n_actions):
+                if available is not None and not available[action]:
+                    continue
                 for reached in self.world.outcomes(content, action):
                     self._add(state * n_actions + action, self._number(reached), reached)
                 now, n_states = time.perf_counter(), len(self._contents)
@@ -510,6 +515,7 @@ class Search:
             observation, components = self.world.look()
             self.observing += time.perf_counter() - before
             self._contents.append(reached.content)
+            self._available.append(reached.available)
             self._queued.append(False)
             self.terminal.append(reached.terminated)
             self.observations.append(deepcopy(observation))  # which a step may change
@@ -564,6 +570,7 @@ class World:
     samples: int | None
     access: StateAccess
     name: str
+    action_masks: bool = False  # whether the environment says which actions can be taken
     transitions: int = 0
     drawing: int = 0  # pairs whose steps draw random numbers
     shared: Sequence[Any] = ()  # the global generators, if steps or resets draw from them
@@ -583,10 +590,12 @@ class World:
         self._known = None
         if self.access.copies:
             self.now, _ = self.access.restore(self.core, (self.core, []))
-        self._observed, _ = self._returned("reset", self.now.reset(seed=seed))
+        self._observed, info = self._returned("reset", self.now.reset(seed=seed))
         _rewind_clocks(self.now)
         self.access.begin(self.now)
-        return Reached(1.0, *self.access.save(self.now), 0.0, terminated=False, truncated=False)
+        available = self._available(self.now, info)
+        saved = self.access.save(self.now)
+        return Reached(1.0, *saved, 0.0, terminated=False, truncated=False, available=available)
 
     def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
         """Yield an action's only outcome, or the outcome of every sample."""
@@ -639,14 +648,22 @@ class World:
         for wrapper in self.acts:
             core_action = wrapper.action(core_action)
         returned = self._returned("step", env.step(core_action))
-        observed, reward, terminated, truncated, _ = returned
+        observed, reward, terminated, truncated, info = returned
         _rewind_clocks(env)
         earned = number_of(reward)
         if not math.isfinite(earned):
             raise TaskError(f"a reward must be a finite number: got {reward!r} from {self.name}")
         chance = 1.0 if self.samples is None else 1 / self.samples
+        available = None if terminated else self._available(env, info)
         saved = self.access.save(env)
-        return Reached(chance, *saved, earned, bool(terminated), bool(truncated)), observed
+        ends = bool(terminated), bool(truncated)
+        return Reached(chance, *saved, earned, *ends, available), observed
+
+    def _available(self, env: Environment, info: Any) -> tuple[bool, ...] | None:
+        """Return which actions can be taken in the state that an environment is in."""
+        if not self.action_masks:
+            return None
+        return tuple(action_mask(env, info, self.n_actions).tolist())
 
     def _returned(self, by: str, returned: Any) -> tuple[Any, ...]:
         """Return the result of a reset or a step; TaskError unless it has the right parts."""
@@ -663,7 +680,7 @@ class World:
         if reached.key != repeated.key:
             differing = "state"
         elif reached[3:] != repeated[3:]:
-            differing = "reward or end"
+            differing = "reward, end or mask of actions"
         elif not same_observation(observed, observed_again):
             differing = "observation"
         if differing:
@@ -732,7 +749,8 @@ class ListedOutcomes:
         self.transitions += 1
         total = 0.0
         listed = self.listed(content, action)
-        for outcome in listed if isinstance(listed, Iterable) else [listed]:
+        outcomes = [*listed] if isinstance(listed, Iterable) else [listed]
+        for outcome in outcomes:
             try:
                 chance, after, reward, ended = outcome
                 chance = number("a probability", chance, TaskError, 0, 1)
@@ -752,7 +770,7 @@ class ListedOutcomes:
             total += chance
             if chance > 0:
                 yield self._reached(chance, after, reward, ended=bool(ended))
-        if abs(total - 1) > SINGLE_PRECISION:
+        if outcomes and abs(total - 1) > SINGLE_PRECISION:
             raise TaskError(
                 f"transition probabilities must sum to 1: action {action} in {content!r} sums to "
                 f"{total:.10g}"

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from gymnasium.wrappers import FrameStackObservation
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
-from curricle.checks import number, whole_number
+from curricle.checks import instance, number, whole_number
 from curricle.errors import SettingError, StoreError, TaskError
 from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
 from curricle.interop.gymnasium import (
@@ -32,6 +32,7 @@ from curricle.interop.gymnasium import (
     name_list,
     names_of,
     opened,
+    outcomes_available,
     with_names,
 )
 from curricle.interop.minigrid import (
@@ -101,7 +102,14 @@ class Tables(NamedTuple):
         """Return the task of these tables."""
         rows = np.arange(len(self.probability)).reshape(-1, actions.size)
         tables = self.probability, self.next_state, self.reward, self.terminal, self.start
-        return FiniteMDP(self.states, actions, rows, *tables, discount, time_limit)
+        return FiniteMDP(
+            self.states, actions, rows, *tables, discount, time_limit, self.tried[rows]
+        )
+
+    @property
+    def tried(self) -> BoolArray:
+        """Which pairs have outcomes, (S A,): others are not available, or of terminal states."""
+        return np.asarray((self.probability > 0).any(axis=1))
 
 
 Made = tuple[Tables, TabulationRecord]
@@ -119,6 +127,7 @@ class Plan:
     max_seconds: float
     progress: bool | Callable[[str], Any] | None
     cache: Any
+    action_masks: bool = False
 
     def __post_init__(self) -> None:
         pair = isinstance(self.state, tuple) and len(self.state) == 2
@@ -135,6 +144,7 @@ class Plan:
                 f"restore): got {self.state!r}"
             )
         check_progress(self.progress)
+        instance("action_masks", self.action_masks, bool, SettingError)
         if self.outcomes is not None and not callable(self.outcomes):
             raise SettingError(f"outcomes must be a function: got {self.outcomes!r}")
         if self.samples is not None:
@@ -157,6 +167,7 @@ class Plan:
         if self.cache is not None:
             ways = [*how] if isinstance(how, tuple) else [how]
             ways += [self.outcomes, self.samples, self.state is None]
+            ways += ["action_masks"] * self.action_masks
             origin = made_of(env, name, self.seeds, ways)
             kept = read_tables(self.cache, origin)
             if kept is not None:
@@ -164,13 +175,14 @@ class Plan:
         access: Any = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
         settings = env, act, n_actions, self.seeds, self.samples
         try:
-            made = self._made(World(*settings, access, name))
+            made = self._made(World(*settings, access, name, self.action_masks))
         except TaskError:
             fast = self.state is None and isinstance(access, MiniGridAccess)
             if not fast or not access.missed(env.unwrapped):
                 raise
             access.release()
-            made = self._made(World(*settings, MiniGridState(copies=True).open(), name))
+            access = MiniGridState(copies=True).open()
+            made = self._made(World(*settings, access, name, self.action_masks))
         if self.cache is not None:
             write_tables(self.cache, origin, made)
         return made
@@ -184,7 +196,8 @@ class Plan:
             source = ListedOutcomes(env, self.outcomes, *known, save)
         elif self.state is None and self.samples is None and has_table(env):
             table: Any = base
-            source = ListedOutcomes(env, lambda s, a: table.P[s][a], *known, parts=words_of(base))
+            rows = outcomes_available(base, table.P) if self.action_masks else table.P
+            source = ListedOutcomes(env, lambda s, a: rows[s][a], *known, parts=words_of(base))
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -236,6 +249,7 @@ def tabulate(
     max_seconds: float = MOST_SECONDS,
     progress: bool | Callable[[str], Any] | None = False,
     cache: str | Path | None = None,
+    action_masks: bool = False,
     **make_arguments: Any,
 ) -> TabulatedTask:
     """Return a Gymnasium environment as tables of every state that can be reached.
@@ -265,7 +279,8 @@ def tabulate(
         without wrappers, back into it. The fields of a named tuple name components.
     outcomes : callable, optional
         ``outcomes(state, action)`` lists (probability, next state, reward, terminated) of each
-        outcome; states are observations, or what `save` returns. By default an environment's table
+        outcome, none where the action is not available; states are observations, or what `save`
+        returns. By default an environment's table
         ``P`` is used if it has one and there is no `state`.
     samples : int, optional
         Steps of each pair from which to estimate its outcomes.
@@ -277,6 +292,8 @@ def tabulate(
         A file that the tables are read from, or written to if it does not exist. Tables of another
         environment, content after a reset, setting or version are refused. The environment's code
         is not compared: name another file when you change it.
+    action_masks : bool
+        Whether only available actions are taken, as in :func:`from_gymnasium`.
     **make_arguments
         Arguments of ``gymnasium.make``, or of the class or function.
 
@@ -301,7 +318,8 @@ def tabulate(
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """
-    plan = Plan(seeds, state, outcomes, samples, max_states, max_seconds, progress, cache)
+    most = max_states, max_seconds
+    plan = Plan(seeds, state, outcomes, samples, *most, progress, cache, action_masks)
     discount = number("discount", discount, TaskError, low=0, high=1)
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
@@ -518,7 +536,9 @@ def steps_checked(world: World, tables: Tables) -> int:
         _looking_like(observed, possible, tables, f"a reset with seed {seed}", world.name)
         most = len(way) + STEPS // WALKS
         while not truncated and taken < most and not tables.terminal[list(possible)].any():
-            action = way[taken] if taken < len(way) else int(rng.integers(n_actions))
+            pairs = min(possible) * n_actions + np.arange(n_actions)
+            allowed = np.flatnonzero(tables.tried[pairs])
+            action = way[taken] if taken < len(way) else int(allowed[rng.integers(len(allowed))])
             observed, reward, ended, truncated, _ = world.env.step(world.act(action))
             taken += 1
             reached = set[int]()
@@ -560,7 +580,8 @@ def _looking_like(
 def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -> list[int]:
     """Return actions whose most likely outcomes lead to a state drawn at random."""
     likely = tables.next_state[np.arange(len(tables.next_state)), tables.probability.argmax(1)]
-    likely = likely.reshape(-1, n_actions)
+    staying = np.arange(len(likely)) // n_actions
+    likely = np.where(tables.tried, likely, staying).reshape(-1, n_actions)
     # Breadth first, the state and action from which each state is first reached; -1 where not.
     parent = np.full((len(likely), 2), -1)
     parent[first] = first, 0

@@ -30,12 +30,13 @@ from curricle.tasks.kernel import (
     uniform,
 )
 from curricle.tasks.mdp import Task, generative_model, has_tables, tables
+from curricle.tasks.models import OpenValues, drawn_among_available
 
 Q_LEARNING, SARSA_RULE, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)  # update rules
 
 
 class EpsilonGreedy(NamedTuple):
-    """A uniform action with probability epsilon, else a greedy one."""
+    """A uniform available action with probability epsilon, else a greedy one."""
 
     epsilon: Constant | Schedule
 
@@ -64,8 +65,8 @@ class Learner:
         alpha in [0, 1]; a schedule counts steps, :func:`harmonic` the updates of each pair in each
         table.
     epsilon : float or Schedule, optional
-        Epsilon-greedy exploration: a uniform action with this probability, else a greedy one,
-        ties broken at random. 0.1 by default.
+        Epsilon-greedy exploration: a uniform action, of those available, with this probability,
+        else a greedy one, ties broken at random. 0.1 by default.
     inverse_temperature : float or Schedule, optional
         Softmax exploration instead: P(a) proportional to exp(beta Q(s, a)).
     initial_value : float
@@ -374,35 +375,49 @@ explorations, expectations = Overloaded(explore), Overloaded(expected_value)
 def _explore_epsilon_greedy(exploration, values, row, best, step, counter):
     bits = splitmix64(counter)
     if bernoulli(bits, at(exploration.epsilon, step)):
-        return integers(bits, np.uint64(values.shape[1])), bits, counter + STRIDE, False
+        n_actions = np.uint64(values.shape[1])
+        action = integers(bits, n_actions)
+        action = drawn_among_available(OpenValues(values), n_actions, row, action, bits)
+        return action, bits, counter + STRIDE, False
     return np.uint64(0), bits, counter + STRIDE, True
 
 
 @expectations.body(EpsilonGreedy)
 def _expect_epsilon_greedy(exploration, q, state, values, step):
     epsilon, best = at(exploration.epsilon, step), highest(values, ONLY_ROW)
-    total, ties, mean = 0.0, 0.0, 0.0
+    total, ties, mean, n_actions = 0.0, 0.0, 0.0, 0
+    for action in range(values.shape[1]):
+        n_actions += values[0, action] != -np.inf
     for action in range(values.shape[1]):
         if values[0, action] == best:
             total += q[0, state, action]
             ties += 1.0
-        mean += q[0, state, action] / values.shape[1]
+        if values[0, action] != -np.inf:
+            mean += q[0, state, action] / n_actions
     return (1.0 - epsilon) * total / ties + epsilon * mean
+
+
+@inlined
+def positive(beta):
+    """Return beta, or the smallest number for 0, by which -inf of an unavailable action stays."""
+    return beta if beta > 0.0 else 5e-324
 
 
 @explorations.body(Softmax)
 def _explore_softmax(exploration, values, row, best, step, counter):
-    beta = at(exploration.inverse_temperature, step)
+    beta = positive(at(exploration.inverse_temperature, step))
     action, counter = softmax(values, row, best, beta, counter)
     return action, splitmix64(counter), counter + STRIDE, False
 
 
 @expectations.body(Softmax)
 def _expect_softmax(exploration, q, state, values, step):
-    beta, best = at(exploration.inverse_temperature, step), highest(values, ONLY_ROW)
+    beta = positive(at(exploration.inverse_temperature, step))
+    best = highest(values, ONLY_ROW)
     total, weight = 0.0, 0.0
     for action in range(values.shape[1]):
         w = np.exp(beta * (values[0, action] - best))
-        total += w * q[0, state, action]
-        weight += w
+        if w > 0.0:  # else q may be -inf
+            total += w * q[0, state, action]
+            weight += w
     return total / weight

@@ -17,7 +17,7 @@ from curricle.checks import BEYOND_64_BITS, indices, number, numbers, whole_numb
 from curricle.errors import PotentialError
 from curricle.learning.schedules import schedule
 from curricle.learning.value_lookup import ValueLookup
-from curricle.tasks.mdp import Task, generative_model
+from curricle.tasks.mdp import Task, available_actions, duplicated, generative_model
 from curricle.text import brief_repr
 
 LARGEST_POTENTIAL = 1e15
@@ -178,7 +178,8 @@ class StateActionPotential(PairPotential):
     task : Task
         The task to be shaped.
     values : (S, A) float array
-        phi; set to 0 at the terminal states that the task knows.
+        phi; set to 0 at the terminal states that the task knows. Where an action is not available
+        its values do not count, and may be -inf.
 
     Raises
     ------
@@ -204,11 +205,13 @@ class StateActionPotential(PairPotential):
     def __post_init__(self) -> None:
         generative = generative_model(self.task)
         shape = (generative.states.size, generative.actions.size)
-        values = finite(self.values, "phi")
+        values = numbers("phi", self.values, PotentialError)
         if values.shape != shape:
             raise PotentialError(
                 f"a state-action potential must have shape {shape}: got {values.shape}"
             )
+        # An unavailable pair has any number that changes no maximum, and is finite as all are.
+        values = finite(duplicated(values, available_actions(self.task)), "phi")
         ends = None if generative.terminal is None else generative.terminal[:, None]
         object.__setattr__(self, "values", _zero_at_ends(ends, values))
 

@@ -57,8 +57,15 @@ from curricle.planning.policy_evaluation import (
 )
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
-from curricle.tasks.live import open_model
-from curricle.tasks.mdp import NO_LIMIT, GenerativeModel, Task, generative_model
+from curricle.tasks.live import masks_actions, open_model
+from curricle.tasks.mdp import (
+    NO_LIMIT,
+    GenerativeModel,
+    Task,
+    availability,
+    available_actions,
+    generative_model,
+)
 from curricle.tasks.models import Functions
 
 MOST_ACTIONS = int(TIED)  # actions that 15 bits can tell apart
@@ -175,6 +182,12 @@ def learn(
         seeds=len(settings) if storage.save_values else max(1, threads),
         steps=longest,
     )
+    if masks_actions(task) and (rows or isinstance(learner, OptimisticQLearning)):
+        raise SettingError(
+            "a live task with action_masks is learnt with dense tables, and not by "
+            "OptimisticQLearning, as its available actions are not known beforehand: got "
+            f"{type(learner).__name__} and {'sparse' if rows else 'dense'} tables"
+        )
     run = Run(
         generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows, bounds
     )
@@ -285,8 +298,8 @@ class Run:
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
-        if self.learner.update != Q_LEARNING:
-            return False
+        if self.learner.update != Q_LEARNING or masks_actions(self.task):
+            return False  # the fast loop keeps maxima, beside which no environment closes an action
         return shaping is None or (shaping.starts_at_potential and shaping.portfolio is None)
 
     def check_sparse(self, settings: Sequence[SeedSettings]) -> None:
@@ -322,7 +335,7 @@ class Run:
             if self.task.terminal is not None:
                 acts[self.task.terminal] = 0.0
             tables = self._dense(seed, acts), Beside(learnt, highest), None
-        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None])
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None, None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
@@ -347,7 +360,7 @@ class Run:
         kernel = shaping.portfolio.kernel
         members = Members(kernel, tally, rows, highest, visits, part(0), learnt)
         tables = table, None, members
-        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, :n])
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, None, :n])
         if seed.out is not None:
             seed.out[...] = q[:n] if tally.share[0] > UNDECIDED else learnt.q
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
@@ -369,12 +382,13 @@ class Run:
             np.zeros(2 ** (3 * rows // 2).bit_length(), np.int32),
             np.ones(1, np.int64),
             lookup._replace(initial=float(self.learner.initial_value)),
+            availability(self.task),
             np.uint64(splitmix64(seed.start)),
             self._width,
             (None,),
         )
         steps, episodes = self._loop(
-            train_q_learning, seed, (table, None, None), table, table.q[None]
+            train_q_learning, seed, (table, None, None), table, table.q[None, None]
         )
         checkpoint, rest = divmod(steps, self.eval_freq)
         stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
@@ -403,7 +417,7 @@ class Run:
         highest = 0.0 if self.bounds is None else self.bounds[1]
         learners = Learners.starting(q, self.learner.update, shaping.kernel(), kernel, highest)
         acting = Acting(q[0], False, learners.shaping.pair_values, 0.0, learners.values)
-        steps, episodes = self._loop(train, seed, learners, acting, q[-1])
+        steps, episodes = self._loop(train, seed, learners, acting, q)
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             if portfolio is None or record.source_share[checkpoint] > UNDECIDED:
                 step = checkpoint * self.eval_freq
@@ -423,7 +437,8 @@ class Run:
     ) -> Any:
         """Run a loop on a table or learners and return its result.
 
-        It evaluates a view such as `view`; `q`, (m, S, A), are the tables that are acted on first.
+        It evaluates a view such as `view`; `q`, (n, m, S, A), are the m tables of each learner, the
+        last of which acts first.
         """
         discount, limit = self.task.discount, self.task.time_limit
         limit = int(NO_LIMIT if limit is None else limit)
@@ -446,7 +461,7 @@ class Run:
                 self.eval_freq,
                 seed.evaluation.compiled_for(model, view),
                 seed.record,
-                address_of(compiled(note, False), *noted, q[0], q[0]),
+                address_of(compiled(note, False), *noted, q[-1, 0], q[-1, 0]),
             )
             rule = self.learner.kernel(visits)
             totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
@@ -458,7 +473,7 @@ class Run:
         self, settings: SeedSettings, start: int, q: FloatTable
     ) -> AbstractContextManager[Any]:
         """Return a context with the model that one seed's loop samples from `start` on."""
-        return open_model(self.task, start)
+        return open_model(self.task, start, q)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -485,6 +500,8 @@ class Run:
             potential.fill(q, initial)
         if self.task.terminal is not None:
             q[self.task.terminal] = 0.0
+        if (available := available_actions(self.task)) is not None:
+            q[~available] = -np.inf  # so that no policy takes it, and no target is read from it
         return q
 
     def _only_ends(self, record: Record, tables: FloatTable, potential: Any) -> IntArray:
@@ -496,5 +513,6 @@ class Run:
         initial = float(self.learner.initial_value)
         phi = 0.0 if potential is None else potential.pairs(ends)
         start = np.broadcast_to(phi + initial, (len(ends), tables.shape[2]))
-        same: Any = (tables[:, ends] == start.astype(tables.dtype)).all(axis=(0, 2))
+        now = tables[:, ends]
+        same: Any = ((now == start.astype(now.dtype)) | np.isneginf(now)).all(axis=(0, 2))
         return np.asarray(ends[same])

@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from curricle.planning.greedy import ONLY_ROW, TIED, Values, acting_rows, best_o
 from curricle.planning.policy_evaluation import fixed_views
 from curricle.tasks.kernel import Overloaded, compiled_once, inlined, of_width, splitmix64
 from curricle.tasks.mdp import GenerativeModel
+from curricle.tasks.models import close_row
 from curricle.text import brief_repr
 
 UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
@@ -179,6 +180,7 @@ class SparseTable(NamedTuple):
     slots: npt.NDArray[np.int32]  # (2^h,) a row, or 0 where empty; open addressing
     used: IntArray  # (1,) rows in use, row 0 among them
     lookup: ValueLookup
+    available: Any  # which actions can be taken, as of :func:`availability`
     key: np.uint64  # breaks the ties of new rows
     width: StaticInt  # A where loops along a row are to be unrolled, else 0
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
@@ -261,6 +263,7 @@ def add_row(table, state, slot):
         read_row(table.lookup, state, table.phi)
         for action in range(table.q.shape[1]):
             table.q[row, action] = table.phi[action]
+        close_row(table.available, state, table.q, row)
         bits = tie_bits(table.key, state)
         table.row_max[row], table.row_argmax[row] = best_of(table.q, row, bits)
         table.states[row] = state
@@ -292,6 +295,7 @@ def row_or_none(view, state):
         read_row(view.lookup, state, view.phi)
         for action in range(view.row.shape[1]):
             view.row[0, action] = view.phi[action]
+        close_row(view.available, state, view.row, 0)
     return row
 
 

@@ -24,8 +24,8 @@ from curricle.planning.episode import (
 from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.rollouts import greedy_rollout
 from curricle.show.scenes import scene_of
-from curricle.tasks.live import LiveMDP, is_live, numbering
-from curricle.tasks.mdp import Task, generative_model
+from curricle.tasks.live import LiveMDP, action_mask, is_live, numbering
+from curricle.tasks.mdp import Task, available_actions, closed, generative_model
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_value
 
@@ -118,8 +118,12 @@ class TabularPolicy(Frozen):
         """Return the values of a state's actions, (A,)."""
         values = self.values
         if isinstance(values, SparseValues):
-            visited = np.isin(state, values.states)
-            return values.at(state) if visited else np.zeros(values.values.shape[1])
+            if np.isin(state, values.states):
+                return values.at(state)
+            unknown: FloatTable = np.zeros((1, values.values.shape[1]))
+            if self.task is not None:
+                unknown = closed(unknown, available_actions(self.task, np.array([state])))
+            return np.asarray(unknown[0])
         if state >= len(values):
             raise SettingError(f"a state must be below {len(values):,}: got {state:,}")
         row: FloatTable = values[state]
@@ -163,8 +167,10 @@ class TabularPolicy(Frozen):
     def _live_episode(self, task: LiveMDP, seed: int, limit: int) -> Episode:
         number, scene, rng = numbering(task), scene_of(task), np.random.default_rng(seed)
 
-        def act(observation: Any) -> Any:
+        def act(observation: Any, info: Any) -> Any:
             row = self._row(number(observation))
+            if task.action_masks:
+                row = closed(row, action_mask(env, info, len(row)))
             return task.act(int(rng.choice(np.flatnonzero(row == row.max()))))
 
         def picture(observation: Any) -> npt.NDArray[np.uint8]:

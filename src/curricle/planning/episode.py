@@ -182,7 +182,7 @@ class Episode:
 
 def played(
     env: Any,
-    act: Callable[[Any], Any],
+    act: Callable[[Any, Any], Any],
     *,
     seed: int,
     limit: int,
@@ -192,15 +192,15 @@ def played(
     """Return one episode, of up to `limit` steps, of a policy in an environment of Gymnasium's.
 
     `act`, `picture` and `text` return the action, the frame and a drawing made of characters for an
-    observation.
+    observation; `act` takes the info beside it too.
     """
-    observation, _ = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed)
     frames, actions, rewards = [picture(observation)], list[Any](), list[float]()
     texts = [] if text is None else [text(observation)]
     over = terminated = False
     while not over and len(rewards) < limit:
-        action = act(observation)
-        observation, reward, terminated, truncated, _ = env.step(action)
+        action = act(observation, info)
+        observation, reward, terminated, truncated, info = env.step(action)
         frames.append(picture(observation))
         texts += [] if text is None else [text(observation)]
         actions.append(action)

@@ -6,7 +6,7 @@ uint32: an unsigned index needs no test for being negative.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -482,6 +482,11 @@ class TabularPlanningModel(_Model):
         )
 
     @property
+    def available(self) -> BoolArray | None:
+        """The actions that can be taken in each state, (S, A); None where all can."""
+        return self.mdp.available
+
+    @property
     def _rows(self) -> npt.NDArray[np.uint32]:
         return self.mdp.outcome_row.view(np.uint32)
 
@@ -518,7 +523,10 @@ class TabularPlanningModel(_Model):
         return float(self.mdp.start @ values)
 
     def action_values(self, values: FloatArray) -> FloatArray:
-        """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states."""
+        """Return sum_s' P(s' | s, a) (r + gamma V(s')), (S, A); 0 in terminal states.
+
+        An unavailable pair has the value of the pair that stands for it.
+        """
         outcomes = values[self.mdp.next_state]
         outcomes *= self.discount
         outcomes += self.mdp.reward
@@ -544,6 +552,7 @@ class FactoredPlanningModel(_Model):
     """A model computed from a factored model; its discount is below 1."""
 
     factored_model: FactoredModel
+    available: ClassVar[None] = None
 
     @classmethod
     def of(cls, factored_model: FactoredModel) -> Self:

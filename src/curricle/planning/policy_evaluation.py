@@ -28,7 +28,15 @@ from curricle.progress import HALTED
 from curricle.statistics.curves import fraction_of_optimum
 from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import NO_LIMIT, Task, generative_model, has_tables, improper_states, tables
+from curricle.tasks.mdp import (
+    NO_LIMIT,
+    Task,
+    closed,
+    generative_model,
+    has_tables,
+    improper_states,
+    tables,
+)
 from curricle.tasks.models import (
     Functions,
     Tables,
@@ -266,7 +274,7 @@ def greedy_policy_return(
         if isinstance(view, Values | VisitedValues):  # one type, as of the tables that learn
             values = np.zeros(kernel.tables.outcome_row.shape)
             values[view.states if isinstance(view, VisitedValues) else ...] = view.values
-            view = Values(values)
+            view = Values(closed(values, tables(task).available))
         return float(compiled(exact_return, False)(kernel, view))
     with open_model(generative_model(task), start) as model:
         loop = compiled(rollout_return, isinstance(model, Functions))
@@ -562,7 +570,7 @@ class Target:
 
     @cached_property
     def random_return(self) -> float:
-        """The expected return of the uniformly random policy."""
+        """The expected return of the policy that takes every available action equally often."""
         return greedy_policy_return(self.task, self._no_values, self.evaluation)
 
     @property

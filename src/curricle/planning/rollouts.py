@@ -27,12 +27,13 @@ from curricle.tasks.kernel import (
     uniform,
 )
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import GenerativeModel, Task, generative_model
+from curricle.tasks.mdp import GenerativeModel, Task, available_actions, generative_model
 from curricle.tasks.models import (
     Functions,
     cumulated,
     first_state,
     has_failed,
+    permitted,
     transition,
     truncated,
 )
@@ -49,7 +50,7 @@ policy_actions = Overloaded(policy_action)
 
 
 class UniformPolicy(NamedTuple):
-    """Takes every action with the same probability."""
+    """Takes every available action with the same probability."""
 
     n_actions: np.uint64
 
@@ -131,7 +132,7 @@ def simulate_episode(model, policy, state, stream, limit, record, n):
     last, terminated, stopped = n + limit, False, False
     while n < last and not stopped:
         bits = draw(stream)
-        action = policy_action(policy, state, bits)
+        action = permitted(model, state, policy_action(policy, state, bits), bits)
         next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
         record_step(record, n, state, action, reward)
         state, n = next_state, n + 1
@@ -273,7 +274,7 @@ def rollout(
     n_states, n_actions = generative.states.size, generative.actions.size
     terminal = generative.terminal
     known = np.zeros(n_states, dtype=bool) if terminal is None else terminal
-    checked = checked_policy(policy, known, n_actions)
+    checked = checked_policy(policy, known, n_actions, available_actions(task))
     if checked.ndim == 2:
         probabilities = TablePolicy(cumulated(checked.astype(np.float64, copy=False)))
         return _trajectory(generative, probabilities, seed, steps, start)
@@ -360,7 +361,7 @@ def random_rollouts(
     seed: int = 0,
     starts: IntArray | None = None,
 ) -> RandomRollouts:
-    """Return episodes in which every action is equally likely at every step.
+    """Return episodes in which every available action is equally likely at every step.
 
     They start as the task draws them, or in `starts`, (E,), as many states as `episodes`.
     """

@@ -27,6 +27,7 @@ from curricle.tasks.mdp import (
     PROBABILITY_TOLERANCE,
     FiniteMDP,
     Task,
+    closed,
     improper_states,
     normalised,
     steps_to,
@@ -57,8 +58,8 @@ class PolicyValues(Frozen):
     start_value : float
         V averaged over the start distribution.
     error_bound : float
-        Proven: no V(s), and no Q(s, a) of `action_values`, is further than this from the true one,
-        rounding included. The numbers in the task's tables count as exact.
+        Proven: no V(s), and no Q(s, a) of an available action, is further than this from the true
+        one, rounding included. The numbers in the task's tables count as exact.
 
     Examples
     --------
@@ -76,7 +77,18 @@ class PolicyValues(Frozen):
 
     @cached_property
     def action_values(self) -> FloatArray:
-        """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states."""
+        """Q(s, a) = sum_s' P(s' | s, a) (r + gamma V(s')), (S, A) float64; 0 in terminal states.
+
+        It is -inf where an action is not available.
+        """
+        return frozen(closed(self.finite_action_values, self._model.available))
+
+    @cached_property
+    def finite_action_values(self) -> FloatArray:
+        """`action_values`, but an unavailable pair has those of the state's first available action.
+
+        Its outcomes are the same in the tables, so that what is proven of them holds for it too.
+        """
         return frozen(self._model.action_values(self.values))
 
 
@@ -174,8 +186,8 @@ def evaluate(
     Raises
     ------
     SettingError
-        When the policy is malformed, is a model and the task does not know its observations, may
-        never end at discount 1, or as in :func:`solve`.
+        When the policy is malformed, takes an action that is not available, is a model and the task
+        does not know its observations, may never end at discount 1, or as in :func:`solve`.
 
     Examples
     --------
@@ -193,7 +205,7 @@ def evaluate(
                 f"tasks of tabulate do: got {task!r}"
             )
         policy = policy_of(policy)
-    followed = checked_policy(policy, model.terminal, model.n_actions)
+    followed = checked_policy(policy, model.terminal, model.n_actions, model.available)
     with shown(progress) as bars:
         values, error = _iterate(model, followed, tolerance, bars)
     return PolicyValues(frozen(values), model.start_value(values), error, model)
@@ -221,8 +233,29 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
     return np.asarray(best / best.sum(axis=-1, keepdims=True))
 
 
-def checked_policy(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -> Policy:
+def checked_policy(
+    policy: npt.ArrayLike,
+    terminal: BoolArray,
+    n_actions: int,
+    available: BoolArray | None = None,
+) -> Policy:
     """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
+    checked = _of_shape(policy, terminal, n_actions)
+    if available is not None:
+        taken = np.arange(n_actions) == checked[:, None] if checked.ndim == 1 else checked > 0
+        bad = np.argwhere(taken & ~available)
+        if len(bad):
+            state, action = bad[0]
+            raise SettingError(
+                "a policy may take available actions only: in state "
+                f"{state} it takes action {action}, available are "
+                f"{np.flatnonzero(available[state]).tolist()}"
+            )
+    return checked
+
+
+def _of_shape(policy: npt.ArrayLike, terminal: BoolArray, n_actions: int) -> Policy:
+    """Return a policy whose shape, actions and probabilities are right, or raise SettingError."""
     if not isinstance(policy, np.ndarray) or policy.dtype.kind not in "iuf":
         numbers("a policy", policy, SettingError)
     choices, n_states = np.asarray(policy), len(terminal)
@@ -548,8 +581,8 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
     """
     mdp = tables(task)
     if policy is None:
-        policy = np.full(mdp.outcome_row.shape, 1 / mdp.actions.size)
-    checked = checked_policy(policy, mdp.terminal, mdp.actions.size)
+        policy = mdp.random_policy
+    checked = checked_policy(policy, mdp.terminal, mdp.actions.size, mdp.available)
     table = np.asarray(np.eye(mdp.actions.size)[checked] if checked.ndim == 1 else checked, float)
     step, now, visits = transitions(mdp, table), mdp.start, np.zeros(mdp.states.size)
     for _ in range(STEPS_AT_MOST if mdp.time_limit is None else mdp.time_limit):

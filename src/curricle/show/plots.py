@@ -632,7 +632,8 @@ def _best(task: Task, values: npt.ArrayLike) -> FloatArray:
         raise SettingError(
             f"values must have shape ({n_states},) or ({n_states}, {n_actions}): got {table.shape}"
         )
-    if not np.isfinite(table).all():
+    best = table if table.ndim == 1 else table.max(axis=1)  # -inf is an action not available
+    if not np.isfinite(best).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(table))[0])
         raise SettingError(f"values must be finite: entry {place} is {table[place]}")
-    return table if table.ndim == 1 else table.max(axis=1)
+    return best

@@ -233,6 +233,7 @@ GymnasiumTask = table_of(
     sizes=tuple[Count, ...] | None,
     actions=Names,
     live=(Flag | None, None),  # None is not stored, so that older results keep their keys
+    action_masks=(Flag | None, None),
 )
 
 
@@ -274,6 +275,7 @@ TabulatedTaskTable = table_of(
     names=Names,
     actions=Names,
     samples=Count | None,
+    action_masks=(Flag | None, None),
 )
 ObservationTaskTable = table_of(
     observation_task,

@@ -1,6 +1,6 @@
 """Live tasks: compiled loops take every step in an environment, a Python object, by its address."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass, field
 from operator import index
@@ -12,19 +12,24 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
+from curricle.arrays import BoolArray, FloatTable
+from curricle.checks import brief, instance
 from curricle.errors import TaskError
 from curricle.tasks.kernel import inlined, lowered, splitmix64
 from curricle.tasks.mdp import number_of
 from curricle.tasks.models import (
     LARGEST_REWARD,
     REWARD_RULE,
+    AvailableTable,
     ComputedMDP,
     check_parts,
     described,
+    drawn_among_available,
     evaluation_models,
     failures,
     first_states,
     opened,
+    permissions,
     transitions,
     truncations,
 )
@@ -40,13 +45,24 @@ class Live(NamedTuple):
     address: npt.NDArray[np.uint64]  # (2,) of the callables of :func:`answer`
     status: npt.NDArray[np.int8]  # (2,) of each after its last step
     which: np.uint64  # the index of the environment that is used
+    available: BoolArray  # (2, A) the actions that can be taken in the present state of each
 
 
 first_states.body(Live)(lambda model, bits: _ask(model, RESET)[0])
 transitions.body(Live)(lambda model, state, action, bits: _ask(model, np.int64(action)))
 truncations.body(Live)(lambda model: model.status[model.which] == TRUNCATED)
 failures.body(Live)(lambda model: max(model.status[0], model.status[1]) == FAILED)
-evaluation_models.body(Live)(lambda model: Live(model.address, model.status, np.uint64(1)))
+
+
+@evaluation_models.body(Live)
+def _other_environment(model):
+    return Live(model.address, model.status, np.uint64(1), model.available)
+
+
+@permissions.body(Live)
+def _permitted_now(model, state, action, bits):
+    available, n_actions = AvailableTable(model.available), model.available.shape[1]
+    return drawn_among_available(available, n_actions, model.which, action, bits)
 
 
 @inlined
@@ -131,11 +147,15 @@ class LiveMDP:
     discount, time_limit
         As in :class:`FiniteMDP`. Episodes are cut at the time limit even where the environment
         would go on.
+    action_masks : bool
+        Whether the environment says which actions are available, as flags for each action: in
+        ``info["action_mask"]``, or by a method ``action_masks()``. They must depend on the state.
 
     Raises
     ------
     TaskError
-        While learning, when an observation encodes to no state. An environment's exceptions pass.
+        While learning, when an observation encodes to no state, or the available actions of a state
+        are none, missing or others than before. An environment's exceptions pass.
 
     Examples
     --------
@@ -161,8 +181,10 @@ class LiveMDP:
     act: Callable[[int], Any] = field(default=index, hash=False)
     discount: float = 0.99
     time_limit: int | None = 200
+    action_masks: bool = False
 
     def __post_init__(self) -> None:
+        instance("action_masks", self.action_masks, bool, TaskError)
         encode = [] if self.encode is None else ["encode"]
         check_parts(self, "live", "make", "act", *encode)
 
@@ -184,35 +206,49 @@ def is_live(task: Any) -> bool:
     return isinstance(task, LiveMDP)
 
 
+def masks_actions(task: Any) -> bool:
+    """Return whether only the environment of a live task knows which actions are available."""
+    return is_live(task) and bool(task.action_masks)
+
+
 def reset_state(task: LiveMDP) -> int:
     """Return the state that a new environment is in after a reset with seed 0."""
     with closing(task.make()) as environment:
         return numbering(task)(_observed(environment.reset(seed=0)))
 
 
-def open_model(task: Any, start: int) -> AbstractContextManager[Any]:
-    """Return a context with a task's model; at its end it raises an environment's exception."""
+def open_model(
+    task: Any, start: int, tables: FloatTable | None = None
+) -> AbstractContextManager[Any]:
+    """Return a context with a task's model; at its end it raises an environment's exception.
+
+    An environment that masks actions writes -inf into `tables`, (n, m, S, A), as states are met.
+    """
     if is_live(task):
-        return _Opened(task, start)
+        return _Opened(task, start, tables)
     return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
 
 
 class _Opened:
     """The environments of one run; no generator, in which their StopIteration is an error."""
 
-    def __init__(self, task: LiveMDP, start: int):
+    def __init__(self, task: LiveMDP, start: int, tables: FloatTable | None):
         self.closings = ExitStack()
         self.raised = list[BaseException]()
         # Two seeds below 2^31, which every environment takes.
         seeds = [splitmix64(start ^ which) >> 33 for which in (1, 2)]
-        players = [_player(task, seed, self.closings, self.raised) for seed in seeds]
+        self.available = np.ones((2, task.actions.size), np.bool_)
+        players = [
+            _player(task, seed, self.closings, self.raised, (available, tables))
+            for seed, available in zip(seeds, self.available, strict=True)
+        ]
         for player in players:
             next(player)
         self.callables = [player.send for player in players]  # they must outlive their addresses
 
     def __enter__(self) -> Live:
         addresses = np.array([id(send) for send in self.callables], dtype=np.uint64)
-        return Live(addresses, np.zeros(2, np.int8), np.uint64(0))
+        return Live(addresses, np.zeros(2, np.int8), np.uint64(0), self.available)
 
     def __exit__(self, *_: object) -> None:
         try:
@@ -223,7 +259,11 @@ class _Opened:
 
 
 def _player(
-    task: LiveMDP, seed: int, closings: ExitStack, raised: list[BaseException]
+    task: LiveMDP,
+    seed: int,
+    closings: ExitStack,
+    raised: list[BaseException],
+    closes: tuple[BoolArray, FloatTable | None],
 ) -> Generator[Answer | None, int, None]:
     """Yield the result of each action sent in an environment; `RESET` starts an episode."""
     # Nothing is raised, as compiled code is the caller. A generator also catches an interrupt that
@@ -232,15 +272,18 @@ def _player(
     try:
         environment = closings.enter_context(closing(task.make()))
         number, moves = numbering(task), [task.act(a) for a in range(task.actions.size)]
-        step, reset = environment.step, environment.reset
+        step, reset, masks = environment.step, environment.reset, task.action_masks
+        close = _closing(task, environment, *closes)
         begun = reset(seed=seed)
         while True:
             state = number(_observed(begun))
+            if masks:
+                close(state, begun[1])
             action = yield state, 0.0, False, False
             while action != RESET:
                 followed = step(moves[action])
                 try:  # here, as a call costs a tenth of a step
-                    observation, reward, terminated, truncated, _ = followed
+                    observation, reward, terminated, truncated, info = followed
                 except (TypeError, ValueError):
                     raise TaskError(_wrong_parts("step", followed)) from None
                 earned = number_of(reward)
@@ -250,6 +293,8 @@ def _player(
                         f"{action_name(task.actions, action)} in {state_name(task.states, state)}"
                     )
                 state = number(observation)
+                if masks and not terminated:
+                    close(state, info)
                 action = yield state, earned, terminated, truncated
             begun = reset()
     except GeneratorExit:
@@ -258,6 +303,52 @@ def _player(
         raised.append(error)
     while True:
         yield BROKEN_DOWN
+
+
+def _closing(
+    task: LiveMDP, environment: Any, available: BoolArray, tables: FloatTable | None
+) -> Callable[[int, Any], None]:
+    """Return the function that notes which actions are available in a state that is entered."""
+    known, n_actions = dict[int, bytes](), task.actions.size
+
+    def close(state: int, info: Any) -> None:
+        available[:] = mask = action_mask(environment, info, n_actions)
+        if state not in known:
+            known[state] = mask.tobytes()
+            if tables is not None:
+                tables[..., state, ~mask] = -np.inf
+        if known[state] != mask.tobytes():
+            raise TaskError(
+                "which actions are available must depend on the state alone: in "
+                f"{state_name(task.states, state)} they are {np.flatnonzero(mask).tolist()}, and "
+                f"were {np.flatnonzero(np.frombuffer(known[state], np.bool_)).tolist()}"
+            )
+
+    return close
+
+
+def action_mask(environment: Any, info: Any, n_actions: int) -> BoolArray:
+    """Return the available actions of an environment's present state, (A,); TaskError if none."""
+    mask = info.get("action_mask") if isinstance(info, Mapping) else None
+    if mask is None:
+        asked = getattr(environment, "action_masks", None)
+        behind = getattr(environment, "has_wrapper_attr", lambda _: False)
+        if asked is None and behind("action_masks"):
+            asked = environment.get_wrapper_attr("action_masks")
+        if asked is None:
+            raise TaskError(
+                'action_masks needs an environment with info["action_mask"] or a method '
+                f"action_masks(): {environment} has neither; leave it out where every action can "
+                "be taken"
+            )
+        mask = asked()
+    flags = np.asarray(mask)
+    if flags.shape != (n_actions,) or flags.dtype.kind not in "biuf" or not flags.any():
+        raise TaskError(
+            f"a mask of actions must have a flag for each of {n_actions} actions, one of them "
+            f"True: got {brief(mask)}"
+        )
+    return flags.astype(np.bool_)
 
 
 def _observed(begun: Any) -> Any:

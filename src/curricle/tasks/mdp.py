@@ -4,31 +4,36 @@ Pairs (s, a) with the same outcome distribution share a *row*: ``outcome_row[s, 
 rows of up to O outcomes. A maze has Y = 2 S, a pursuit Y = S, an arbitrary MDP Y = S A.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, frozen
-from curricle.checks import brief, instance, numbers
+from curricle.checks import brief, indices, instance, numbers
 from curricle.errors import TaskError
 from curricle.tasks.models import (
     LARGEST_REWARD,
     REWARD_RULE,
+    AvailableTable,
     DeterministicTables,
+    Restricted,
     Tables,
     check_horizon,
     cumulated,
     described,
     learning_model,
 )
-from curricle.tasks.spaces import Component, Space, whole_by_type
+from curricle.tasks.spaces import Component, Space, state_name, whole_by_type
 
+Table = TypeVar("Table", bound=npt.NDArray[Any])
 PROBABILITY_TOLERANCE = 1e-8
 SINGLE_PRECISION = 1e-6
 """How far from 1 probabilities of float32 may sum; then they are divided by their sum."""
+MOST_ACTIONS = 2**15  # an action of a larger number is a mistake, where most are not listed
 NO_LIMIT = np.int64(2**62)  # steps that stand for no limit in compiled loops
 
 
@@ -36,7 +41,8 @@ NO_LIMIT = np.int64(2**62)  # steps that stand for no limit in compiled loops
 class FiniteMDP(Frozen):
     """A finite MDP with a start distribution, a discount and a time limit; validated and frozen.
 
-    Use :meth:`from_dense` or :meth:`from_outcomes` unless you have the compact form.
+    Use :meth:`from_dense`, :meth:`from_sparse`, :meth:`from_pairs` or :meth:`from_outcomes` unless
+    you have the compact form.
 
     Parameters
     ----------
@@ -59,6 +65,9 @@ class FiniteMDP(Frozen):
         In [0, 1]; 1 only where a way leads to an end from every state, or a time limit is set.
     time_limit : int, optional
         Steps after which an episode is truncated. This is not termination: learners bootstrap.
+    available : (S, A) bool, optional
+        Which actions can be taken in each state, by default all; None where all can. The outcome
+        row of a pair that is not available becomes that of the state's first available action.
 
     Raises
     ------
@@ -84,6 +93,7 @@ class FiniteMDP(Frozen):
     start: FloatArray
     discount: float
     time_limit: int | None = None
+    available: BoolArray | None = None
 
     def __post_init__(self) -> None:
         instance("states", self.states, Space, TaskError)
@@ -115,6 +125,7 @@ class FiniteMDP(Frozen):
             if name in ("probability", "start"):
                 array = frozen(normalised(array))
             object.__setattr__(self, name, array)
+        self._check_available()
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
         start = self.start
         if abs(start.sum() - 1) > PROBABILITY_TOLERANCE:
@@ -138,6 +149,29 @@ class FiniteMDP(Frozen):
                     f"there from state {endless.argmax()}"
                 )
 
+    def _check_available(self) -> None:
+        """Narrow the actions to those that are available, and make the others' rows duplicates."""
+        # A duplicate changes no optimum, no bound and no state that can be reached: what reads
+        # tables without choosing an action needs to know nothing of available actions.
+        if self.available is None:
+            return
+        available = _adopted("available", self.available, np.bool_)
+        if available.shape != self.outcome_row.shape:
+            raise TaskError(
+                f"available must have shape {self.outcome_row.shape}: got {available.shape}"
+            )
+        available = available | self.terminal[:, None]
+        if not available.any(axis=1).all():
+            state = state_name(self.states, int(available.any(axis=1).argmin()))
+            raise TaskError(
+                f"a state that does not end episodes needs an available action: {state} has none"
+            )
+        if available.all():
+            object.__setattr__(self, "available", None)
+            return
+        object.__setattr__(self, "available", frozen(available))
+        object.__setattr__(self, "outcome_row", frozen(duplicated(self.outcome_row, available)))
+
     @classmethod
     def from_dense(
         cls,
@@ -150,6 +184,7 @@ class FiniteMDP(Frozen):
         time_limit: int | None = None,
         states: Space | None = None,
         actions: Space | None = None,
+        available: npt.ArrayLike | None = None,
     ) -> Self:
         """Return the MDP of dense arrays.
 
@@ -162,8 +197,9 @@ class FiniteMDP(Frozen):
         terminal : (S,) bool array
         start : int or (S,) float array
             The start state, or its distribution.
-        discount, time_limit, states, actions
+        discount, time_limit, states, actions, available
             As in the class; spaces default to one component ``state`` and one ``action``.
+            Transitions of pairs that are not available do not count.
 
         Examples
         --------
@@ -196,6 +232,7 @@ class FiniteMDP(Frozen):
             start=start_distribution(start, n_states),
             discount=discount,
             time_limit=time_limit,
+            available=available,
         )
 
     @classmethod
@@ -217,7 +254,8 @@ class FiniteMDP(Frozen):
         outcomes : nested sequences or dicts
             ``outcomes[s][a]`` is a list of ``(probability, next_state, reward)``, or of
             ``(probability, next_state, reward, terminated)`` as Gymnasium's toy-text tables
-            have it. The list may be empty in terminal states.
+            have it. The list may be empty in terminal states; elsewhere an empty list means that
+            the action is not available.
         terminal : (S,) bool array, optional
             Needed unless the outcomes carry ``terminated``.
         start, discount, time_limit, states, actions
@@ -229,7 +267,159 @@ class FiniteMDP(Frozen):
             terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
         settings: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
         settings["terminal"] = np.asarray(terminal)
+        settings["available"] = np.array([[bool(pair) for pair in row] for row in lists])
         return cls.one_row_a_pair(states, actions, *tables, **settings)
+
+    @classmethod
+    def from_sparse(cls, transition: Sequence[Any], reward: Any, **settings: Any) -> Self:
+        """Return the MDP of a matrix for each action, sparse or dense, as pymdptoolbox has them.
+
+        Parameters
+        ----------
+        transition : sequence of A matrices (S, S)
+            P(s' | s) of each action. A row without entries means that the action is not available.
+        reward : (S,), (S, A), or sequence of A matrices (S, S)
+            Reward on the state that is left; on s, a; or on s, a, s'.
+        **settings
+            As in :meth:`from_pairs`.
+
+        Raises
+        ------
+        TaskError
+            When shapes do not fit, or a probability, a reward or a setting breaks a rule.
+
+        Examples
+        --------
+        >>> from scipy.sparse import csr_array
+        >>> stay, go = csr_array([[1.0, 0.0], [0.0, 1.0]]), csr_array([[0.1, 0.9], [0.0, 0.0]])
+        >>> mdp = FiniteMDP.from_sparse([stay, go], [0.0, 1.0], start=0, discount=0.5)
+        >>> mdp.available
+        array([[ True,  True],
+               [ True, False]])
+        """
+        from scipy.sparse import issparse, vstack
+
+        listed = Sequence, np.ndarray
+        of_actions = [*map(_sparse, transition)] if isinstance(transition, listed) else []
+        n_states, n_actions = of_actions[0].shape[0] if of_actions else 0, len(of_actions)
+        square = [(n_states, n_states)] * n_actions
+        if not n_states or [matrix.shape for matrix in of_actions] != square:
+            raise TaskError(
+                "transition must be a matrix (S, S) for each action: got "
+                f"{[matrix.shape for matrix in of_actions] or brief(transition)}"
+            )
+        s, a = np.tile(np.arange(n_states), n_actions), np.repeat(np.arange(n_actions), n_states)
+        if isinstance(reward, listed) and any(
+            issparse(part) or np.ndim(part) == 2 for part in reward
+        ):
+            parts = [_sparse(part, "reward") for part in reward]
+            shape: Any = [part.shape for part in parts]
+            rewards = vstack(parts, format="csr") if shape == square else None
+        else:
+            table = numbers("reward", reward, TaskError)
+            fits = (shape := table.shape) in ((n_states,), (n_states, n_actions))
+            rewards = table[(s, a)[: table.ndim]] if fits else None
+        if rewards is None:
+            raise TaskError(
+                f"reward must have shape {(n_states,)} or {(n_states, n_actions)}, or a matrix "
+                f"{square[0]} for each action: got {shape}"
+            )
+        return cls.from_pairs(vstack(of_actions, format="csr"), rewards, s, a, **settings)
+
+    @classmethod
+    def from_pairs(
+        cls,
+        transition: Any,
+        reward: Any,
+        s_indices: npt.ArrayLike,
+        a_indices: npt.ArrayLike,
+        *,
+        start: npt.ArrayLike,
+        discount: float,
+        terminal: npt.ArrayLike | None = None,
+        time_limit: int | None = None,
+        states: Space | None = None,
+        actions: Space | None = None,
+    ) -> Self:
+        """Return the MDP of a row for each of L pairs (s, a), as QuantEcon's DiscreteDP has them.
+
+        Parameters
+        ----------
+        transition : (L, S) matrix, sparse or dense
+            P(s' | s, a) of each pair. Pairs that are not listed, or whose row has no entry, are not
+            available.
+        reward : (L,) float array or (L, S) matrix
+            Reward on s, a; or on s, a, s'.
+        s_indices, a_indices : (L,) int array
+            The state and the action of each row.
+        start : int or (S,) float array
+            The start state, or its distribution.
+        terminal : (S,) bool array, optional
+            States that end the episode when entered; by default none. Their rows do not count.
+        discount, time_limit, states, actions
+            As in the class; there are as many actions as the largest index says by default.
+
+        Raises
+        ------
+        TaskError
+            When shapes do not fit, a pair is listed twice, or a probability, a reward or a setting
+            breaks a rule.
+
+        Examples
+        --------
+        >>> mdp = FiniteMDP.from_pairs([[0.5, 0.5], [0, 1], [0, 1]], [5.0, 10.0, -1.0],
+        ...                            [0, 0, 1], [0, 1, 0], start=0, discount=0.9)
+        >>> mdp.available.tolist(), mdp.reward[1, 0]
+        ([[True, True], [True, False]], np.float64(10.0))
+        """
+        p = _sparse(transition)
+        (n_rows, n_states), counts = p.shape, np.diff(p.indptr)
+        s = indices("s_indices", s_indices, n_states, TaskError)
+        most = max(n_rows, MOST_ACTIONS) if actions is None else actions.size
+        a = indices("a_indices", a_indices, most, TaskError)
+        if not (s.shape == a.shape == (n_rows,) and n_rows):
+            raise TaskError(
+                f"s_indices and a_indices must have shape {(n_rows,)}, an entry for each row of "
+                f"transition, at least one: got {s.shape} and {a.shape}"
+            )
+        row, column = np.repeat(np.arange(n_rows), counts), p.indices
+        if np.ndim(reward) == 2:
+            paid = _sparse(reward, "reward")
+            if paid.shape != p.shape:
+                raise TaskError(f"reward must have shape {p.shape}: got {paid.shape}")
+            rewards = np.asarray(paid[row, column]).ravel()
+        else:
+            of_rows = numbers("reward", reward, TaskError)
+            if of_rows.shape != (n_rows,):
+                raise TaskError(f"reward must have shape {(n_rows,)}: got {of_rows.shape}")
+            rewards = of_rows[row]
+        n_actions = int(a.max()) + 1 if actions is None else actions.size
+        rows, listed = np.zeros((n_states, n_actions), np.int64), np.zeros((n_states, n_actions))
+        np.add.at(listed, (s, a), 1)
+        if listed.max() > 1:
+            state, action = np.argwhere(listed > 1)[0]
+            raise TaskError(
+                f"a pair must have one row: state {state}, action {action} has "
+                f"{int(listed[state, action])}"
+            )
+        rows[s, a], listed[s, a] = np.arange(n_rows), counts > 0
+        place, width = np.arange(len(row)) - p.indptr[row], max(1, int(counts.max()))
+        outcomes = np.zeros((3, n_rows, width))
+        for table, values in zip(outcomes, (p.data, column, rewards), strict=True):
+            table[row, place] = values
+        return cls(
+            states or Space([Component("state", n_states)]),
+            actions or Space([Component("action", n_actions)]),
+            rows,
+            outcomes[0],
+            outcomes[1].astype(np.int64),
+            outcomes[2],
+            np.zeros(n_states, np.bool_) if terminal is None else np.asarray(terminal),
+            start_distribution(start, n_states),
+            discount,
+            time_limit,
+            listed > 0,
+        )
 
     @classmethod
     def one_row_a_pair(
@@ -257,9 +447,12 @@ class FiniteMDP(Frozen):
         return self
 
     @cached_property
-    def model(self) -> Tables | DeterministicTables:
+    def model(self) -> Tables | DeterministicTables | Restricted:
         """The generative model for compiled loops."""
-        return learning_model(self)
+        model = learning_model(self)
+        if self.available is None:
+            return model
+        return Restricted(model, AvailableTable(self.available))
 
     @cached_property
     def cumulative(self) -> FloatArray:
@@ -278,8 +471,65 @@ class FiniteMDP(Frozen):
         """The states an episode may start in."""
         return frozen(np.flatnonzero(self.start))
 
+    @property
+    def random_policy(self) -> FloatArray:
+        """The policy that takes each available action equally often, (S, A) float64.
+
+        Examples
+        --------
+        >>> FiniteMDP.from_outcomes([[[(1.0, 1, 0.0)], []], [[], []]], terminal=[False, True],
+        ...                         start=0, discount=0.9).random_policy
+        array([[1. , 0. ],
+               [0.5, 0.5]])
+        """
+        if self.available is None:
+            return np.full(self.outcome_row.shape, 1 / self.actions.size)
+        return np.asarray(self.available / self.available.sum(axis=1, keepdims=True))
+
     def __repr__(self) -> str:
         return described(self, f"{int(self.terminal.sum())} terminal")
+
+
+def closed(values: Table, available: BoolArray | None) -> Table:
+    """Return values of pairs, (..., S, A), with -inf where an action is not available."""
+    if available is None:
+        return values
+    open_alone: Any = np.where(available, values, -np.inf)
+    return open_alone  # type: ignore[no-any-return]
+
+
+def duplicated(values: Table, available: BoolArray | None) -> Table:
+    """Return values, (S, A), in which each unavailable pair has its state's first available one."""
+    if available is None:
+        return values
+    first = available.argmax(axis=1)[:, None]
+    copied: Any = np.where(available, values, np.take_along_axis(values, first, axis=1))
+    return copied  # type: ignore[no-any-return]
+
+
+def available_actions(task: Any, states: IntArray | None = None) -> BoolArray | None:
+    """Return the available actions of n states, by default all, (n, A) bool; None where all are.
+
+    A live task does not know them before it is played.
+    """
+    rules: Any = generative_model(task)
+    if hasattr(rules, "available_rows"):
+        return rules.available_rows(states)  # type: ignore[no-any-return]
+    known: BoolArray | None = getattr(rules, "available", None)
+    return known if known is None or states is None else known[states]
+
+
+def live_pairs(task: Any) -> BoolArray:
+    """Return the pairs of known live states with available actions, (S, A) bool."""
+    rules, available = generative_model(task), available_actions(task)
+    pairs = np.ones((rules.states.size, rules.actions.size), np.bool_)
+    pairs[... if rules.terminal is None else rules.terminal] = rules.terminal is None
+    return pairs if available is None else pairs & available
+
+
+def availability(task: Any) -> Any:
+    """Return the available actions for compiled code; None where all are, or none are known."""
+    return getattr(generative_model(task).model, "available", None)
 
 
 def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
@@ -294,6 +544,19 @@ def _adopted(name: str, values: Any, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         kind = np.asarray(values).dtype
         raise TaskError(f"{name} must be flags, True or False: got other values, of {kind}")
     return array
+
+
+def _sparse(matrix: Any, name: str = "transition") -> Any:
+    """Return a matrix in SciPy's compressed rows, without zeros; TaskError where it is none."""
+    from scipy.sparse import csr_matrix  # of which an index by arrays gives an array
+
+    try:
+        rows = csr_matrix(matrix, dtype=np.float64, copy=True)
+    except (TypeError, ValueError):
+        raise TaskError(f"{name} must be a matrix of numbers: got {brief(matrix)}") from None
+    rows.sum_duplicates()
+    rows.eliminate_zeros()
+    return rows
 
 
 def start_distribution(start: npt.ArrayLike, n_states: int) -> FloatArray:

@@ -14,10 +14,19 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from numba.extending import overload
 
-from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
+from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.kernel import INLINED, Overloaded, first_above, uniform
+from curricle.tasks.kernel import (
+    INLINED,
+    Overloaded,
+    compiled,
+    first_above,
+    inlined,
+    integers,
+    splitmix64,
+    uniform,
+)
 from curricle.tasks.spaces import Space, action_name, state_name
 from curricle.text import counted
 
@@ -83,6 +92,112 @@ first_states, transitions = Overloaded(first_state), Overloaded(transition)
 truncations = Overloaded(truncated, otherwise=lambda model: False)
 failures = Overloaded(has_failed, otherwise=lambda model: False)
 evaluation_models = Overloaded(evaluation_model, otherwise=lambda model: model)
+
+
+# -- actions that are not available everywhere -----------------------------------------------------
+
+
+def is_available(available, state, action):
+    """Return whether an action can be taken in a state; by default every action can."""
+
+
+def permitted(model, state, action, bits):
+    """Return the action if it is available in the state, else one drawn among those that are."""
+
+
+availabilities = Overloaded(is_available, otherwise=lambda available, state, action: True)
+permissions = Overloaded(permitted, otherwise=lambda model, state, action, bits: action)
+
+
+class AvailableTable(NamedTuple):
+    """The available actions of every state."""
+
+    table: BoolArray  # (S, A)
+
+
+class AvailableFunction(NamedTuple):
+    """The available actions as a user's compiled function computes them."""
+
+    function: Any  # (data, state, action) -> bool
+    data: Any
+
+
+class OpenValues(NamedTuple):
+    """The available actions as a learner's values show them, which are -inf where there is none."""
+
+    values: FloatTable  # (S, A)
+
+
+@availabilities.body(AvailableTable)
+def _is_listed(available, state, action):
+    return available.table[state, action]
+
+
+@availabilities.body(AvailableFunction)
+def _is_computed(available, state, action):
+    return bool(available.function(available.data, np.uint64(state), np.uint64(action)))
+
+
+@availabilities.body(OpenValues)
+def _is_open(available, state, action):
+    return available.values[state, action] != -np.inf
+
+
+@inlined
+def drawn_among_available(available, n_actions, state, action, bits):
+    """Return the action if it is available in a state, else a uniform draw among those that are."""
+    # The bits have chosen the action, and mixed once they choose its outcome.
+    if is_available(available, state, action):
+        return action
+    count, n_actions, chosen = np.uint64(0), np.uint64(n_actions), np.uint64(action)
+    for other in range(n_actions):
+        count += np.uint64(is_available(available, state, other))
+    left = integers(splitmix64(~bits), count)
+    for other in range(n_actions):
+        if is_available(available, state, other):
+            if left == np.uint64(0):
+                chosen = other
+            left -= np.uint64(1)
+    return chosen
+
+
+@inlined
+def close_row(available, state, table, row):
+    """Write -inf into the row of a state where an action is not available; nothing if none is."""
+    n_actions, some = np.uint64(table.shape[1]), False
+    for action in range(n_actions):
+        some = some or is_available(available, state, action)
+    if not some:  # at an end, which the task need not know
+        return
+    for action in range(n_actions):
+        if not is_available(available, state, action):
+            table[row, action] = -np.inf
+
+
+def _close_rows(available, states, values):
+    for row in range(values.shape[0]):
+        close_row(available, np.uint64(states[row]), values, row)
+
+
+class Restricted(NamedTuple):
+    """A model of tables in which some actions are not available."""
+
+    model: Any
+    available: AvailableTable
+
+
+first_states.body(Restricted)(lambda model, bits: first_state(model.model, bits))
+
+
+@transitions.body(Restricted)
+def _restricted_step(model, state, action, bits):
+    return transition(model.model, state, action, bits)
+
+
+@permissions.body(Restricted)
+def _permitted_by_table(model, state, action, bits):
+    n_actions = model.available.table.shape[1]
+    return drawn_among_available(model.available, n_actions, state, action, bits)
 
 
 # -- tables ----------------------------------------------------------------------------------------
@@ -250,6 +365,9 @@ class ComputedMDP:
         The data that the functions read: a number, an array, or a NamedTuple of such.
     discount, time_limit
         As in :class:`FiniteMDP`.
+    available : callable, optional
+        ``available(data, state, action) -> bool``, whether an action can be taken in a state; by
+        default all can, also in a state for which it returns False of each.
 
     Raises
     ------
@@ -283,9 +401,11 @@ class ComputedMDP:
     data: Any = 0
     discount: float = 0.99
     time_limit: int | None = 200
+    available: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
-        check_parts(self, "computed", "start", "step")
+        known = () if self.available is None else ("available",)
+        check_parts(self, "computed", "start", "step", *known)
         if self.states.size > LARGEST:
             raise TaskError(
                 f"a computed task may have at most 2^62 states: got {self.states.size:,}"
@@ -298,12 +418,23 @@ class ComputedMDP:
     @property
     def model(self) -> "Functions":
         """A generative model for the compiled loops of one run."""
-        start, step = self._functions
-        size = np.uint64(self.states.size)
-        return Functions(start, step, self.data, size, np.zeros(1, FAILURE))
+        start, step, available = self._functions
+        size, n_actions = np.uint64(self.states.size), np.uint64(self.actions.size)
+        allowed = None if available is None else AvailableFunction(available, self.data)
+        return Functions(start, step, self.data, size, np.zeros(1, FAILURE), n_actions, allowed)
+
+    def available_rows(self, states: IntArray | None = None) -> BoolArray | None:
+        """Return the available actions of n states, by default all, (n, A); None where all are."""
+        if self.available is None:
+            return None
+        allowed = self.model.available
+        rows = np.arange(self.states.size) if states is None else states
+        values = np.zeros((len(rows), self.actions.size))
+        compiled(_close_rows, True)(allowed, rows, values)
+        return frozen(np.asarray(values == 0.0))
 
     @cached_property
-    def _functions(self) -> tuple[Any, Any]:
+    def _functions(self) -> tuple[Any, Any, Any]:
         """The functions, compiled for the types that loops call them with."""
         try:
             data = typeof(self.data)
@@ -316,6 +447,9 @@ class ComputedMDP:
             _compiled(
                 "step", self.step, (data, *[types.uint64] * 3), "a state, a reward and a flag"
             ),
+            None
+            if self.available is None
+            else _compiled("available", self.available, (data, *[types.uint64] * 2), "a flag"),
         )
 
     def __repr__(self) -> str:
@@ -324,20 +458,20 @@ class ComputedMDP:
 
 def _compiled(name: str, function: Callable[..., Any], kinds: Any, wanted: str) -> Any:
     """Return a function compiled for arguments of these types; TaskError if it returns others."""
-    compiled = function if isinstance(function, Dispatcher) else njit(nogil=True)(function)
+    ready = function if isinstance(function, Dispatcher) else njit(nogil=True)(function)
     try:
-        template: Any = compiled.get_call_template(kinds, {})[0]
+        template: Any = ready.get_call_template(kinds, {})[0]
     except NumbaError as error:
         reason = " ".join(re.sub(r"\x1b\[[0-9;]*m", "", str(error)).split())
         raise TaskError(
             f"{name} of a computed task must be Python that numba compiles: {reason[:400]}"
         ) from error
     kind = template.cases[0].return_type
-    parts = (kind,) if name == "start" else tuple(getattr(kind, "types", ()))
-    count = 1 if name == "start" else 3
+    parts = tuple(getattr(kind, "types", ())) if name == "step" else (kind,)
+    count = 3 if name == "step" else 1
     if len(parts) != count or not all(isinstance(part, REAL) for part in parts):
         raise TaskError(f"{name} of a computed task must return {wanted}: it returns {kind}")
-    return compiled
+    return ready
 
 
 # The results of a user's functions are checked at every step: a state that does not exist would lie
@@ -350,6 +484,8 @@ class Functions(NamedTuple):
     data: Any
     n_states: np.uint64
     failure: npt.NDArray[np.void]  # (1,) of FAILURE
+    n_actions: np.uint64
+    available: "AvailableFunction | None"
 
 
 FAILURE = np.dtype(
@@ -401,6 +537,11 @@ def _computed_step(model, state, action, bits):
             model.failure[0].reward = np.float64(reward)
         return np.uint64(0), 0.0, True
     return next_state, np.float64(reward), bool(terminated)
+
+
+@permissions.body(Functions)
+def _permitted_by_function(model, state, action, bits):
+    return drawn_among_available(model.available, model.n_actions, state, action, bits)
 
 
 failures.body(Functions)(lambda model: model.failure[0].by != 0)

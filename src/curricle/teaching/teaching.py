@@ -391,6 +391,12 @@ class _TaskSet:
                         f"tasks of a teacher must share their {part}{equal}: {name!r} has "
                         f"{value!r} and {target!r} has {of_target!r}"
                     )
+            allowed: list[Any] = [mdp.available, self.target.available]
+            if not np.array_equal(*allowed):
+                raise SettingError(
+                    "tasks of a teacher must allow the same actions in each state, as they share "
+                    f"a table of values: {name!r} and {target!r} do not"
+                )
         if self.target.time_limit is None:
             raise SettingError(f"tasks of a teacher need a time limit: {target!r} has none")
         # (M, S), the goal states of each task; none for a task without a goal.
@@ -429,7 +435,7 @@ class _TaughtRun(Run):
         send = lesson.send  # it must outlive its address
         address = np.array([id(send)], dtype=np.uint64)
         try:
-            yield TaughtModel(address, np.zeros(1, np.bool_), self.task_set.shared, q, record)
+            yield TaughtModel(address, np.zeros(1, np.bool_), self.task_set.shared, q[-1], record)
         finally:
             lesson.close()
         if raised:

@@ -20,7 +20,14 @@ from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import brief, instance, number, numbers
 from curricle.display import block, printed, table
 from curricle.errors import MappingError, PotentialError
-from curricle.tasks.mdp import Task, generative_model, same_task
+from curricle.tasks.mdp import (
+    Task,
+    available_actions,
+    duplicated,
+    generative_model,
+    live_pairs,
+    same_task,
+)
 from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
 from curricle.tasks.spaces import MISSING, Decoded
 from curricle.text import brief_repr, counted
@@ -74,7 +81,7 @@ class TableValues:
 
     def __post_init__(self) -> None:
         table = numbers("a table of values", self.table, PotentialError)
-        if table.ndim != 2 or not np.isfinite(table).all():
+        if table.ndim != 2 or not (np.isfinite(table) | np.isneginf(table)).all():
             raise PotentialError(
                 f"a table of values must be finite and have shape (S, A): got {table.shape}"
             )
@@ -195,7 +202,8 @@ class StateActionMapping(Frozen, TaskMapping):
         S states and A actions, S' and A'.
     index : (S, A) int array
         ``s' * A' + a'`` of the source pair, `UNMAPPED`, or `ENDED`. Rows of terminal target
-        states do not count.
+        states and pairs that are not available do not count; a pair whose source pair is not
+        available is unmapped.
     unmapped_value : float, optional
         phi of unmapped pairs. By default NaN, which aggregates skip: the source knows nothing. 0 is
         optimistic where rewards are negative.
@@ -239,6 +247,7 @@ class StateActionMapping(Frozen, TaskMapping):
         check_unmapped_value(self.unmapped_value)
         if target.terminal is not None:
             index = np.where(target.terminal[:, None], ENDED, index)
+        index = duplicated(index, available_actions(target))
         bad = np.argwhere((index < ENDED) | (index >= n_pairs))
         if len(bad):
             s, a = bad[0]
@@ -255,6 +264,10 @@ class StateActionMapping(Frozen, TaskMapping):
                 f"learnt; use ENDED or UNMAPPED: target state {s}, action {a} points at source "
                 f"state {state[s, a]}"
             )
+        available = available_actions(self.source)
+        if available is not None:
+            known = (index < 0) | available.ravel()[np.maximum(index, 0)]
+            index = np.where(known, index, UNMAPPED)
         object.__setattr__(self, "index", frozen(index))
 
     def read(
@@ -315,8 +328,7 @@ class StateActionMapping(Frozen, TaskMapping):
 
     def coverage(self) -> "Coverage":
         """Return how much of the target is mapped, and how much of the source is read."""
-        index = self.index[~terminal_states(self.target)]
-        available = np.repeat(~terminal_states(self.source), self.source.actions.size)
+        index, available = self.index[live_pairs(self.target)], live_pairs(self.source).ravel()
         readers = np.bincount(index[index >= 0], minlength=available.size)
         used = readers[readers > 0]
         return Coverage(
@@ -349,8 +361,16 @@ def check_unmapped_value(value: float | None) -> None:
 def transferred(
     values: FloatArray, index: IntArray, unmapped_value: float | None, scale: float, shift: float
 ) -> FloatArray:
-    """Return scale Q + shift where mapped, shift where ended, `unmapped_value` or NaN elsewhere."""
+    """Return scale Q + shift where mapped, shift where ended, `unmapped_value` or NaN elsewhere.
+
+    Where Q is -inf, as the action is not available in the source, the source knows nothing.
+    """
     unmapped_value = math.nan if unmapped_value is None else unmapped_value
+    if (nothing := np.isneginf(values)).any():
+        index, values = (
+            np.where(nothing & (index >= 0), UNMAPPED, index),
+            np.where(nothing, 0, values),
+        )
     fixed = np.where(index == UNMAPPED, unmapped_value, shift)
     return np.asarray(np.where(index >= 0, rescale(values, scale, shift), fixed))
 
@@ -692,14 +712,17 @@ class ObservationMapping(TaskMapping):
         self, name: str, values: FloatArray, status: IntArray | None, scale: float, shift: float
     ) -> FloatArray:
         """Return source values, (n,) or (n, m), scaled and shifted as the target reads them."""
-        if not np.isfinite(values).all():
-            place = np.argwhere(~np.isfinite(values))[0]
+        nothing = np.isneginf(values)  # where an action is not available
+        if not (np.isfinite(values) | nothing).all():
+            place = np.argwhere(~(np.isfinite(values) | nothing))[0]
             raise MappingError(
                 f"a source's values must be finite: {name} is {values[tuple(place)]} at the "
                 f"counterpart of observation {place[0]}"
             )
         if status is None:
-            return rescale(values, scale, shift)
+            if not nothing.any():
+                return rescale(values, scale, shift)
+            status = np.zeros(len(values), np.int64)
         index = status.reshape(-1, *[1] * (values.ndim - 1))
         return transferred(values, index, self.unmapped_value, scale, shift)
 

@@ -9,7 +9,7 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import FiniteMDP, Task, reachable_states, tables
+from curricle.tasks.mdp import FiniteMDP, Task, closed, duplicated, reachable_states, tables
 from curricle.text import brief_repr
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
@@ -65,7 +65,7 @@ class TaskPair:
         """Values of the target's random or myopic policy, (S,): those with the larger mean."""
         mdp = self.target_mdp
         rewards = (mdp.probability * mdp.reward).sum(axis=1)[mdp.outcome_row]
-        policies = np.full(rewards.shape, 1 / rewards.shape[1]), greedy_policy(rewards)
+        policies = mdp.random_policy, greedy_policy(closed(rewards, mdp.available))
         values = [evaluate(mdp, policy).values for policy in policies]
         return max(values, key=lambda by_policy: float(by_policy[self.judged].mean()))
 
@@ -97,14 +97,20 @@ class TaskPair:
 
     def proposal(self, index: IntArray, how: str) -> "Proposal":
         """Return the proposal of a mapping by an index, (S, A); `how` states how it was found."""
+        # Searches read tables, in which an unavailable pair is a copy of another pair.
+        rows = self.source_mdp.outcome_row
+        pairs = np.arange(rows.size).reshape(rows.shape)
+        copied = duplicated(pairs, self.source_mdp.available).ravel()
+        index = np.where(index < 0, index, copied[np.maximum(index, 0)])
         mapping = StateActionMapping(self.target, self.source, index, how=how, knows_target=True)
         return Proposal(mapping, how, self.bound(index))
 
 
 def apart(index: IntArray, of_target: Solution, of_source: Solution) -> FloatArray:
-    """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it is unmapped."""
-    read = np.where(index >= 0, of_source.action_values.ravel()[np.maximum(index, 0)], 0.0)
-    return np.asarray(abs(of_target.action_values - np.where(index == UNMAPPED, np.nan, read)))
+    """Return abs(Q*(s, a) - Q* of the pair that it reads), (S, A); NaN where it reads no pair."""
+    read = np.where(index >= 0, of_source.finite_action_values.ravel()[np.maximum(index, 0)], 0.0)
+    read = np.where(index == UNMAPPED, np.nan, read)
+    return np.asarray(abs(of_target.finite_action_values - read))
 
 
 # -- what a search proposes ------------------------------------------------------------------------

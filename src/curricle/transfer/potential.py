@@ -19,9 +19,9 @@ from curricle.learning.potential import (
     numbered_states,
     too_large,
 )
-from curricle.learning.value_lookup import ValueLookup, read_row
+from curricle.learning.value_lookup import MEAN, MINIMUM, ValueLookup, read_row
 from curricle.tasks.kernel import compiled_once, inverse_of
-from curricle.tasks.mdp import Task, generative_model
+from curricle.tasks.mdp import Task, available_actions, duplicated, generative_model
 from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.spaces import MISSING, Space
 from curricle.text import brief_repr
@@ -106,7 +106,7 @@ class MappedPotential(PairPotential):
         read_rows(self.lookup, states, phi)
         if generative.terminal is not None:
             phi[generative.terminal[states]] = 0.0
-        return phi
+        return duplicated(phi, available_actions(generative, states))
 
     def rescaled(self, scale: float, shift: float = 0.0) -> Self:
         """Return the potential scale phi(s, a) + shift."""
@@ -197,6 +197,8 @@ def mapped_potential(
     for edge, values, of_components in zip(transfers, source_values, offsets, strict=True):
         # The values of a source that the target reads, (S' + 1, A' + 1).
         q = np.pad(np.asarray(values, dtype=np.float64), (0, 1))
+        if (nothing := np.isneginf(q).any()) and known.code == MEAN and len(transfers) > 1:
+            return None  # a lookup counts the sources that know a pair by its state and its action
         index = np.zeros(q.shape, dtype=np.int64)
         index[:-1][terminal_states(edge.mapping.source)] = ENDED
         index[-1], index[:, -1] = UNMAPPED, UNMAPPED
@@ -207,7 +209,7 @@ def mapped_potential(
         strides += [np.where(at == MISSING, -1, at * width) for at in reversed(of_components)]
         # Tables have a row and a column for unmapped pairs, even if all pairs are mapped.
         missing = any((part == MISSING).any() for part in (action, *of_components))
-        partial |= missing and unmapped_value is None
+        partial |= bool(missing or nothing) and unmapped_value is None
     first = _starts(tables)
     states = generative_model(task).states
     sizes = states.shape[::-1]
@@ -220,7 +222,7 @@ def mapped_potential(
         strides_at=frozen(_starts(strides).reshape(len(transfers), -1)),
         strides=frozen(np.concatenate(strides)),
         action=frozen(np.stack(actions)),
-        combine=known.code,
+        combine=MINIMUM if len(transfers) == 1 else known.code,
         partial=partial,
         unknown=float(unknown_value),
         scale=1.0,

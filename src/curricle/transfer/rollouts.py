@@ -36,7 +36,15 @@ from curricle.planning.policy_evaluation import (
 from curricle.planning.rollouts import EpisodeEnds, GreedyPolicy, StepRecord, simulate
 from curricle.tasks.kernel import compiled, splitmix64, stream_start
 from curricle.tasks.live import open_model
-from curricle.tasks.mdp import generative_model, reachable_states, tables
+from curricle.tasks.mdp import (
+    availability,
+    available_actions,
+    closed,
+    generative_model,
+    reachable_states,
+    tables,
+)
+from curricle.tasks.models import close_row
 from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
 from curricle.text import brief_repr
 from curricle.transfer.potential import ObservationPotential
@@ -149,6 +157,7 @@ class LookedUp(NamedTuple):
     lookup: ValueLookup
     row: FloatArray  # (A,) work space
     values: FloatArray  # (1, A) work space
+    available: Any  # as of :func:`availability`
 
 
 @acting_rows.body(LookedUp)
@@ -156,6 +165,7 @@ def _looked_up_row(view, state, out):
     read_row(view.lookup, state, view.row)
     for action in range(out.shape[1]):
         out[0, action] = view.row[action]
+    close_row(view.available, state, out, 0)
 
 
 @greedy_actions.body(LookedUp)
@@ -174,8 +184,9 @@ def acting_view(potential: PairPotential) -> LookedUp | Values:
     task = generative_model(potential.task)
     n_actions, kernel = task.actions.size, potential.kernel
     if kernel is not None and task.states.size * n_actions > LARGEST_ARRAY:
-        return LookedUp(kernel, np.empty(n_actions), np.empty((1, n_actions)))
-    return Values(potential.values)
+        row, values = np.empty(n_actions), np.empty((1, n_actions))
+        return LookedUp(kernel, row, values, availability(task))
+    return Values(frozen(closed(potential.values, available_actions(task))))
 
 
 def _predict(view, discount, steps, ends, predicted, following):
@@ -451,7 +462,7 @@ def potential_quality(
         return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
     alive, solution = ~mdp.terminal, target.solution
-    phi, q = potential.values[alive], solution.action_values[alive]
+    phi, q = potential.values[alive], solution.finite_action_values[alive]
     below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
     below[~(reachable_states(mdp, solution.optimal) & alive)] = 0.0
     state = int(below.argmax())

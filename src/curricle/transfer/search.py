@@ -20,7 +20,7 @@ from curricle.display import printed
 from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.mdp import Task, has_tables, same_task, steps_to
+from curricle.tasks.mdp import Task, closed, has_tables, same_task, steps_to
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.bisimulation import (
@@ -114,7 +114,7 @@ def score_mapping(
     inconsistency, unexplained = _bellman_inconsistency(phi, tasks)
     start_value, regained, regained_where_known = _greedy_values(phi, tasks)
     known = ~np.isnan(phi[tasks.judged])
-    excess = phi[tasks.judged] - tasks.target_solution.action_values[tasks.judged]
+    excess = phi[tasks.judged] - tasks.target_solution.finite_action_values[tasks.judged]
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
     return MappingScores(
         dynamics_error=_dynamics_error(mapping, phi, tasks, seed),
@@ -149,7 +149,8 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
 def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, float]:
     """Return the start value of phi's greedy policy, its regained share, in all and with phi."""
     filled = np.where(np.isnan(phi), 0.0, phi)
-    policy = greedy_policy(filled, tolerance=TIED * float(abs(filled).max()))
+    tolerance = TIED * float(abs(filled).max())
+    policy = greedy_policy(closed(filled, tasks.target_mdp.available), tolerance=tolerance)
     of_policy = evaluate(tasks.target_mdp, policy)
     with_phi = ~np.isnan(phi).all(axis=1) & tasks.judged
     best = tasks.target_solution.values
@@ -400,7 +401,7 @@ def find_mappings(
     check_progress(progress)
     tasks = TaskPair(target, source)
     q, refused = tasks.source_solution.action_values, dict[str, str]()
-    slack = SAME * max(1.0, float(abs(q).max()))
+    slack = SAME * max(1.0, float(abs(tasks.source_solution.finite_action_values).max()))
     read, candidates = list[FloatArray](), list[FoundMapping]()
     with shown(progress) as bars:
         for mapping, how in proposed(tasks, searches, unmapped_value, refused, bars):
