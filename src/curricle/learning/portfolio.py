@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import whole_number
@@ -130,17 +131,16 @@ class Tally(NamedTuple):
 
 
 class Members(NamedTuple):
-    """The learners of a portfolio in the fast loop: 3 S rows of a table.
+    """The learners of a portfolio in the fast loop, whose rows of a state lie side by side.
 
-    The rows of the source's learner come first, then those of the optimist's values, then those of
-    its second table.
+    First that of the source's learner, then that of the optimist's values and that of its second
+    table, which no learner acts on: of several greedy actions it keeps that of before learning.
     """
 
     portfolio: PortfolioKernel
     tally: Tally
-    rows: np.uint64  # S
     highest: float  # cuts the values that the optimistic values bootstrap from
-    visits: IntArray  # (S, A)
+    visits: npt.NDArray[np.uint32]  # (S A, 1)
     source: DenseTable
     learnt: DenseTable  # of the optimist
 

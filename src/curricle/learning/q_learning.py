@@ -1,7 +1,7 @@
 """The fast loop: Q-learning on unshaped rewards, as for Q-initialisation and look-ahead advice.
 
 The maximum of each row and a greedy action are stored with it, and computed anew only when that
-value was lowered: most steps scan no row. A portfolio's learners are rows of one table.
+value was lowered: most steps scan no row. A portfolio's learners have rows side by side.
 """
 
 from typing import NamedTuple
@@ -21,12 +21,15 @@ from curricle.learning.portfolio import (
 from curricle.learning.record import noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.storage import DenseTable, find_row_maxima, is_full, row_of
-from curricle.planning.greedy import ACTION, TIED, best_of
+from curricle.planning.greedy import ACTION, TIED, best_of, highest
 from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.kernel import STRIDE, Overloaded, inlined, of_width, prefetch, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 NO_ROW = np.uint64(2**64 - 1)
+BOLD, SOBER = np.uint64(1), np.uint64(2)
+"""How far behind the row of a portfolio's source are the optimist's and its second table's."""
+ONLY = np.uint64(0)
 
 
 class Beside(NamedTuple):
@@ -37,7 +40,6 @@ class Beside(NamedTuple):
     off-policy, so that Q may learn from actions that the optimistic values choose.
     """
 
-    learnt: DenseTable
     highest: float  # cuts the values that the optimistic values bootstrap from
 
 
@@ -72,25 +74,52 @@ def update(q, best, greedy, row, change):
         greedy[row] = best_of(q, row, bits)[1]  # each visit draws afresh among several
 
 
+@inlined
+def update_value(q, best, row, change):
+    """Do what :func:`update` does, but for the greedy action."""
+    action, rate, target = change
+    old = q[row, action]
+    new = q.dtype.type(old + rate * (target - old))
+    q[row, action] = new
+    if new > best[row]:
+        best[row] = new
+    elif new < old and old == best[row]:
+        best[row] = highest(q, row)
+
+
+@inlined
+def update_all(table, members, row, learnt):
+    """Update a row, and in a portfolio those of the optimist beside it."""
+    change, (pair, horizon, hoped, expected) = learnt
+    q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
+    update(q, best, greedy, row, change)
+    if members is not None:
+        (action, _, _, bits), visits = change, members.visits
+        visits[pair, ONLY] += np.uint32(1)
+        rate = q.dtype.type(optimistic_rate(horizon, visits[pair, ONLY]))
+        update(q, best, greedy, row + BOLD, (action, rate, hoped, bits))
+        update_value(q, best, row + SOBER, (action, rate, expected))
+
+
 def train_q_learning(model, rule, tables, course):
     """Learn in place on a table, fill the record, return the steps and episodes done.
 
-    `tables` are the table that is acted on, a :class:`Beside` or None, and the :class:`Members` of
-    a portfolio or None. A full table ends the run before the step that needs another row.
+    `tables` are the table that is acted on, that which is evaluated, a :class:`Beside` or None, and
+    the :class:`Members` of a portfolio or None. A full table ends the run before the step that
+    needs another row.
     """
-    return learn_fast(model, rule, tables[0], tables[1], tables[2], course)
+    return learn_fast(model, rule, tables, tables[2], tables[3], course)
 
 
 @inlined  # so that no reference to an array is counted, which takes time to run and to compile
-def learn_fast(model, rule, table, beside, members, course):
+def learn_fast(model, rule, tables, beside, members, course):
     """Do what :func:`train_q_learning` says."""
     # Where `beside` or `members` is None, Numba leaves out what is done with it, as an argument.
     #
     # Rows of a far table arrive late from memory. There the update of a step is made during the
     # next one, before anything it changes is read, so that results are the same.
-    learnt, record = table, course.record
+    table, learnt, record = tables[0], tables[1], course.record
     if beside is not None:
-        learnt = beside.learnt
         find_row_maxima(learnt)
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
     limit, eval_freq, far = course.limit, course.eval_freq, len(table.far) > 0
@@ -101,7 +130,8 @@ def learn_fast(model, rule, table, beside, members, course):
     episode_return, counter = 0.0, course.stream + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
-    pending, pending_change = NO_ROW, (np.uint64(0), nothing, nothing, np.uint64(0))
+    also, change = (state, 0.0, nothing, nothing), (np.uint64(0), nothing, nothing, np.uint64(0))
+    pending, pending_change = NO_ROW, (change, also)
     share, acting, start, begun, earned, factor = np.nan, SOURCE, state, step, 0.0, 1.0
     while True:
         if early or step == checkpoint * eval_freq:
@@ -126,7 +156,7 @@ def learn_fast(model, rule, table, beside, members, course):
         while step < stop:
             actor, optimistic = row, False
             if members is not None and acting == OTHER:
-                actor, optimistic = row + members.rows, True
+                actor, optimistic = row + BOLD, True
             drawn = explore(rule.exploration, q, actor, best[actor], step, counter)
             action, bits, counter, exploits = drawn
             if exploits or optimistic:
@@ -139,13 +169,14 @@ def learn_fast(model, rule, table, beside, members, course):
             if far:
                 prefetch(q, next_row)
                 if members is not None:
-                    prefetch(q, next_row + members.rows)
-                    prefetch(q, next_row + members.rows + members.rows)
+                    prefetch(q, next_row + BOLD)
+                    prefetch(q, next_row + SOBER)
             if pending != NO_ROW:
-                update(q, best, greedy, pending, pending_change)
+                update_all(table, members, pending, pending_change)
                 pending = NO_ROW
             target = as_learnt(beside, q, reward)
-            rate = as_learnt(beside, q, rate_of(rule.learning_rate, row, action, step))
+            counted = row if members is None else state
+            rate = as_learnt(beside, q, rate_of(rule.learning_rate, counted, action, step))
             if not terminated:
                 ahead = as_learnt(beside, q, best[next_row])
                 if beside is not None and not ahead < beside.highest:
@@ -156,26 +187,24 @@ def learn_fast(model, rule, table, beside, members, course):
                 target = reward
                 if not terminated:
                     target += discount * np.float64(learnt.row_max[next_row])
-                also, of_q = (action, rate, target, bits), of_width(learnt.q, learnt.width)
-                update(of_q, learnt.row_max, learnt.row_argmax, row, also)
+                other, of_q = (action, rate, target, bits), of_width(learnt.q, learnt.width)
+                update(of_q, learnt.row_max, learnt.row_argmax, row, other)
             if members is not None:
-                members.visits[row, action] += 1
-                horizon = horizon_of(members.tally, step + 1 - begun)
-                fast = q.dtype.type(optimistic_rate(horizon, members.visits[row, action]))
-                bold, sober = row + members.rows, row + members.rows + members.rows
                 hoped = expected = q.dtype.type(reward)
                 if not terminated:
-                    ahead = best[next_row + members.rows]
+                    ahead = best[next_row + BOLD]
                     ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
                     hoped += discount * ahead
-                    expected += discount * best[next_row + members.rows + members.rows]
-                update(q, best, greedy, bold, (action, fast, hoped, bits))
-                update(q, best, greedy, sober, (action, fast, expected, bits))
+                    expected += discount * best[next_row + SOBER]
+                horizon = horizon_of(members.tally, step + 1 - begun)
+                also = state * np.uint64(q.shape[1]) + action, horizon, hoped, expected
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
-            if far and members is None and not ends and next_row != row:
-                pending, pending_change = row, change
+            if far and not ends and next_row != row:
+                pending, pending_change = row, (change, also)
+                if members is not None:
+                    prefetch(members.visits, also[0])
             else:
-                update(q, best, greedy, row, change)
+                update_all(table, members, row, (change, also))
 
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row
@@ -197,5 +226,5 @@ def learn_fast(model, rule, table, beside, members, course):
                 if is_full(table, row) or has_failed(model):
                     break
         if pending != NO_ROW:
-            update(q, best, greedy, pending, pending_change)
+            update_all(table, members, pending, pending_change)
             pending = NO_ROW

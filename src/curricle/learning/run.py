@@ -319,50 +319,49 @@ class Run:
                     f"(project): got {type(potential).__name__}, which is an array"
                 )
 
-    def _dense(self, seed: _Seed, q: FloatTable) -> DenseTable:
+    def _dense(self, seed: _Seed, q: FloatTable, n: StaticInt = (None,)) -> DenseTable:
         best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
         key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
-        return DenseTable(q, best, greedy, key, self._width, far)
+        return DenseTable(q, best, greedy, key, n, self._width, far)
 
     def _train_densely(self, seed: _Seed) -> Outcome:
         q = self._filled(seed.initial, seed.out)
         acts, learnt = q, self._dense(seed, q)
-        tables: Any = learnt, None, None
+        tables: Any = learnt, learnt, None, None
         if isinstance(self.learner, OptimisticQLearning):
             assert self.learner.value_range is not None
             lowest, highest = self.learner.value_range
             acts = np.add(q, highest - lowest, dtype=q.dtype)
             if self.task.terminal is not None:
                 acts[self.task.terminal] = 0.0
-            tables = self._dense(seed, acts), Beside(learnt, highest), None
+            tables = self._dense(seed, acts), learnt, Beside(highest), None
         steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None, None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
     def _train_members(self, seed: _Seed) -> Outcome:
-        """Train the source's learner, an optimist and its second table as rows of one table."""
+        """Train the source's learner, an optimist and its second table, with rows side by side."""
         shaping, (lowest, highest) = seed.settings.shaping, cast(tuple[float, float], self.bounds)
         assert shaping is not None
         assert shaping.portfolio is not None
         n, n_actions = self.shape
-        q = np.empty((3 * n, n_actions), self.storage.dtype)
+        q = np.empty((n, 3, n_actions), self.storage.dtype)
         for k, start in enumerate((None, highest, lowest)):
-            self._filled(seed.initial if k == 0 else None, q[k * n : (k + 1) * n], start)
-        table = self._dense(seed, q)
+            q[:, k] = self._filled(None if k else seed.initial, None, start)
+        table = self._dense(seed, q.reshape(3 * n, n_actions), (None,) * 3)
 
         def part(k: int) -> DenseTable:
-            rows = slice(k * n, (k + 1) * n)
-            arrays = {name: getattr(table, name)[rows] for name in ("q", "row_max", "row_argmax")}
-            return table._replace(**arrays)
+            arrays = {name: getattr(table, name)[k::3] for name in ("q", "row_max", "row_argmax")}
+            return table._replace(n=(None,), **arrays)
 
-        tally, visits = Tally.empty(n), np.zeros(self.shape, np.int64)
-        rows, learnt = np.uint64(n), part(2)
-        kernel = shaping.portfolio.kernel
-        members = Members(kernel, tally, rows, highest, visits, part(0), learnt)
-        tables = table, None, members
-        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, None, :n])
+        tally, visits = Tally.empty(n), np.zeros((n * n_actions, 1), np.uint32)
+        source, learnt = part(0), part(2)
+        members = Members(shaping.portfolio.kernel, tally, highest, visits, source, learnt)
+        tables = table, learnt, None, members
+        view = source.q[None, None]
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, view)
         if seed.out is not None:
-            seed.out[...] = q[:n] if tally.share[0] > UNDECIDED else learnt.q
+            seed.out[...] = source.q if tally.share[0] > UNDECIDED else learnt.q
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
     def _train_sparsely(self, seed: _Seed) -> Outcome:
@@ -388,7 +387,7 @@ class Run:
             (None,),
         )
         steps, episodes = self._loop(
-            train_q_learning, seed, (table, None, None), table, table.q[None, None]
+            train_q_learning, seed, (table, table, None, None), table, table.q[None, None]
         )
         checkpoint, rest = divmod(steps, self.eval_freq)
         stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)

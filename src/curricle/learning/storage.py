@@ -158,12 +158,13 @@ StaticInt = tuple[None, ...]  # a number as a type, the tuple's length: loops ar
 
 
 class DenseTable(NamedTuple):
-    """A row for every state: a state's row is the state."""
+    """A row for every state: a state's row is the state. Or n tables, whose rows alternate."""
 
-    q: FloatTable  # (S, A)
-    row_max: FloatTable  # (S,) max_a q(s, a)
-    row_argmax: npt.NDArray[np.uint16]  # (S,) an action that attains it, flagged where several do
+    q: FloatTable  # (n S, A)
+    row_max: FloatTable  # (n S,) max_a q(s, a)
+    row_argmax: npt.NDArray[np.uint16]  # (n S,) an action that attains it, flagged where several do
     key: np.uint64  # breaks the ties before learning
+    n: StaticInt
     width: StaticInt  # A where loops along a row are to be unrolled, else 0
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
@@ -198,9 +199,9 @@ def is_full(table, row):
     """Return whether a row is out of range because the table was full."""
 
 
-# Of dense tables; row 0 alone exists before a sparse table learns.
+# Row 0 alone exists before a sparse table learns.
 row_maxima = Overloaded(find_row_maxima, otherwise=lambda table: None)
-rows_of = Overloaded(row_of, otherwise=lambda table, state, terminated: state)
+rows_of = Overloaded(row_of)
 full_tables = Overloaded(is_full, otherwise=lambda table, row: False)
 
 
@@ -215,10 +216,16 @@ def tie_bits(key, state):
 
 @row_maxima.body(DenseTable)
 def _find_dense_maxima(table):
-    q = of_width(table.q, table.width)
-    for state in range(np.uint64(q.shape[0])):
-        bits = tie_bits(table.key, state)
-        table.row_max[state], table.row_argmax[state] = best_of(q, state, bits)
+    q, n = of_width(table.q, table.width), np.uint64(len(table.n))
+    n_states = np.uint64(q.shape[0]) // n
+    for row in range(np.uint64(q.shape[0])):
+        bits = tie_bits(table.key, row % n * n_states + row // n)
+        table.row_max[row], table.row_argmax[row] = best_of(q, row, bits)
+
+
+@rows_of.body(DenseTable)
+def _dense_row_of(table, state, terminated):
+    return state * np.uint64(len(table.n))
 
 
 @greedy_actions.body(DenseTable)
