@@ -286,7 +286,8 @@ def value_bounds(task: Task) -> tuple[float, float]:
     """
     mdp = tables(task)
     horizon = 1.0 / (1.0 - mdp.discount) if mdp.discount < 1.0 else _horizon("value_bounds", task)
-    rows = np.unique(mdp.outcome_row[~mdp.terminal])
+    rows = np.zeros(len(mdp.probability), bool)
+    rows[mdp.outcome_row[~mdp.terminal]] = True
     possible, ends = mdp.probability[rows] > 0, mdp.terminal[mdp.next_state[rows]]
     on, last = mdp.reward[rows][possible & ~ends], mdp.reward[rows][possible & ends]
     going = [horizon * on.min(), horizon * on.max()] if on.size else []

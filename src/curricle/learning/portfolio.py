@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import FloatArray, IntArray
+from curricle.arrays import FloatArray, FloatTable, IntArray
 from curricle.checks import whole_number
 from curricle.errors import SettingError
 from curricle.learning.learners import value_bounds
@@ -131,16 +131,18 @@ class Tally(NamedTuple):
 
 
 class Members(NamedTuple):
-    """The learners of a portfolio in the fast loop, whose rows of a state lie side by side.
+    """The learners of a portfolio in the fast loop, with four rows for each state, side by side.
 
-    First that of the source's learner, then that of the optimist's values and that of its second
-    table, which no learner acts on: of several greedy actions it keeps that of before learning.
+    They are the values of the source's learner, those of the optimist, those of its second table,
+    whose greedy actions are not kept, as none acts on it, and the visits of the state's pairs. So
+    a step waits for few pages of memory.
     """
 
     portfolio: PortfolioKernel
     tally: Tally
     highest: float  # cuts the values that the optimistic values bootstrap from
-    visits: npt.NDArray[np.uint32]  # (S A, 1)
+    blocks: FloatTable  # (S, 4 A) the four rows
+    visits: npt.NDArray[np.unsignedinteger]  # (4 S, A) the same memory, read as whole numbers
     source: DenseTable
     learnt: DenseTable  # of the optimist
 

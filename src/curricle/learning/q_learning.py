@@ -20,20 +20,19 @@ from curricle.learning.portfolio import (
 )
 from curricle.learning.record import noted_end
 from curricle.learning.schedules import rate_of
-from curricle.learning.storage import DenseTable, find_row_maxima, is_full, row_of
+from curricle.learning.storage import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import ACTION, TIED, best_of, highest
 from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.kernel import STRIDE, Overloaded, inlined, of_width, prefetch, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
-NO_ROW = np.uint64(2**64 - 1)
-BOLD, SOBER = np.uint64(1), np.uint64(2)
-"""How far behind the row of a portfolio's source are the optimist's and its second table's."""
-ONLY = np.uint64(0)
+BOLD, SOBER, VISITS = np.uint64(1), np.uint64(2), np.uint64(3)
+"""The rows of a portfolio's state after the source's: the optimist's two, and of pairs' visits."""
+MOST_VISITS = np.uint32(2**32 - 1)
 
 
 class Beside(NamedTuple):
-    """The table of Q of an optimistic learner, which learns beside the one that is acted on.
+    """What an optimistic learner needs, whose table of Q learns beside the one that is acted on.
 
     The optimistic values start at the highest value: their greedy actions lead to pairs not tried
     yet. Q starts at the lowest; it is evaluated, kept in snapshots and transferred. Q-learning is
@@ -88,17 +87,36 @@ def update_value(q, best, row, change):
 
 
 @inlined
-def update_all(table, members, row, learnt):
-    """Update a row, and in a portfolio those of the optimist beside it."""
-    change, (pair, horizon, hoped, expected) = learnt
+def learn_step(tables, beside, members, discount, happened):
+    """Update all tables by a step that was made."""
+    (row, next_row, terminated), (action, rate, reward, bits), horizon = happened
+    table, learnt = tables[0], tables[1]
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
-    update(q, best, greedy, row, change)
+    target = as_learnt(beside, q, reward)
+    if not terminated:
+        ahead = as_learnt(beside, q, best[next_row])
+        if beside is not None and not ahead < beside.highest:
+            ahead = beside.highest  # rewards at discount 1 could raise optimism too far
+        target += discount * ahead
+    if beside is not None:
+        expected, of_q = reward, of_width(learnt.q, learnt.width)
+        if not terminated:
+            expected += discount * np.float64(learnt.row_max[next_row])
+        update(of_q, learnt.row_max, learnt.row_argmax, row, (action, rate, expected, bits))
     if members is not None:
-        (action, _, _, bits), visits = change, members.visits
-        visits[pair, ONLY] += np.uint32(1)
-        rate = q.dtype.type(optimistic_rate(horizon, visits[pair, ONLY]))
-        update(q, best, greedy, row + BOLD, (action, rate, hoped, bits))
-        update_value(q, best, row + SOBER, (action, rate, expected))
+        hoped = expected = q.dtype.type(reward)
+        if not terminated:
+            ahead = best[next_row + BOLD]
+            ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
+            hoped += discount * ahead
+            expected += discount * best[next_row + SOBER]
+        visits = members.visits[row + VISITS, action]
+        visits += np.uint64(visits < MOST_VISITS)
+        members.visits[row + VISITS, action] = visits
+        fast = q.dtype.type(optimistic_rate(horizon, visits))
+        update(q, best, greedy, row + BOLD, (action, fast, hoped, bits))
+        update_value(q, best, row + SOBER, (action, fast, expected))
+    update(q, best, greedy, row, (action, rate, target, bits))
 
 
 def train_q_learning(model, rule, tables, course):
@@ -116,8 +134,8 @@ def learn_fast(model, rule, tables, beside, members, course):
     """Do what :func:`train_q_learning` says."""
     # Where `beside` or `members` is None, Numba leaves out what is done with it, as an argument.
     #
-    # Rows of a far table arrive late from memory. There the update of a step is made during the
-    # next one, before anything it changes is read, so that results are the same.
+    # Rows of a far table arrive late from memory. There a step is learnt from during the next one,
+    # before anything that changes is read, so that results are the same.
     table, learnt, record = tables[0], tables[1], course.record
     if beside is not None:
         find_row_maxima(learnt)
@@ -130,8 +148,8 @@ def learn_fast(model, rule, tables, beside, members, course):
     episode_return, counter = 0.0, course.stream + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
-    also, change = (state, 0.0, nothing, nothing), (np.uint64(0), nothing, nothing, np.uint64(0))
-    pending, pending_change = NO_ROW, (change, also)
+    waits, horizon = False, 0.0
+    happened = (row, row, False), (row, nothing, 0.0, row), horizon
     share, acting, start, begun, earned, factor = np.nan, SOURCE, state, step, 0.0, 1.0
     while True:
         if early or step == checkpoint * eval_freq:
@@ -163,48 +181,25 @@ def learn_fast(model, rule, tables, beside, members, course):
                 action = np.uint64(greedy[actor]) & ACTION
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
             next_row = row_of(table, next_state, terminated)
+            if far:
+                if members is None:
+                    prefetch(q, next_row)
+                else:
+                    prefetch(members.blocks, next_state)
+            if waits:
+                learn_step(tables, beside, members, discount, happened)
             if is_full(table, next_row):
                 row = next_row
                 break
-            if far:
-                prefetch(q, next_row)
-                if members is not None:
-                    prefetch(q, next_row + BOLD)
-                    prefetch(q, next_row + SOBER)
-            if pending != NO_ROW:
-                update_all(table, members, pending, pending_change)
-                pending = NO_ROW
-            target = as_learnt(beside, q, reward)
             counted = row if members is None else state
             rate = as_learnt(beside, q, rate_of(rule.learning_rate, counted, action, step))
-            if not terminated:
-                ahead = as_learnt(beside, q, best[next_row])
-                if beside is not None and not ahead < beside.highest:
-                    ahead = beside.highest  # rewards at discount 1 could raise optimism too far
-                target += discount * ahead
-            change = action, rate, target, bits
-            if beside is not None:
-                target = reward
-                if not terminated:
-                    target += discount * np.float64(learnt.row_max[next_row])
-                other, of_q = (action, rate, target, bits), of_width(learnt.q, learnt.width)
-                update(of_q, learnt.row_max, learnt.row_argmax, row, other)
             if members is not None:
-                hoped = expected = q.dtype.type(reward)
-                if not terminated:
-                    ahead = best[next_row + BOLD]
-                    ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
-                    hoped += discount * ahead
-                    expected += discount * best[next_row + SOBER]
                 horizon = horizon_of(members.tally, step + 1 - begun)
-                also = state * np.uint64(q.shape[1]) + action, horizon, hoped, expected
+            happened = (row, next_row, terminated), (action, rate, reward, bits), horizon
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
-            if far and not ends and next_row != row:
-                pending, pending_change = row, (change, also)
-                if members is not None:
-                    prefetch(members.visits, also[0])
-            else:
-                update_all(table, members, row, (change, also))
+            waits = far and not ends and next_row != row and step + 1 < stop
+            if not waits:
+                learn_step(tables, beside, members, discount, happened)
 
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row
@@ -225,6 +220,3 @@ def learn_fast(model, rule, tables, beside, members, course):
                 row, start = row_of(table, state, False), state
                 if is_full(table, row) or has_failed(model):
                     break
-        if pending != NO_ROW:
-            update_all(table, members, pending, pending_change)
-            pending = NO_ROW

@@ -340,25 +340,25 @@ class Run:
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
     def _train_members(self, seed: _Seed) -> Outcome:
-        """Train the source's learner, an optimist and its second table, with rows side by side."""
+        """Train the source's learner, an optimist and its second table, their rows side by side."""
         shaping, (lowest, highest) = seed.settings.shaping, cast(tuple[float, float], self.bounds)
         assert shaping is not None
         assert shaping.portfolio is not None
         n, n_actions = self.shape
-        q = np.empty((n, 3, n_actions), self.storage.dtype)
-        for k, start in enumerate((None, highest, lowest)):
-            q[:, k] = self._filled(None if k else seed.initial, None, start)
-        table = self._dense(seed, q.reshape(3 * n, n_actions), (None,) * 3)
+        q = np.zeros((n, 4, n_actions), self.storage.dtype)
+        q[:, 0] = self._filled(seed.initial)
+        for k, start in ((1, highest), (2, lowest)):
+            self._filled(None, q[:, k], start)
+        table = self._dense(seed, q.reshape(4 * n, n_actions), (None,) * 4)
 
         def part(k: int) -> DenseTable:
-            arrays = {name: getattr(table, name)[k::3] for name in ("q", "row_max", "row_argmax")}
+            arrays = {name: getattr(table, name)[k::4] for name in ("q", "row_max", "row_argmax")}
             return table._replace(n=(None,), **arrays)
 
-        tally, visits = Tally.empty(n), np.zeros((n * n_actions, 1), np.uint32)
-        source, learnt = part(0), part(2)
-        members = Members(shaping.portfolio.kernel, tally, highest, visits, source, learnt)
-        tables = table, learnt, None, members
-        view = source.q[None, None]
+        source, learnt, tally = part(0), part(2), Tally.empty(n)
+        memory = q.reshape(n, -1), table.q.view(f"u{q.itemsize}")
+        members = Members(shaping.portfolio.kernel, tally, highest, *memory, source, learnt)
+        tables, view = (table, learnt, None, members), source.q[None, None]
         steps, episodes = self._loop(train_q_learning, seed, tables, learnt, view)
         if seed.out is not None:
             seed.out[...] = source.q if tally.share[0] > UNDECIDED else learnt.q

@@ -392,7 +392,9 @@ def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any
     width, first = builder.extract_value(array.shape, 1), args[2]
     byte = ir.IntType(8).as_pointer()
     start = builder.mul(args[1], builder.extract_value(array.strides, 0))
-    start = builder.bitcast(builder.gep(builder.bitcast(array.data, byte), [start]), array.data.type)
+    start = builder.bitcast(
+        builder.gep(builder.bitcast(array.data, byte), [start]), array.data.type
+    )
     start = builder.gep(start, [first])
     lanes = ir.Constant(WORDS, list(range(LANES)))
     numbers = builder.add(lanes, _spread(builder, builder.trunc(first, WORD)))
