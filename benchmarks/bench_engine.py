@@ -117,7 +117,7 @@ def hunts(board, cpp, turns, steps):
         board.compare(f"W2 advised, {name} : C++ cached, alone", rates, name, "ties", 0.45)
 
 
-def advise(hunt, chase, aggregate, steps, storage, evaluation=GLIMPSE, scale=1.0):
+def advise(hunt, chase, aggregate, steps, storage, evaluation=GLIMPSE, scale=1.0, portfolio=None):
     """Return the training of a hunt on look-ahead advice from a learnt chase, ready to run."""
     mappings = [cr.project(hunt, chase.task, predator=name) for name in hunt.predator_names]
     curriculum = cr.Curriculum(
@@ -126,7 +126,7 @@ def advise(hunt, chase, aggregate, steps, storage, evaluation=GLIMPSE, scale=1.0
         aggregate=aggregate,
         learner=LEARNER,
         budget={"hunt": steps},
-        shaping=cr.LookAheadAdvice(),
+        shaping=cr.QInitialisation(portfolio=portfolio) if portfolio else cr.LookAheadAdvice(),
         eval_freq={"hunt": steps // 100 if evaluation is GLIMPSE else steps},
         evaluation=evaluation,
         storage={"hunt": storage},
@@ -198,6 +198,39 @@ def frozen_lake(board, turns, steps):
     board.compare("W3 float32 : Gymnasium and NumPy", rates, "ours", "Gymnasium", 300)
 
 
+# -- a portfolio of two --------------------------------------------------------------------------
+
+
+def portfolios(board, turns, steps):
+    """Two learners of the same steps, from the same potential as the fast loop's single learner."""
+    hunt = cr.Pursuit(7, 2, discount=DISCOUNT)
+    chase = learn(cr.Pursuit(7, 1, discount=DISCOUNT), steps // 10, steps // 10)
+    outcomes = gymnasium_loop.frozen_lake().unwrapped.P
+    lake = cr.FiniteMDP.from_outcomes(outcomes, start=0, discount=0.99, time_limit=200)
+
+    def from_zero(task):
+        phi = cr.StateActionPotential(task, np.zeros((task.states.size, task.actions.size)))
+
+        def ready(steps, portfolio):
+            shaping = cr.QInitialisation(phi, portfolio=portfolio)
+            return lambda: learn(task, steps, steps // 10, storage=SINGLE, shaping=shaping)
+
+        return ready
+
+    def hunting(steps, portfolio):
+        return advise(hunt, chase, cr.mean, steps, SINGLE, portfolio=portfolio)
+
+    cases = {"W1": from_zero(maze(-5)), "W2 advised, mean": hunting, "W3": from_zero(lake)}
+    for name, ready in cases.items():
+        contestants = {}
+        for side, portfolio in (("portfolio", cr.Portfolio()), ("fast loop", None)):
+            ready(1000, portfolio)()
+            work = ready(steps, portfolio)
+            contestants[side] = lambda run=work: on_one_thread(run, steps)
+        rates = in_turns(contestants, turns)
+        board.compare(f"{name}: portfolio of two : fast loop", rates, *contestants, 1 / 2.2)
+
+
 # -- what was learnt -----------------------------------------------------------------------------
 
 
@@ -239,6 +272,7 @@ def main():
         hunts(board, cpp, turns, steps)
         three_predators(board, steps // 2, turns)
         frozen_lake(board, turns, steps)
+        portfolios(board, turns, steps)
         board.close()
         what_was_learnt(cpp, steps)
 
