@@ -1,7 +1,7 @@
 """Take the documentation's pictures of reports: pictures.py [PAGE SELECTOR NAME].
 
-Without arguments the tutorial's studies are run in a temporary folder, as the tutorial says, and
-all PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
+Without arguments the studies of PAGES are run in a temporary folder, as these pages say, and all
+PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
 """
 
 import io
@@ -19,22 +19,24 @@ sys.path.append(str(HERE.parent))
 
 from tests.walk import walk  # noqa: E402 (found where the line above has Python look)
 
+PAGES = ("tutorial.md", "howto/bring_a_task.md")
 PICTURES = {
     "report_watch.png": ("maze-results", "#watch .viewer"),
     "report_findings.png": ("vault-results", "#findings"),
     "report_curves.png": ("vault-results", "#curves .answers"),
 }
-"""Of which of the tutorial's studies, and of what part of its report."""
+"""Of which study of the pages, and of what part of its report."""
 WIDTH, HEIGHT = 860, 900
 
 
-def of_tutorial() -> None:
-    """Do what the tutorial says, and take all pictures of the reports of its studies."""
+def of_pages() -> None:
+    """Do what the pages say, and take all pictures of the reports of their studies."""
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with tempfile.TemporaryDirectory() as place:
         folder, variables = Path(place), {**os.environ, "PATH": programs}
-        page = HERE / "tutorial.md"
-        walk(page, folder, variables, timed=False, taken=lambda line: line.startswith("curricle "))
+        how = {"timed": False, "taken": lambda line: line.startswith("curricle ")}
+        for page in PAGES:
+            walk(HERE / page, folder, variables, **how)
         for name, (study, part) in PICTURES.items():
             subprocess.run(["curricle", "report", study], cwd=folder, env=variables, check=True)
             take(folder / study / "report.html", part, HERE / name)
@@ -64,6 +66,6 @@ def take(page: Path, part: str, picture: Path) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) == 1:
-        of_tutorial()
+        of_pages()
     else:
         take(Path(sys.argv[1]), sys.argv[2], HERE / sys.argv[3])
