@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from curricle import read_study
+from curricle.study.config import json_schema
 
 DOCS = Path(__file__).parents[2] / "docs"
 LARGEST_PICTURE = 150_000  # bytes
@@ -31,6 +32,15 @@ def test_the_page_on_a_class_of_ones_own_shows_the_example():
     for name in ("courier.py", "courier.toml"):
         example = DOCS.parent / "examples" / "own_environment" / name
         assert example.read_text("utf-8").endswith(shown[name])
+
+
+def test_the_page_on_study_files_has_every_key_of_their_schema():
+    text = (DOCS / "study_files.md").read_text("utf-8")
+    schema = json_schema()
+    tables = [schema, *schema["$defs"].values()]
+    keys = {key for table in tables for key in table.get("properties", {})}
+    assert len(keys) > 100
+    assert [key for key in sorted(keys) if not re.search(rf"\b{key}\b", text)] == []
 
 
 def test_every_promise_names_tests_that_exist():

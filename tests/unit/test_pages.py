@@ -165,7 +165,7 @@ def test_a_page_prints_what_it_says(page, tmp_path):
 
 
 def test_every_word_of_a_verdict_is_explained():
-    page = re.sub(r"\s+", " ", (ROOT / "docs/howto/reading_a_verdict.md").read_text("utf-8"))
+    page = re.sub(r"\s+", " ", (ROOT / "docs/howto/did_it_pay.md").read_text("utf-8"))
     interval = Interval(1.0, 0.5, 1.5, 0.95, 9)
     words = {too_few_seeds(5, 6)}
     for p, gain in itertools.product((0.01, 0.5), (interval, replace(interval, estimate=-1.0))):
