@@ -164,7 +164,14 @@ def test_the_smallest_total_must_leave_steps_for_every_target(corner):
             compare_studies(studies)
     target = large.results["transfer"]["maze"]
     with pytest.raises(CurriculumError, match="at most the total of 1,200 steps: got 4,000"):
-        Arm.of(target, large.source_steps("transfer"), 1200, 100)
+        Arm.of(
+            target,
+            large.source_steps("transfer"),
+            (1200, 100),
+            target.seeds,
+            unlearnt={},
+            initial_values=None,
+        )
 
 
 def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):

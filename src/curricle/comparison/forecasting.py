@@ -15,7 +15,7 @@ import numpy as np
 
 from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.checks import instance, one_of
-from curricle.comparison.comparison import threshold_of_optimum
+from curricle.comparison.comparison import Reference
 from curricle.comparison.opponents import OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
@@ -661,9 +661,8 @@ def forecast(
             bars.tell(candidate.name)
         if tried:
             how: Any = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            how |= {"opponents": opponents, "scratch": scratch, "threshold": threshold}
-            if threshold is None:
-                how["threshold"] = threshold_of_optimum(any_target)
+            how |= {"opponents": opponents, "scratch": scratch}
+            how["reference"] = Reference.of(any_target, threshold)
             try:
                 made_trial = run_trial(tried, seeds=trial_seeds, **how)
                 bars.tell("trial")

@@ -129,8 +129,6 @@ class Plan:
                 f"{node.budget}; give it in steps, or let each arm have its own budget with "
                 "compared = false"
             )
-        if "constant" in controls:
-            opponents = ("constant", *opponents)
 
         def as_long(curriculum: Curriculum) -> Curriculum:
             if total is None:
@@ -193,9 +191,14 @@ class Plan:
         return tuple(name for name, arm in self.arms.items() if arm.scratch)
 
     @property
-    def live(self) -> bool:
-        """Whether some task can be learnt only in one thread at a time."""
-        # Such a task runs in Python, or is seen through observations: learners of observation tasks
+    def target_node(self) -> Node:
+        """The target with the settings that all arms share."""
+        return next(iter(self.curricula.values())).node(self.target)
+
+    @property
+    def serial(self) -> bool:
+        """Whether a process must train one unit at a time."""
+        # Its tasks run in Python, or are seen through observations: learners of observation tasks
         # draw from random generators of the process.
         return any(
             is_live(task) or is_observation_task(task)

@@ -12,10 +12,10 @@ from typing import Any
 
 from curricle.comparison.comparison import (
     Comparison,
+    Reference,
     checkpoints,
     comparison_of,
     comparison_plan,
-    threshold_before,
     trained_arms,
 )
 from curricle.comparison.controls import entering
@@ -217,12 +217,12 @@ def run_trial(
     opponents: Sequence[Opponent] = OPPONENTS,
     scratch: Learners = (),
     seeds: int = SEEDS,
-    threshold: float | None = None,
+    reference: Reference | None = None,
     memory: Memory | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates."""
+    """Return a trial of candidates, with the reference of their target if that is known."""
     memory = Memory() if memory is None else memory
     arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
@@ -232,7 +232,8 @@ def run_trial(
         warnings.simplefilter("ignore", UserWarning)
         trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
     window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
-    comparison = comparison_of(plan, trained, threshold_before(plan, threshold), window, failed)
+    reference = reference or Reference.before(plan.target_node, None)
+    comparison = comparison_of(plan, trained, reference, window, failed)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
         "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "

@@ -10,7 +10,7 @@ import numpy as np
 
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
-from curricle.comparison.comparison import OF_OPTIMUM, STATED, threshold_of_optimum
+from curricle.comparison.comparison import STATED, Reference
 from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import plain_text, task_summary
@@ -52,7 +52,6 @@ from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
-from curricle.transfer.rollouts import target_of
 from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 # -- The record of a study before it is run: plain data of its tasks and curricula -----------------
@@ -64,15 +63,14 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     curricula = curricula_record(
         arms.curricula, arms.keys, arms.scratches, study.variants or {}, controls
     )
-    node = next(iter(arms.curricula.values())).node(arms.target)
-    threshold, level = study.threshold, STATED
-    if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
-        threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
+    reference = Reference(study.threshold, STATED)
+    if arms.total is not None and SCRATCH in arms.curricula:
+        reference = Reference.before(arms.target_node, study.threshold)
     of_study = ("name", "seeds", "window", "snapshots", "tuned", "chosen")
     fields = {name: getattr(study, name) for name in of_study}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
-    fields |= {"tasks": curricula.tasks, "arms": curricula.arms, "problem": task_summary(node.task)}
-    return StudyRecord(threshold=threshold, threshold_from=level, **fields)
+    problem = task_summary(arms.target_node.task)
+    return StudyRecord(**dict(curricula), problem=problem, reference=reference, **fields)
 
 
 def curricula_record(

@@ -237,7 +237,7 @@ class UnitInput(NamedTuple):
     place: Place | None = None  # the study's folder if the worker writes the result there
     files: Mapping[str, bytes] = {}  # the user's modules by path, for machines without `folder`
     versions: Mapping[str, str] = {}  # the run's versions, which every worker must have
-    live: bool = False  # whether units must not run side by side in one process
+    serial: bool = False  # whether a process must train one unit at a time
 
 
 def train_unit(sent: UnitInput) -> UnitResult:

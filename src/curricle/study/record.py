@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 from curricle.arrays import FloatArray, IntArray
+from curricle.comparison.comparison import Reference
 from curricle.comparison.task_differences import TaskSummary
 from curricle.show.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH
@@ -239,8 +240,7 @@ class StudyRecord(CurriculaRecord):
 
     name: str
     seeds: tuple[Count, ...]
-    threshold: float | None  # the file's, or computed from the target's optimum, or None
-    threshold_from: str = ""  # its source as text; empty in records of earlier versions
+    reference: Reference  # before training
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str

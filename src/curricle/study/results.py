@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.comparison import MIDPOINT, Arm, Comparison
+from curricle.comparison.comparison import Arm, Comparison
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
@@ -36,7 +36,7 @@ from curricle.learning.result import (
     joined_results,
 )
 from curricle.learning.stopping import UNLEARNT
-from curricle.statistics.curves import SCRATCH, midpoint
+from curricle.statistics.curves import SCRATCH
 from curricle.study.record import (
     Analysis,
     FailureRecord,
@@ -471,10 +471,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
                 of = arm.control_of and f"{prefix}{arm.control_of}"
-                arms[label] = replace(_arm(study, name, total, seeds), curriculum=of)
-    threshold, level = first.threshold, first.threshold_from
-    if threshold is None:
-        threshold, level = midpoint(arms[SCRATCH].curve), MIDPOINT
+                arms[label] = _arm(study, name, total, seeds, of)
     budget = min(study.record.budget or 0 for study in studies)
     planned = set.intersection(*(set(study.record.seeds) for study in studies))
     lacking, interim = any(study.lacks_arms for study in studies), ""
@@ -482,8 +479,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         some = " of some arms" * lacking
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
-    spans = budget, total, threshold, window
-    return Comparison(first.target, arms, *spans, failed, interim=interim, threshold_from=level)
+    reference = first.reference.after(arms[SCRATCH].curve)
+    return Comparison(first.target, arms, budget, total, reference, window, failed, interim)
 
 
 def _shared_total(studies: Sequence[StudyResults]) -> int:
@@ -542,8 +539,10 @@ def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
             )
 
 
-def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
-    """Return an arm of a study for a comparison at a total of steps."""
+def _arm(
+    study: StudyResults, name: str, total: int, seeds: Sequence[int], curriculum: str = ""
+) -> Arm:
+    """Return an arm of a study for a comparison at a total of steps; it may change `curriculum`."""
     record = study.record
     result = study.results[name][record.target]
     spent = study.source_steps(name)
@@ -557,14 +556,19 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
             f"an arm must have steps left for its target: {place} took {most:,} of its "
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
-    scratch, changes = record.arms[name].scratch, bool(record.arms[name].control_of)
-    kind: Any = {"scratch": scratch, "initial_values": study.initial_values(name)}
-    kind["knows_target"] = record.arms[name].knows_target
-    arm = Arm.of(result, spent, total, record.eval_freq, **kind)
-    unlearnt = {
-        task: np.array([ended.get(seed) == UNLEARNT for seed in result.seeds])
-        for task in record.arms[name].nodes
-        if not changes and task != record.target and (ended := study.ended_by(name, task))
-    }
-    arm = replace(arm, unlearnt=unlearnt)
-    return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))
+    arm = record.arms[name]
+    return Arm.of(
+        result,
+        spent,
+        (total, record.eval_freq),
+        seeds,
+        scratch=arm.scratch,
+        curriculum=curriculum,
+        initial_values=study.initial_values(name),
+        knows_target=arm.knows_target,
+        unlearnt={
+            task: np.array([ended.get(seed) == UNLEARNT for seed in result.seeds])
+            for task in arm.nodes
+            if not curriculum and task != record.target and (ended := study.ended_by(name, task))
+        },
+    )

@@ -543,7 +543,7 @@ def _workers(
         return engine
     number = workers or os.cpu_count() or 1
     if executor is None:  # results of units in progress would be thrown away
-        threads = 1 if any(arms.live for arms in all_arms) else number
+        threads = 1 if any(arms.serial for arms in all_arms) else number
         executor = ending.enter_context(interruptible(threads))
     return ExecutorWorkers(executor, number)
 
