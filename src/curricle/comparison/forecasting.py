@@ -651,7 +651,7 @@ def forecast(
         looked_at = [candidate for candidate in candidates if candidate.used or reads_values]
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
-            phi = tuple(candidate.potentials(sources, numbers))
+            phi = tuple(candidate.curriculum.entering(name, sources, numbers)[0])
             of_seeds = judged.judgement(any_target, phi, workers, reads_values=reads_values)
             row = ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds)
             start = start_words(row, any_target, reads_values)

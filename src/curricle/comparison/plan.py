@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.comparison.controls import Control, control_arms, entering, train_control
+from curricle.comparison.controls import Control, control_arms, train_control
 from curricle.comparison.opponents import (
     CONSTANTS,
     Opponent,
@@ -309,20 +309,20 @@ def train(
     # With `charge` the target's budget also pays for the sources. An arm that changes another arm
     # reads the other arm's potentials from `unchanged`, or computes them again.
     curriculum, task, seeds = arm.curriculum, unit.task, unit.seeds
-    if arm.change and task == curriculum.target:
-        before: Any = ((), ())
-        if unchanged is not None:
-            before = unchanged.potentials, unchanged.calibrations
-        if arm.change not in CONSTANTS:
-            return Trained(*train_control(arm.change, curriculum, seeds, sources, *before, **how))
-        potentials = before[0] or entering(curriculum, task, sources, seeds)[0]
-        result, values = train_constant(arm.change, curriculum, seeds, potentials, **how)
-        return Trained(result, np.zeros(len(seeds), np.int64), initial_values=values)
-    trained = curriculum.train(
-        unit.seeds, only=task, trained=sources, charge=charge, snapshots=unit.snapshots, **how
-    )
-    entered = trained.calibrations.get(task, ()), trained.potentials[task]
-    return Trained(trained[task], trained.source_steps(task), *entered)
+    spent, is_target = curriculum.spent(task, sources, len(seeds)), task == curriculum.target
+    if not (arm.change and is_target):
+        how |= {"charged": spent if charge and is_target else None, "snapshots": unit.snapshots}
+        result, potentials, fitted = curriculum.train_task(task, sources, seeds, **how)
+        return Trained(result, spent, fitted, potentials)
+    before: Any = ((), ())
+    if unchanged is not None:
+        before = unchanged.potentials, unchanged.calibrations
+    if arm.change not in CONSTANTS:
+        change: Any = arm.change, curriculum, seeds, sources, spent, *before
+        return Trained(train_control(*change, **how), spent)
+    potentials = before[0] or curriculum.entering(task, sources, seeds)[0]
+    result, values = train_constant(arm.change, curriculum, seeds, potentials, **how)
+    return Trained(result, np.zeros_like(spent), initial_values=values)
 
 
 # -- Units that failed ----------------------------------------------------------------------------

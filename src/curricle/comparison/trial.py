@@ -18,11 +18,9 @@ from curricle.comparison.comparison import (
     comparison_plan,
     trained_arms,
 )
-from curricle.comparison.controls import entering
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import SETTINGS, Curriculum, Node
-from curricle.curriculum.result import Learnt
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
@@ -34,7 +32,6 @@ from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted
 from curricle.transfer.aggregate import COMPARED, Aggregate
-from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
 # -- Candidates: the curricula that use a curriculum's sources in different ways -------------------
@@ -51,12 +48,6 @@ class Candidate:
     curriculum: Curriculum
     aggregate: bool  # whether it combines all transfers
     used: bool  # whether the curriculum itself uses its sources in this way
-
-    def potentials(
-        self, sources: Mapping[str, Learnt], seeds: Sequence[int]
-    ) -> Sequence[AnyPotential]:
-        """Return the potential of each of K seeds, calibrated where the candidate calibrates."""
-        return entering(self.curriculum, self.curriculum.target, sources, seeds)[0]
 
 
 def candidates_of(

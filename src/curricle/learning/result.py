@@ -422,6 +422,8 @@ def check_result_arrays(
     shapes: dict[str, tuple[int, ...]] = {"T": (n,), "K": of_seeds, "KT": (*of_seeds, n)}
     expected = {name: (shapes[field.axes], field.dtype) for name, field in FIELDS.items()}
     expected |= dict.fromkeys(("seeds", *counts), (of_seeds, "int64"))
+    if "initial_values" in arrays:
+        expected["initial_values"] = of_seeds, "float64"
     if "snapshot_steps" in arrays:
         moments = arrays["snapshot_steps"].size
         expected["snapshot_steps"] = (moments,), "int64"

@@ -11,14 +11,12 @@ import numpy as np
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
 from curricle.comparison.comparison import STATED, Reference
-from curricle.comparison.controls import entering
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.deep.learner import DeepLearner, PolicyReuse
 from curricle.errors import CurricleError, StoreError
-from curricle.learning.potential import PairPotential
 from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
 from curricle.planning.greedy import Values
@@ -258,9 +256,11 @@ def _section(
     try:
         record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
-            shaping = results[arm].curriculum.setting("shaping", target)
-            shaping = shaping.with_potential(_entering(results[arm], target))
-            certificate = certify(results[arm].curriculum.tasks[target], shaping)
+            curriculum, seed = results[arm].curriculum, results[arm][target].seeds[:1]
+            sources = {name: source.first(1) for name, source in results[arm].sources.items()}
+            (phi,), _ = curriculum.entering(target, sources, seed)
+            shaping = curriculum.setting("shaping", target).with_potential(phi)
+            certificate = certify(curriculum.tasks[target], shaping)
             text, holds = str(certificate), certificate.holds
             alike = certificates[text].arms if text in certificates else ()
             certificates[text] = CertificateRecord(arms=(*alike, arm), holds=holds, text=text)
@@ -332,17 +332,6 @@ def _forecast(
         rows.append(RowRecord(**means, **{name: getattr(row, name) for name in same}))
     same = ForecastRecord.model_fields.keys() - {"rows"}
     return ForecastRecord(rows=tuple(rows), **{name: getattr(foreseen, name) for name in same})
-
-
-def _entering(result: CurriculumResult, target: str) -> PairPotential:
-    """Return the potential with which the first seed of a target began."""
-    phi: PairPotential
-    if kept := result.potentials.get(target):
-        phi = kept[0]
-        return phi
-    sources = {name: source.first(1) for name, source in result.sources.items()}
-    (phi,), _ = entering(result.curriculum, target, sources, result[target].seeds[:1])
-    return phi
 
 
 # -- Episodes of learnt policies: read from a study's folder, or played in the task ----------------

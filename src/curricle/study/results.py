@@ -1,9 +1,9 @@
 """The results of a study, read from its folder."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -308,7 +308,7 @@ class StudyResults:
         for name in names:
             units = self._units_of(arm, name, seeds)
             stored[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
-        return source_values(curriculum, seeds, stored)
+        return source_values(curriculum, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
         """Return the unit of each seed; StoreError if a unit is missing."""
@@ -358,20 +358,21 @@ class StudyResults:
 
     def initial_values(self, arm: str) -> FloatArray | None:
         """Return the initial Q of each seed, (K,); None unless the arm is a constant."""
-        values, seeds = list[FloatArray](), list[int]()
-        for unit in self._units(arm, self.record.target) if self.record.arms[arm].scratch else ():
-            arrays = self._arrays(arm, self.record.target, unit, RUN)
-            if "initial_values" in arrays:
-                values.append(self.store.checked(unit.path, partial(_numbers, arrays)))
-                seeds += unit.seeds
-        return np.concatenate(values)[np.argsort(seeds)] if values else None
+        values: FloatArray | None = self._of_seeds(arm, self.record.target, "initial_values")
+        return values
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps that each seed of an arm spent before a task, by default its target."""
-        name = self.record.target if task is None else task
-        runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
-        seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
-        return steps[np.argsort(seeds)]
+        steps: IntArray = self._of_seeds(arm, task or self.record.target, "source_steps")
+        return steps
+
+    def _of_seeds(self, arm: str, task: str, name: str) -> Any:
+        """Return an array of a task besides its results, (K,), seeds ascending; None without it."""
+        runs = [self._arrays(arm, task, unit, RUN) for unit in self._units(arm, task)]
+        if not all(name in run for run in runs):
+            return None
+        seeds, numbers = (np.concatenate([run[key] for run in runs]) for key in ("seeds", name))
+        return numbers[np.argsort(seeds)]
 
     def table(self, name: str) -> pa.Table:
         """Return the curves or the decisions of all units, `name` a file, with a column of arms."""
@@ -412,14 +413,6 @@ class StudyResults:
         """Return seed -> the reason why its training in a task ended, one of a few fixed texts."""
         criteria = self.decisions(arm, task, "criterion")
         return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
-
-
-def _numbers(arrays: Mapping[str, Any]) -> FloatArray:
-    """Return the initial values in a file; ValueError if they do not fit the file's seeds."""
-    values: FloatArray = arrays["initial_values"]
-    if values.shape != arrays["seeds"].shape or values.dtype != "float64":
-        raise ValueError("initial_values must be a number of float64 for each seed")
-    return values
 
 
 # -- The arms of one or several studies, compared --------------------------------------------------

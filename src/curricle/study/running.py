@@ -21,7 +21,7 @@ from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
 from curricle.comparison.plan import Failures, Plan, Unit, numbered_seeds
-from curricle.curriculum.result import StoredValues, sources_read
+from curricle.curriculum.result import SourceValues, sources_read
 from curricle.design.choice import chosen
 from curricle.errors import LostStoreError, SettingError, StoreError
 from curricle.files import Place, place_at
@@ -45,7 +45,6 @@ from curricle.study.store import (
     RUNS,
     SNAPSHOTS,
     Packing,
-    StoredSource,
     StoredUnit,
     StudyStore,
     Taken,
@@ -478,12 +477,12 @@ class Training:
 
         def send(unit: Unit) -> Future[Any]:
             curriculum = arms.curricula[unit.arm]
-            values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
+            values, stored = dict[str, SourceValues](), dict[str, Any]()
             read = sources_read(curriculum, unit.task)
             for name, key in unit.sources.items():
                 files, needed = {seed: packing.done[key][seed] for seed in unit.seeds}, name in read
                 if seen and packing.is_large(key, unit.seeds):
-                    stored[name] = StoredSource(files, needed)
+                    stored[name] = files, needed
                 else:
                     values[name] = stored_values(packing.arrays, files, unit.seeds, read=needed)
             kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
