@@ -426,8 +426,13 @@ class Memory:
         try:
             for unit in filter(failures.keeps, reversed(missing)):
                 try:
-                    how: Any = {"workers": workers, "progress": bars.within(unit.arm)}
-                    self.trained[unit.key, seeds] = self._learnt(plan, unit, **how)
+                    read = unit.sources.items()
+                    results = {name: self.trained[key, seeds].result for name, key in read}
+                    sources = {name: SourceValues.of(result) for name, result in results.items()}
+                    how: Any = {"unchanged": self.trained.get((plan.changed(unit), seeds))}
+                    how |= {"workers": workers, "progress": bars.within(unit.arm)}
+                    trained = train(plan.arms[unit.arm], unit, sources, **how)
+                    self.trained[unit.key, seeds] = trained
                 except Exception as error:  # of any kind: a task may be the user's own code
                     failures.add(unit, error)
                 else:
@@ -439,15 +444,6 @@ class Memory:
         finally:
             for unit in units:
                 self._forget(plan, unit.key, seeds)
-
-    def _learnt(self, plan: Plan, unit: Unit, **how: Any) -> Trained:
-        """Train a unit with the results of its sources, and return its results."""
-        sources = {
-            name: SourceValues.of(self.trained[key, unit.seeds].result)
-            for name, key in unit.sources.items()
-        }
-        unchanged = self.trained.get((plan.changed(unit), unit.seeds))
-        return train(plan.arms[unit.arm], unit, sources, unchanged=unchanged, **how)
 
     def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
         """Drop results that no unit will read, except small tables, which later plans may read."""

@@ -47,7 +47,6 @@ from curricle.study.store import (
     Packing,
     StoredUnit,
     StudyStore,
-    Taken,
     files_of,
     group_of,
     holds_study,
@@ -442,36 +441,10 @@ class Training:
     ) -> Failures:
         """Train and store the missing units of a study or a part of it; return the failures."""
         part = part or arms
-        store, failures = self.store, Failures(part.needs)
+        store, workers, failures = self.store, self.workers, Failures(part.needs)
         done = _begun(store, study, arms, self.report)
         units = tuple(units_of(study, part, done, shard))
         packing = Packing(store, done, files_of(record))
-        for unit, result in self._results(study, arms, units, packing, failures, words):
-            if track is not None:
-                if isinstance(result, StoredUnit):
-                    result = result.result(unit.seeds)
-                node = arms.curricula[unit.arm].node(unit.task)
-                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
-                track(unit.arm, unit.task, learnt)
-        write_failures(store, failure_records(failures))
-        pack(store, packing.per_file)
-        if not failures:
-            store.remove_checkpoints()
-        store.require_there()  # listing a moved folder raises no error
-        StudyResults(store, record).write_tables()
-        return failures
-
-    def _results(
-        self,
-        study: StudyConfig,
-        arms: Arms,
-        units: tuple[Unit, ...],
-        packing: Packing,
-        failures: Failures,
-        words: str,
-    ) -> Iterator[Taken]:
-        """Train units of a study; yield each with its result when the result is stored."""
-        store, workers = self.store, self.workers
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
         seen = workers.see(store.path)  # workers that see the store read and write large files
 
@@ -491,14 +464,22 @@ class Training:
             return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
 
         scheduler = Scheduler(send, packing, workers, failures)
-
-        def show(stored: Unit | None) -> None:
-            self.show(Progress(units, stored, scheduler.number(), words))
-
-        show(None)
+        self.show(Progress(units, None, scheduler.number(), words))
         for unit, result in scheduler.results(units):
-            yield unit, result
-            show(unit)
+            if track is not None:
+                if isinstance(result, StoredUnit):
+                    result = result.result(unit.seeds)
+                node = arms.curricula[unit.arm].node(unit.task)
+                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
+                track(unit.arm, unit.task, learnt)
+            self.show(Progress(units, unit, scheduler.number(), words))
+        write_failures(store, failure_records(failures))
+        pack(store, packing.per_file)
+        if not failures:
+            store.remove_checkpoints()
+        store.require_there()  # listing a moved folder raises no error
+        StudyResults(store, record).write_tables()
+        return failures
 
 
 def _tried(
