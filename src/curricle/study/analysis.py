@@ -1,9 +1,8 @@
 """The parts of a study's results that need its tasks: record, forecasts, certificates, episodes."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from curricle.arrays import frozen
 from curricle.certificate.certification import certify
 from curricle.comparison.comparison import STATED, Reference
 from curricle.comparison.forecasting import forecast
+from curricle.comparison.plan import PlannedArm
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.curriculum.result import CurriculumResult
@@ -57,10 +57,7 @@ from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    controls = {name: arm.of for name, arm in arms.arms.items()}
-    curricula = curricula_record(
-        arms.curricula, arms.keys, arms.scratches, study.variants or {}, controls
-    )
+    curricula = curricula_record(arms.arms, study.variants or {})
     reference = Reference(study.threshold, STATED)
     if arms.total is not None and SCRATCH in arms.curricula:
         reference = Reference.before(arms.target_node, study.threshold)
@@ -72,26 +69,19 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
 
 
 def curricula_record(
-    curricula: Mapping[str, Curriculum],
-    keys: Mapping[tuple[str, str], str],
-    scratches: Collection[str] = (),
-    variants: Mapping[str, VariantRecord] = MappingProxyType({}),
-    controls: Mapping[str, str] = MappingProxyType({}),
+    planned: Mapping[str, PlannedArm], variants: Mapping[str, VariantRecord]
 ) -> CurriculaRecord:
-    """Return the record of curricula by arm, with the keys of their stored results, if any.
-
-    `controls` maps a control to its arm.
-    """
+    """Return the record of arms by name, with the keys of their stored results, if any."""
     tasks, edges, arms = list[Any](), list[Transfer](), {}
-    for arm, curriculum in curricula.items():
-        nodes = dict[str, NodeRecord]()
+    for label, arm in planned.items():
+        curriculum, nodes = arm.curriculum, dict[str, NodeRecord]()
         for name in curriculum.order:
             sources, node = curriculum.in_edges(name), curriculum.node(name)
             settings = [which for which in SETTINGS if sources or which not in OF_TARGETS]
             several = len(sources) > 1
             nodes[name] = NodeRecord(
                 task=_number(node.task, tasks, same_task),
-                key=keys.get((arm, name), ""),
+                key=arm.keys.get(name, ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
                 aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
                 seeds_per_file=seeds_per_file(node),
@@ -102,14 +92,14 @@ def curricula_record(
             ends = {"source": edge.source, "target": edge.target}
             transfers.append(TransferRecord(**ends, words=transfer_words(edge), number=number))
         calibration = ", calibrated" * (curriculum.calibration(curriculum.target) is not None)
-        arms[arm] = ArmRecord(
+        arms[label] = ArmRecord(
             nodes=nodes,
             transfers=tuple(transfers),
             potential=_aggregate(curriculum, curriculum.target, "") + calibration,
-            scratch=arm in scratches,
-            control_of=controls.get(arm, ""),
+            scratch=arm.scratch,
+            control_of=arm.of,
             depends_on_total=_depends_on_total(curriculum),
-            variant=variants.get(arm),
+            variant=variants.get(label),
             knows_target=any(map(curriculum.knows_target, curriculum.last_tasks)),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
