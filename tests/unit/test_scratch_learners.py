@@ -41,7 +41,7 @@ def study(tmp_path, text=FURTHER, changes=()):
 def test_each_changes_the_targets_own_learner(tmp_path):
     arms = Arms.of(study(tmp_path))
     assert tuple(arms.curricula) == (*NAMES, "transfer")
-    assert arms.scratches == NAMES
+    assert tuple(name for name, arm in arms.arms.items() if arm.scratch) == NAMES
     learners = [arms.curricula[name].setting("learner", "maze") for name in NAMES]
     assert learners[:2] == [
         QLearning(learning_rate=0.2),

@@ -780,10 +780,9 @@ def compare(
     if threshold is not None:
         threshold = number("threshold", threshold, SettingError)
     reference = Reference.before(plan.target_node, threshold)  # solving the target may fail
-    failed = dict[str, Exception]()
     with shown(progress) as bars:
-        trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
-    return comparison_of(plan, trained, reference, window, failed)
+        how = memory, workers, bars
+        return trained_comparison(plan, seed_tuple(seeds), reference, window, *how)
 
 
 def comparison_plan(
@@ -834,18 +833,19 @@ def checkpoints(plan: Plan) -> int:
     return plan.steps[0] // plan.eval_freq + 1
 
 
-def trained_arms(
+def trained_comparison(
     plan: Plan,
     seeds: tuple[int, ...],
-    failed: dict[str, Exception],
+    reference: Reference,
+    window: int,
     memory: Memory,
     workers: int | None,
     bars: Bars,
-) -> dict[str, Arm]:
-    """Return all arms for these seeds, scratch first."""
+) -> Comparison:
+    """Train the arms of a plan, and return their comparison with the reference before training."""
     # An arm that raises an error is added to `failed`, and left out with its controls.
-    plan, failures, arms = plan.without(failed), Failures(plan.needs), dict[str, Arm]()
-    in_order = tuple(sorted(seeds))
+    failures, in_order = Failures(plan.needs), tuple(sorted(seeds))
+    failed, arms = dict[str, Exception](), dict[str, Arm]()
     for _ in chain(memory.train(plan, in_order, failures, workers, bars), [None]):
         for unit, error in failures.errors:
             for name, arm in plan.arms.items():
@@ -869,7 +869,9 @@ def trained_arms(
                 bars.tell(name)
     if all(arm.scratch for arm in arms.values()):
         raise next(iter(failed.values()))
-    return {name: arms[name] for name in plan.arms if name in arms}
+    arms = {name: arms[name] for name in plan.arms if name in arms}
+    reference = reference.after(arms[SCRATCH].curve)
+    return Comparison(plan.target, arms, *plan.steps, reference, window, failed)
 
 
 def _arm(planned: PlannedArm, results: Mapping[str, Trained], plan: Plan, seeds: Any) -> Arm:
@@ -889,15 +891,3 @@ def _arm(planned: PlannedArm, results: Mapping[str, Trained], plan: Plan, seeds:
             for source in (curriculum.ancestors(plan.target) if not planned.of else ())
         },
     )
-
-
-def comparison_of(
-    plan: Plan,
-    arms: Mapping[str, Arm],
-    reference: Reference,
-    window: int,
-    failed: Mapping[str, Exception],
-) -> Comparison:
-    """Return the comparison of trained arms, with the reference as it was before training."""
-    reference = reference.after(arms[SCRATCH].curve)
-    return Comparison(plan.target, arms, *plan.steps, reference, window, failed)

@@ -186,11 +186,6 @@ class Plan:
         return self.keys | beside
 
     @property
-    def scratches(self) -> tuple[str, ...]:
-        """The arms that learn the target from scratch."""
-        return tuple(name for name, arm in self.arms.items() if arm.scratch)
-
-    @property
     def target_node(self) -> Node:
         """The target with the settings that all arms share."""
         return next(iter(self.curricula.values())).node(self.target)

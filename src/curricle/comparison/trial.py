@@ -14,9 +14,8 @@ from curricle.comparison.comparison import (
     Comparison,
     Reference,
     checkpoints,
-    comparison_of,
     comparison_plan,
-    trained_arms,
+    trained_comparison,
 )
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
@@ -217,14 +216,13 @@ def run_trial(
     memory = Memory() if memory is None else memory
     arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
-    failed = dict[str, Exception]()
+    window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
+    reference = reference or Reference.before(plan.target_node, None)
     with warnings.catch_warnings(), shown(progress) as bars:
         # No warning about a refused calibration: the experiment will warn.
         warnings.simplefilter("ignore", UserWarning)
-        trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
-    window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
-    reference = reference or Reference.before(plan.target_node, None)
-    comparison = comparison_of(plan, trained, reference, window, failed)
+        how = memory, workers, bars
+        comparison = trained_comparison(plan, seed_tuple(seeds), reference, window, *how)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
         "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "

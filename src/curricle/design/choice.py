@@ -23,10 +23,9 @@ from curricle.comparison.comparison import (
     Comparison,
     Reference,
     checkpoints,
-    comparison_of,
     comparison_plan,
     short,
-    trained_arms,
+    trained_comparison,
 )
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
@@ -306,9 +305,7 @@ def choose(
     def play(plan: Plan, seeds: tuple[int, ...], title: str) -> Comparison:
         grow, tell = cast(Any, (bars.bar(title, len(plan.arms)), bars.tell))
         one_bar = Bars(call=lambda name: (grow(), tell(name)))
-        failed = dict[str, Exception]()
-        arms = trained_arms(plan, seeds, failed, memory, workers, one_bar)
-        return comparison_of(plan, arms, reference, window, failed)
+        return trained_comparison(plan, seeds, reference, window, memory, workers, one_bar)
 
     with shown(progress) as bars:
         choice = chosen(whole, play, seed)

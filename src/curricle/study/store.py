@@ -715,15 +715,12 @@ Taken = tuple[Unit, UnitResult | StoredUnit]  # a result, or the file that a wor
 
 def seeds_per_file(node: Node) -> int:
     """Return how many seeds of a task a file holds; 1 for networks and large tables."""
-    return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
-
-
-def bytes_a_seed(node: Node) -> int:
-    """Return the most bytes of a seed's tables and curves."""
+    if node.deep:
+        return 1
     model = generative_model(node.task)
     tables = TABLES * model.states.size * model.actions.size
     checkpoints = node.most_steps // node.eval_freq + 1
-    return NUMBER * (tables + CURVES * checkpoints)
+    return max(1, FULL // (NUMBER * (tables + CURVES * checkpoints)))  # most bytes of a seed
 
 
 def files_of(record: CurriculaRecord) -> dict[str, int]:
