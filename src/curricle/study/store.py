@@ -324,7 +324,7 @@ ROW_BYTES = 600  # about the bytes of a decision in memory
 MOST_KEPT = 2**28
 """Bytes of curves and decisions to keep in memory, so that a run, its tables and a report read each
 file once."""
-SCHEMA_VERSION = 4  # version of the folder's layout; other versions are refused
+SCHEMA_VERSION = 5  # version of the folder's layout; other versions are refused
 LARGEST_JSON = 2**24
 """Most bytes of a JSON file, which takes up to 25 times as many in memory. The file of a study with
 100,000 seeds has a twentieth of that."""
