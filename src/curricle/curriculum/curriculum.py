@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -87,36 +87,30 @@ class Node:
     learner: Any
     budget: Budget
     shaping: Shaping
-    eval_freq: int
+    eval_freq: int  # a hundredth of the budget by default
     evaluation: GreedyEvaluation
     storage: Storage
 
     __repr__ = brief_repr
 
-    @classmethod
-    def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
-        """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
-        distilled = isinstance(task, Miniatures)
-        eval_freq = 1 if distilled else spacing(eval_freq, settings["budget"])
-        learner = DeepLearner if is_observation_task(task) else Learner
-        kinds = {"learner": learner, "shaping": Shaping}
+    def __post_init__(self) -> None:
+        kinds = {"learner": DeepLearner if self.deep else Learner, "shaping": Shaping}
         for which, kind in (kinds | {"evaluation": GreedyEvaluation, "storage": Storage}).items():
-            instance(f"{which} of {name}", settings[which], kind, SettingError)
-        if learner is DeepLearner:
-            check_spaces(task, settings["learner"])
-            check_evaluation(settings["evaluation"])
-        if settings["shaping"].potential is not None:
+            instance(f"{which} of {self.name}", getattr(self, which), kind, SettingError)
+        if self.deep:
+            check_spaces(self.task, self.learner)
+            check_evaluation(self.evaluation)
+        if self.shaping.potential is not None:
             raise CurriculumError(
                 "the shaping of a curriculum's task must have no potential of its own, because "
-                f"sources give it: that of {name} has a potential"
+                f"sources give it: that of {self.name} has a potential"
             )
-        if not callable(settings["aggregate"]):
+        if not callable(self.aggregate):
             raise CurriculumError(
-                f"an aggregate must be a function (N, S, A) -> (S, A): {name} has "
-                f"{settings['aggregate']!r}"
+                f"an aggregate must be a function (N, S, A) -> (S, A): {self.name} has "
+                f"{self.aggregate!r}"
             )
-        number(f"unknown_value of {name}", settings["unknown_value"], CurriculumError)
-        return cls(name, task, eval_freq=eval_freq, **settings)
+        number(f"unknown_value of {self.name}", self.unknown_value, CurriculumError)
 
     @property
     def most_steps(self) -> int:
@@ -491,7 +485,9 @@ class Curriculum:
         """Return a task with all its settings; SettingError if any is invalid."""
         one_of("a task", name, self.tasks, CurriculumError)
         settings = {which: self.setting(which, name) for which in SETTINGS}
-        return Node.of(name, self.tasks[name], **settings)
+        distilled, freq = isinstance(self.tasks[name], Miniatures), settings["eval_freq"]
+        settings["eval_freq"] = 1 if distilled else spacing(freq, settings["budget"])
+        return Node(name, self.tasks[name], **settings)
 
     def _repr_html_(self) -> str:
         tasks = [

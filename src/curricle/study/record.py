@@ -188,7 +188,7 @@ class ArmRecord(Plain):
     """Why learning up to a step depends on the total of steps, as text; empty if it does not; None
     if another version wrote the record."""
     variant: VariantRecord | None = None
-    control_of: str = ""  # the arm of a control; the arm whose potential gives a constant
+    control_of: str = ""  # the arm that it changes, as a control or as a constant of it
     knows_target: bool  # whether a mapping was found in the target's model
 
     @model_validator(mode="after")
