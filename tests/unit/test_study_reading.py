@@ -11,7 +11,7 @@ import pytest
 from curricle.cli.output import print_results
 from curricle.comparison.comparison import Arm
 from curricle.errors import CurriculumError
-from curricle.show.report import _only, write_report
+from curricle.show.report import write_report
 from curricle.study import StudyResults, compare_studies, merge, read_study, run_study
 from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
 
@@ -218,9 +218,10 @@ def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
 
 def test_a_page_of_some_arms_has_no_verdict(finished):
     study = StudyResults(finished)
-    part = _only(study, {"scratch", "chain"})
-    assert compare_studies([part]).interim == "interim, 4 of 4 seeds of some arms: no verdict"
-    assert compare_studies([_only(study, {*study.record.arms})]).interim == ""
+    part = StudyResults(study.store, study.record.only({"scratch", "chain"}))
+    assert part.comparison.interim == "interim, 4 of 4 seeds of some arms: no verdict"
+    every = StudyResults(study.store, study.record.only(study.record.arms))
+    assert every.comparison.interim == ""
 
 
 def test_a_window_ends_with_the_smallest_budget(tmp_path):

@@ -211,10 +211,10 @@ class CurriculaRecord(Plain):
         """Return a task of an arm."""
         return self.tasks[self.arms[arm].nodes[name].task]
 
-    def only(self, arms: Collection[str]) -> "CurriculaRecord":
+    def only(self, arms: Collection[str]) -> Self:
         """Return the record of some of the arms."""
         kept = {name: arm for name, arm in self.arms.items() if name in arms}
-        return CurriculaRecord(tasks=self.tasks, arms=kept)
+        return self.model_copy(update={"arms": kept})
 
     def groups(self) -> list[tuple[str, ...]]:
         """Return groups of arms with equal tasks and transfers; no scratch arms, no controls."""

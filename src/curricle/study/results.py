@@ -168,13 +168,10 @@ class StudyResults:
         The folder.
     record : StudyRecord
         The study.
-    lacks_arms : bool
-        Whether the comparison leaves out arms that are not trained yet.
     """
 
     def __init__(self, path: str | Place | StudyStore, record: StudyRecord | None = None):
         self.store = path if isinstance(path, StudyStore) else StudyStore(path)
-        self.lacks_arms = False
         study = self.store.description
         if "record" not in study:
             raise StoreError(f"{self.store.path} holds results that are not those of a study")
@@ -198,6 +195,11 @@ class StudyResults:
     def _so_far(self) -> str:
         arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")
         return f"{arms}, {len(self.seeds)} of {whole} complete"
+
+    @property
+    def is_part(self) -> bool:
+        """Whether arms of the folder's study are left out, as they are not trained yet."""
+        return len(self.record.arms) < len(self.store.description["record"]["arms"])
 
     @cached_property
     def stored(self) -> dict[str, dict[int, StoredUnit]]:
@@ -467,7 +469,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 arms[label] = _arm(study, name, total, seeds, of)
     budget = min(study.record.budget or 0 for study in studies)
     planned = set.intersection(*(set(study.record.seeds) for study in studies))
-    lacking, interim = any(study.lacks_arms for study in studies), ""
+    lacking, interim = any(study.is_part for study in studies), ""
     if lacking or len(seeds) < len(planned):
         some = " of some arms" * lacking
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
