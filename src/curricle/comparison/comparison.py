@@ -85,12 +85,31 @@ MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sou
 
 @dataclass(frozen=True)
 class Reference:
-    """The returns in a target that arms are measured by."""
+    """The returns in a target that arms are measured by.
 
-    threshold: float | None  # that counts as learnt; None until scratch's curve gives it
-    threshold_from: str = ""  # its source as text
-    random_return: float | None = None  # of the uniformly random policy, and of an optimal policy:
-    optimum: float | None = None  # None if the target cannot be solved, or a threshold is stated
+    Attributes
+    ----------
+    threshold : float or None
+        Return that counts as learnt; None before training if scratch's curve will give it.
+    threshold_from : str
+        The source of the threshold, as text.
+    random_return, optimum : float or None
+        Returns of the uniformly random and of an optimal policy. None where the target cannot be
+        solved, or is not solved because the threshold was stated.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.planning import Target
+    >>> reference = Reference.of(Target.of(GridWorld("S.T", discount=0.5)))
+    >>> reference.optimum, reference.threshold_from
+    (98.5, 'nine tenths of the way to the optimum')
+    """
+
+    threshold: float | None
+    threshold_from: str = ""
+    random_return: float | None = None
+    optimum: float | None = None
 
     @classmethod
     def of(cls, target: Target | ObservationTarget, stated: float | None = None) -> Self:
