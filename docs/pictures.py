@@ -188,13 +188,9 @@ def aggregates() -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) == 1:
-<<<<<<< HEAD
         of_pages()
-=======
-        of_tutorial()
     elif sys.argv[1] == "theory":
         for draw in (loops, levels, portfolio, aggregates):
             draw()
->>>>>>> docsb
     else:
         take(Path(sys.argv[1]), sys.argv[2], HERE / sys.argv[3])
