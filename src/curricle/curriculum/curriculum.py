@@ -26,6 +26,7 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import (
     SETTLED,
+    UNLEARNT,
     Budget,
     Decision,
     Decisions,
@@ -34,7 +35,6 @@ from curricle.learning.stopping import (
     levels,
     limits,
     longest_run,
-    recent_return,
     spacing,
 )
 from curricle.learning.storage import Storage
@@ -194,13 +194,9 @@ class Node:
         return learn(self.task, self.learner, self.budget, **common)
 
     def unlearnt(self, result: LearningResult) -> BoolArray:
-        """Return the seeds whose last return is too low for them to have converged, (K,) bool."""
-        if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
-            return np.zeros(len(result.seeds), np.bool_)
-        _, floor = levels(self.budget, self.task, self.evaluation, target_of)
-        last = (result.steps_used // self.eval_freq).tolist()
-        recent = list(map(recent_return, result.greedy_return, last))
-        return np.array(recent) <= floor
+        """Return the seeds that used all steps and have not learnt the task, (K,) bool."""
+        last = [decisions[-1:] for decisions in self.decisions(result)]
+        return np.array([any(decision.criterion == UNLEARNT for decision in of) for of in last])
 
     def decisions(self, result: LearningResult) -> Decisions:
         """Return the stopping rule's decisions at each seed's checkpoints."""
