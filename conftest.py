@@ -6,7 +6,7 @@ DEEP = ["src/curricle/deep/*.py", "docs/howto/your_own_network.md", "tests/deep/
 DASK = ["src/curricle/study/engines/dask_engine.py"]
 RAY = ["src/curricle/study/engines/ray_engine.py"]
 CLUSTER = ["tests/cluster/test_*.py"]
-MINIGRID = ["docs/howto/minigrid.md"]
+MINIGRID = ["docs/howto/your_own_network.md"]
 
 collect_ignore_glob = [
     *([] if find_spec("stable_baselines3") else DEEP),

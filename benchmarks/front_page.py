@@ -1,10 +1,10 @@
-"""Does a learner from scratch overturn a verdict of README, the tutorial or the paper's page?
+"""Does a learner from scratch overturn a verdict of README, the docs or the paper's page?
 
 Plays every verdict that these pages print, and the paper's claims that rest on a baseline, with all
 opponents and seeds that are not the page's. Prints the page's word, the word here,
 the gain in mean return, sources charged, and the best opponent. `!` marks words that differ.
 
-    python -m benchmarks.front_page [README tutorial paper claims] [--seeds 200]
+    python -m benchmarks.front_page [README tutorial bring_a_task paper claims] [--seeds 200]
 """
 
 import argparse
@@ -24,6 +24,7 @@ from tests.walk import walk
 
 ROOT = Path(__file__).parents[1]
 FIRST = 1000  # the pages have seeds from 0, and tuning has them from 1,000,000
+PAGES = ["README", "tutorial", "bring_a_task", "paper", "claims"]
 PAYS, COSTS, NOT_SHOWN = "pays", "costs more than it brings", "no difference shown"
 CLAIMS = ("f2.faster", "f3.", "f4.published", "f4.stated", "f4.initial", "f4.scaling", "f4.why")
 
@@ -47,6 +48,15 @@ def printed(page, seeds):
         yield comparison.target, comparison, [word]
 
 
+def files(page, folder):
+    """Return a folder with the files that a page has its reader write."""
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    (place := Path(folder) / "files").mkdir()
+    how = {"timed": False, "taken": lambda line: line.startswith("curricle new")}
+    walk(ROOT / f"docs/{page}.md", place, {**os.environ, "PATH": programs}, **how)
+    return place
+
+
 def played(page, seeds, folder):
     """Yield what is played of a page: title, comparison, and the page's word for each arm."""
     run = partial(study, seeds=seeds, folder=folder)
@@ -54,17 +64,14 @@ def played(page, seeds, folder):
         yield "hunt, tuned", run(ROOT / "examples/tune.toml"), [PAYS]
         yield from printed("README.md", seeds)
     elif page == "tutorial":
-        programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        (files := Path(folder) / "files").mkdir()
-        how = {"timed": False, "taken": lambda line: line.startswith("curricle new")}
-        walk(ROOT / "docs/tutorial.md", files, {**os.environ, "PATH": programs}, **how)
-        maze, vault, without = files / "maze.toml", files / "vault.toml", "shaping=QInitialisation"
+        maze, without = files(page, folder) / "maze.toml", "shaping=QInitialisation"
         shorter, longer = (f"tasks.corner.budget={{ max_steps = {n} }}" for n in (800, 10_000))
         yield "maze, usual learner", run(maze, changes=["learner.type=QLearning"]), [COSTS]
         yield "maze", run(maze, changes=[without, shorter]), [PAYS]
         yield "maze, longer", run(maze, changes=[without, longer]), [COSTS]
-        yield "vault", run(vault), [COSTS, COSTS]
-        yield "vault, unguarded", run(vault, changes=[without]), [COSTS, COSTS]
+        yield from printed("docs/tutorial.md", seeds)
+    elif page == "bring_a_task":
+        yield "vault", run(files("howto/bring_a_task", folder) / "vault.toml"), [COSTS, COSTS]
     elif page == "paper":
         charged = cr.read_study(HERE / "trust.toml", set=CHARGED).curriculum("mean, calibrated")
         yield "pursuit 5x5", cr.compare(charged, seeds=range(FIRST, FIRST + seeds)), [PAYS]
@@ -89,7 +96,7 @@ def claims(seeds, folder):
 def main():
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
-    parser.add_argument("pages", nargs="*", default=["README", "tutorial", "paper", "claims"])
+    parser.add_argument("pages", nargs="*", default=PAGES)
     parser.add_argument("--seeds", type=int, default=200)
     options = parser.parse_args()
     for page in options.pages:

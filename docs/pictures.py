@@ -1,7 +1,8 @@
-"""Take the documentation's pictures of reports: pictures.py [PAGE SELECTOR NAME].
+"""Take or draw the documentation's pictures: pictures.py [theory | PAGE SELECTOR NAME].
 
-Without arguments the tutorial's studies are run in a temporary folder, as the tutorial says, and
-all PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
+Without arguments the studies of PAGES are run in a temporary folder, as these pages say, and all
+PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
+With ``theory`` those of why_it_works.md are drawn, in half a minute.
 """
 
 import io
@@ -12,29 +13,35 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
 from PIL import Image
+
+import curricle as cr
 
 HERE = Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent))
 
 from tests.walk import walk  # noqa: E402 (found where the line above has Python look)
 
+PAGES = ("tutorial.md", "howto/bring_a_task.md")
 PICTURES = {
     "report_watch.png": ("maze-results", "#watch .viewer"),
     "report_findings.png": ("vault-results", "#findings"),
     "report_curves.png": ("vault-results", "#curves .answers"),
 }
-"""Of which of the tutorial's studies, and of what part of its report."""
+"""Of which study of the pages, and of what part of its report."""
 WIDTH, HEIGHT = 860, 900
 
 
-def of_tutorial() -> None:
-    """Do what the tutorial says, and take all pictures of the reports of its studies."""
+def of_pages() -> None:
+    """Do what the pages say, and take all pictures of the reports of their studies."""
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     with tempfile.TemporaryDirectory() as place:
         folder, variables = Path(place), {**os.environ, "PATH": programs}
-        page = HERE / "tutorial.md"
-        walk(page, folder, variables, timed=False, taken=lambda line: line.startswith("curricle "))
+        how = {"timed": False, "taken": lambda line: line.startswith("curricle ")}
+        for page in PAGES:
+            walk(HERE / page, folder, variables, **how)
         for name, (study, part) in PICTURES.items():
             subprocess.run(["curricle", "report", study], cwd=folder, env=variables, check=True)
             take(folder / study / "report.html", part, HERE / name)
@@ -62,8 +69,128 @@ def take(page: Path, part: str, picture: Path) -> None:
         browser.close()
 
 
+# -- why it works -------------------------------------------------------------------------------
+
+MAZE = """
+.........T
+..P....PPP
+.P..F.....
+......PPP.
+..F.......
+.P...PPPPP
+.P........
+.FF.......
+.P..PPPPP.
+S.........
+"""
+SIZE, RESOLUTION = (7.2, 2.9), 110  # inches, dots an inch
+BUDGET, SEEDS, EVAL_FREQ = 40_000, 20, 400
+
+
+def axes(title: str, x: str, y: str):
+    """Return a figure on white, legible on light and dark pages, and its axes."""
+    figure = Figure(SIZE, facecolor="white", layout="constrained")
+    plot = figure.subplots()
+    plot.set(title=title, xlabel=x, ylabel=y)
+    plot.spines[["top", "right"]].set_visible(False)
+    return figure, plot
+
+
+def save(figure: Figure, name: str) -> None:
+    """Write a figure into the folder of the pages."""
+    figure.savefig(HERE / name, dpi=RESOLUTION, metadata={"Software": None})
+
+
+def loops() -> None:
+    """Rewards added on a way that goes back and forth ten times: a potential's, and a bonus."""
+    line = cr.GridWorld("S....T")
+    walk = np.array([0, *[1, 2, 3, 2, 1] * 10, 2, 3, 4, 5])
+    place = line.states.decode()["column"][walk]
+    phi = cr.StatePotential(line, line.states.decode()["column"].astype(float))
+    ahead = np.diff(place) > 0
+    discounts = line.mdp.discount ** np.arange(len(walk) - 1)
+    figure, plot = axes("Ten times back and forth, then to the treasure", "steps", "added so far")
+    plot.plot(
+        np.cumsum([0, *discounts * ahead]), label="a bonus of 1 for each step ahead", color="C1"
+    )
+    added = phi.shaping_reward(walk[:-1], walk[1:])
+    plot.plot(
+        np.cumsum([0, *discounts * added]), label="F of the potential: the column", color="C0"
+    )
+    plot.axhline(0, color="0.6", linewidth=0.8)
+    plot.legend(frameon=False)
+    save(figure, "why_loops.png")
+
+
+def maze_curves(title: str, shapings: dict[str, cr.QInitialisation | None], name: str) -> None:
+    """Mean greedy returns in the maze, for each shaping."""
+    figure, plot = axes(title, "steps", "greedy return")
+    for label, shaping in shapings.items():
+        result = cr.learn(
+            milder(), budget=BUDGET, seeds=SEEDS, shaping=shaping, eval_freq=EVAL_FREQ
+        )
+        style = {"color": "0.5"} if shaping is None else {}
+        style |= {"linestyle": "--"} if label.endswith("- 50") else {}
+        plot.plot(result.steps, result.greedy_return.mean(axis=0), label=label, **style)
+    figure.legend(frameon=False, loc="outside right upper")
+    save(figure, name)
+
+
+def milder() -> cr.GridWorld:
+    """The maze that `curricle new maze` writes."""
+    return cr.GridWorld(MAZE, rewards=cr.Rewards(fire=-50, near_fire=-20, pit=-100))
+
+
+def levels() -> None:
+    """Q started at Q* and at Q* plus or minus 50."""
+    best = cr.solve(milder()).action_values
+    started = {
+        f"Q starts at {label}": cr.QInitialisation(best + level)
+        for label, level in (("Q*", 0), ("Q* - 50", -50), ("Q* + 50", 50))
+    }
+    maze_curves(
+        "The level of phi decides what is tried", {**started, "from scratch": None}, "why_level.png"
+    )
+
+
+def portfolio() -> None:
+    """The corner's values and their negatives, alone and in a portfolio."""
+    maze = milder()
+    corner = maze.crop(rows=(0, 5), columns=(5, 10))
+    phi = np.nan_to_num(cr.same_position(maze, corner).read(cr.solve(corner).action_values))
+    shapings = {
+        "phi": cr.QInitialisation(phi),
+        "-phi": cr.QInitialisation(-phi),
+        "phi, in a portfolio": cr.QInitialisation(phi, portfolio=cr.Portfolio()),
+        "-phi, in a portfolio": cr.QInitialisation(-phi, portfolio=cr.Portfolio()),
+        "from scratch": None,
+    }
+    maze_curves("A helpful and a misleading source", shapings, "why_portfolio.png")
+
+
+def aggregates() -> None:
+    """How far minimum, mean and maximum of two chases' values are above Q* of the hunt."""
+    hunt, chase = cr.Pursuit(size=4, predators=2), cr.Pursuit(size=4, predators=1)
+    best, source = cr.solve(hunt).action_values, cr.solve(chase).action_values
+    read = [cr.project(hunt, chase, predator=f"predator_{i}").read(source) for i in (1, 2)]
+    live = ~hunt.mdp.terminal
+    figure, plot = axes(
+        "Two predators, by the values of one", "phi - Q*, in return", "share of pairs"
+    )
+    for aggregate in (cr.minimum, cr.mean, cr.maximum):
+        excess = (aggregate(np.stack(read)) - best)[live].ravel()
+        bins = np.linspace(0, 4, 41)
+        shares = np.histogram(excess, bins)[0] / excess.size
+        plot.stairs(shares, bins, label=f"{aggregate.__name__}: {excess.mean():.2f} on average")
+    plot.legend(frameon=False)
+    save(figure, "why_aggregates.png")
+
+
 if __name__ == "__main__":
     if len(sys.argv) == 1:
-        of_tutorial()
+        of_pages()
+    elif sys.argv[1] == "theory":
+        for draw in (loops, levels, portfolio, aggregates):
+            draw()
     else:
         take(Path(sys.argv[1]), sys.argv[2], HERE / sys.argv[3])

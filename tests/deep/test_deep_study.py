@@ -15,6 +15,7 @@ import pytest
 import curricle as cr
 from curricle.cli.output import print_results
 from curricle.comparison.comparison import compare
+from curricle.comparison.plan import PlannedArm
 from curricle.deep import models
 from curricle.errors import ConfigError
 from curricle.show.report import write_report
@@ -289,7 +290,9 @@ def test_a_record_says_why_what_is_learnt_depends_on_the_total(learner, changes,
         learner=cr.deep.DeepLearner(**learner),
         **changes,
     )
-    reason = curricula_record({"transfer": plan}, {}).arms["transfer"].depends_on_total
+    reason = (
+        curricula_record({"transfer": PlannedArm(plan, {})}, {}).arms["transfer"].depends_on_total
+    )
     assert reason.startswith(depends)
     assert bool(reason) is bool(depends)
 

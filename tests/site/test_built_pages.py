@@ -117,7 +117,7 @@ def test_pages_fit_and_ask_for_nothing(browser, width):
 
 @pytest.mark.parametrize(
     ("words", "page"),
-    [("stopping rules", "howto/stopping_rules"), ("placebo", "trust"), ("QLearning", "generated")],
+    [("stopping rules", "howto/how_long"), ("placebo", "trust"), ("QLearning", "generated")],
 )
 def test_search_finds(browser, words, page):
     view = browser.new_page()

@@ -3,7 +3,7 @@
 import numpy as np
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison, comparison_plan
+from curricle.comparison.comparison import Arm, Comparison, Reference, comparison_plan
 from curricle.comparison.plan import Memory
 from curricle.design import choice
 from curricle.statistics.curves import SCRATCH, Curve
@@ -28,7 +28,7 @@ def test_equal_arms_seldom_pay():
             flat = rng.normal(size=(len(seeds), 1)) + np.zeros(len(steps))
             curve = Curve(steps, flat, np.zeros(len(seeds), np.int64))
             arms[name] = Arm(curve, scratch=name == SCRATCH)
-        return Comparison(plan.target, arms, *plan.steps, 0.0, 1)
+        return Comparison(plan.target, arms, *plan.steps, Reference(0.0), 1)
 
     pay = sum(bool(choice.chosen(of_all, play).name) for _ in range(REPEATS))
     assert pay <= MOST

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import Arm, Comparison, Reference
 from curricle.comparison.plan import Plan, PlannedArm
 from curricle.design import choice as module
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
@@ -94,7 +94,7 @@ def played(heights, opponents, noise=0.0, *, failing=()):
             curve = Curve(np.array([0, 10, 20]), flat, source)
             arms[name] = Arm(curve, scratch=name in opponents)
         failed = {name: arms.pop(name) and ValueError("no") for name in failing if len(rounds) == 1}
-        return Comparison(plan.target, arms, 20, 20, 0.0, 1, failed)
+        return Comparison(plan.target, arms, 20, 20, Reference(0.0), 1, failed)
 
     alone = cr.Curriculum({"maze": MAZE}, budget=20)
     arms = {name: PlannedArm(alone, {}, scratch=name in opponents) for name in heights}

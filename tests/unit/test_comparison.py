@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from curricle.comparison import Comparison
+from curricle.comparison import Comparison, Reference
 from curricle.comparison.comparison import MEASURES
 from curricle.show.findings import findings
 from curricle.statistics.intervals import interquartile_interval
@@ -20,7 +20,7 @@ BY_HAND = Comparison(
     },
     budget=20,
     total=40,
-    threshold=2.0,
+    reference=Reference(2.0),
     window=1,
 )
 
@@ -104,7 +104,7 @@ def test_seeds_that_are_apart_from_the_others_are_said_to_be():
 def comparison_of(threshold=0.5, **returns):
     """A comparison of curves over 100 steps, of arms without sources."""
     arms = {name: arm_of(curve) for name, curve in returns.items()}
-    return Comparison("maze", arms, 100, 100, threshold, 1)
+    return Comparison("maze", arms, 100, 100, Reference(threshold), 1)
 
 
 @pytest.mark.parametrize(("more", "gain"), [(1e-9, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5)])

@@ -196,4 +196,4 @@ def test_arms_share_mappings_and_the_whole_survives_json(read, tmp_path):
     again = StudyConfig.from_data(study.to_data(), tmp_path)
     assert again.to_data() == study.to_data()
     assert Arms.of(again).keys == Arms.of(study).keys
-    assert Arms.of(study).live
+    assert Arms.of(study).serial

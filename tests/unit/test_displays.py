@@ -52,9 +52,7 @@ def results(tmp_path_factory):
     by_name["mapping"] = plan().transfers[0].mapping
     by_name["index mapping"] = cr.same_position(maze, maze.crop(rows=(0, 2), columns=(1, 3)))
     by_name["coverage"] = by_name["mapping"].coverage()
-    by_name["comparison"] = compared = cr.compare(
-        {EVIL: plan()}, seeds=4, controls=["constant", "placebo"]
-    )
+    by_name["comparison"] = compared = cr.compare({EVIL: plan()}, seeds=4, controls=["placebo"])
     by_name["arm"], by_name["curve"] = compared[EVIL], compared[EVIL].curve
     by_name["contrast"], by_name["verdict"] = compared.contrasts[EVIL], compared.verdicts[EVIL]
     by_name["reason"], by_name["times"] = compared.reasons[EVIL], compared.times(EVIL)

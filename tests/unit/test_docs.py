@@ -1,6 +1,5 @@
 """The documentation: its reference is whole or its build fails, and its tutorial is right."""
 
-import doctest
 import re
 import subprocess
 import sys
@@ -8,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-import curricle
 from curricle import read_study
+from curricle.study.config import json_schema
 
 DOCS = Path(__file__).parents[2] / "docs"
 LARGEST_PICTURE = 150_000  # bytes
@@ -17,8 +16,8 @@ FILE = re.compile(r"^```\w+\n# (\w+\.\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL
 """A block of code that is a file, by the name in its first line."""
 
 
-def test_the_tutorials_own_task_is_as_it_says(tmp_path):
-    for name, text in FILE.findall((DOCS / "tutorial.md").read_text("utf-8")):
+def test_the_vault_is_as_its_page_says(tmp_path):
+    for name, text in FILE.findall((DOCS / "howto" / "bring_a_task.md").read_text("utf-8")):
         (tmp_path / name).write_text(text, "utf-8")
     study = read_study(tmp_path / "vault.toml")
     coverages = {
@@ -28,27 +27,20 @@ def test_the_tutorials_own_task_is_as_it_says(tmp_path):
     assert coverages["by-name"].mapped == pytest.approx(56 / 58)
 
 
-def test_the_tutorials_maze_is_the_same_in_its_file_and_its_program(tmp_path):
-    text = (DOCS / "tutorial.md").read_text("utf-8")
-    drawn = re.search(r"^```toml\n(\[tasks\.maze\].*?)^```$", text, re.MULTILINE | re.DOTALL)[1]
-    (tmp_path / "maze.toml").write_text(f"name = 'maze'\n{drawn}", "utf-8")
-    (told,) = [
-        example.source
-        for example in doctest.DocTestParser().get_examples(text)
-        if example.source.startswith("maze = ")
-    ]
-    program = {"cr": curricle}
-    exec(told, program)
-    (arm,) = (study := read_study(tmp_path / "maze.toml")).arms
-    assert study.curriculum(arm).tasks["maze"] == program["maze"]
-
-
 def test_the_page_on_a_class_of_ones_own_shows_the_example():
-    text = (DOCS / "howto" / "own_environment.md").read_text("utf-8")
-    folder = DOCS.parent / "examples" / "own_environment"
-    for kind, file, first in (("python", "courier.py", "MOVES"), ("toml", "courier.toml", "name")):
-        (shown,) = re.findall(rf"^```{kind}\n({first} .*?)^```$", text, re.MULTILINE | re.DOTALL)
-        assert (folder / file).read_text("utf-8").endswith(shown)
+    shown = dict(FILE.findall((DOCS / "howto" / "bring_a_task.md").read_text("utf-8")))
+    for name in ("courier.py", "courier.toml"):
+        example = DOCS.parent / "examples" / "own_environment" / name
+        assert example.read_text("utf-8").endswith(shown[name])
+
+
+def test_the_page_on_study_files_has_every_key_of_their_schema():
+    text = (DOCS / "study_files.md").read_text("utf-8")
+    schema = json_schema()
+    tables = [schema, *schema["$defs"].values()]
+    keys = {key for table in tables for key in table.get("properties", {})}
+    assert len(keys) > 100
+    assert [key for key in sorted(keys) if not re.search(rf"\b{key}\b", text)] == []
 
 
 def test_every_promise_names_tests_that_exist():

@@ -190,8 +190,8 @@ def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
     both, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
     lakes.carry(both, tmp_path)
     assert {*lakes.files} == {"lakes.py", "living.py", "pooling.py"}
-    assert [arms.live for arms in both] == [False, True]
-    assert lakes.live
+    assert [arms.serial for arms in both] == [False, True]
+    assert lakes.serial
 
 
 def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_path, monkeypatch):

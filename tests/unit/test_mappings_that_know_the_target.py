@@ -10,7 +10,7 @@ import curricle as cr
 from benchmarks.unrelated_pairs import unrelated
 from curricle import Transfer
 from curricle.comparison import compare
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Comparison, Reference
 from curricle.comparison.controls import DRAWS, unrelated_transfers
 from curricle.comparison.trial import apart
 from curricle.comparison.verdicts import NO_MORE
@@ -133,7 +133,7 @@ def test_it_stands_in_the_verdict_whatever_the_verdict_is():
     ):
         comparison = controlled(pays, constant, placebo=constant)
         arms = {**comparison.arms, "mean": replace(comparison["mean"], knows_target=True)}
-        known = Comparison("maze", arms, 10, 10, 0.5, 1)
+        known = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
         assert known.contrasts["mean"].reason == f"{reason}{FOUND}"
         assert "by what it knows" not in known.contrasts["mean"].answer
         for text in (str(known), known._repr_html_().replace("&#39;", "'"), str(known.rows())):
@@ -146,15 +146,17 @@ def test_a_reason_says_that_an_unrelated_task_did_as_well(unrelated_gain, says):
     arms = dict(controlled(10.0, 4.0, placebo=4.0).arms)
     arms["mean"] = replace(arms["mean"], knows_target=True)
     arms["mean, unrelated"] = flat(unrelated_gain + np.roll(NOISE, 2), "mean")
-    comparison = Comparison("maze", arms, 10, 10, 0.5, 1)
+    comparison = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
     assert (NO_MORE in comparison.contrasts["mean"].answer) is says
     assert comparison.know_nothing["mean"] == ("mean, placebo", "mean, constant mean")
     by_hand = {**arms, "mean": replace(arms["mean"], knows_target=False)}
-    assert Comparison("maze", by_hand, 10, 10, 0.5, 1).contrasts["mean"].answer == (
+    assert Comparison("maze", by_hand, 10, 10, Reference(0.5), 1).contrasts["mean"].answer == (
         "pays, by what it knows"
     )
     lost = {**arms, "mean": flat(NOISE - 5, knows_target=True)}
-    assert NO_MORE not in Comparison("maze", lost, 10, 10, 0.5, 1).contrasts["mean"].answer
+    assert (
+        NO_MORE not in Comparison("maze", lost, 10, 10, Reference(0.5), 1).contrasts["mean"].answer
+    )
 
 
 def test_it_stands_in_a_forecast():

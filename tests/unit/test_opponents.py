@@ -5,8 +5,8 @@ import pytest
 
 import curricle as cr
 from curricle import QLearning, compare
-from curricle.comparison.opponents import CONSTANTS, OPPONENTS, VisitedPairs
-from curricle.errors import SettingError
+from curricle.comparison.opponents import CONSTANTS, OPPONENTS, visited_states
+from curricle.errors import ConfigError, SettingError
 from curricle.learning import OptimisticQLearning, value_bounds
 from curricle.study import run_study
 from curricle.study.arms import Arms
@@ -36,10 +36,11 @@ def test_all_of_them_play_unasked_and_each_can_be_left_out():
         assert comparison.verdicts["transfer"].rivals == 1 + len(names)
 
 
-def test_asked_for_as_a_control_a_constant_plays_as_the_opponent_that_it_is():
-    comparison = compare(corner(), seeds=1, opponents=(), controls=["constant"])
-    assert comparison.scratches == ("scratch", *OF_PHI)
-    assert comparison.controls == {"transfer": ()}
+def test_a_constant_is_no_control_but_an_opponent(tmp_path):
+    with pytest.raises(SettingError, match=r"a constant is an opponent.*got 'constant'"):
+        compare(corner(), seeds=1, controls=["constant"])
+    with pytest.raises(ConfigError, match=r"a constant is one of the opponents.*got 'constant'"):
+        reader(tmp_path)(CORNER, set=['controls=["constant"]'])
 
 
 def test_a_learner_that_plays_anyway_is_not_played_twice():
@@ -109,10 +110,9 @@ def test_sparse_tables_have_constants_alone(calls):
     for name, phi in zip(OF_PHI, used[1:], strict=True):
         level = comparison[name].initial_values[0]
         np.testing.assert_allclose(phi.pairs(np.arange(1, 9)), level, rtol=1e-12)
-    sampled, all_of_them = VisitedPairs.of(plan), VisitedPairs.of(pursuit())
-    assert (sampled.dense, all_of_them.dense) == (False, True)
-    assert set(sampled.states.tolist()) <= set(all_of_them.states.tolist())
-    assert len(sampled.states) > 0.5 * len(all_of_them.states)
+    sampled, every = (visited_states(plan.tasks["hunt"], dense=dense) for dense in (False, True))
+    assert set(sampled.tolist()) < set(every.tolist())
+    assert len(sampled) > 0.5 * len(every)
 
 
 def test_a_task_without_tables_has_constants_too():
@@ -132,10 +132,10 @@ def test_a_target_whose_rewards_bound_no_value_has_no_bounds():
 def test_states_that_no_policy_reaches_do_not_count():
     """East of the wall phi is 100."""
     walled = cr.GridWorld(["S.#.", "..#T"], time_limit=20)
-    pairs = VisitedPairs(walled, dense=True)
     column = np.repeat(walled.mdp.states.decode()["column"][:, None], 4, axis=1)
     phi = cr.StateActionPotential(walled, np.where(column > 2, 100.0, 1.0 + column))
-    assert sorted(pairs.values(phi).ravel().tolist()) == [1.0] * 8 + [2.0] * 8
+    values = phi.pairs(visited_states(walled, dense=True))
+    assert sorted(values.ravel().tolist()) == [1.0] * 8 + [2.0] * 8
 
 
 @pytest.mark.parametrize("opponents", ["optimistic", ["luck"], 3])

@@ -151,11 +151,12 @@ def test_what_is_wrong_with_a_command_is_told(told, status, printed, complained,
 
 
 @pytest.mark.slow
-def test_the_tutorial_prints_what_it_says(tmp_path):
+@pytest.mark.parametrize("page", ["tutorial", "howto/bring_a_task"])
+def test_a_page_prints_what_it_says(page, tmp_path):
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     variables = {**os.environ, "PATH": programs, "COLUMNS": "80"}
     mine = ("curricle ", "python ")  # neither the environment that it makes nor pip
-    page = ROOT / "docs" / "tutorial.md"
+    page = ROOT / "docs" / f"{page}.md"
     wrong = walk(page, tmp_path, variables, timed=False, taken=lambda one: one.startswith(mine))
     assert wrong == []
 
@@ -164,7 +165,7 @@ def test_the_tutorial_prints_what_it_says(tmp_path):
 
 
 def test_every_word_of_a_verdict_is_explained():
-    page = re.sub(r"\s+", " ", (ROOT / "docs/howto/reading_a_verdict.md").read_text("utf-8"))
+    page = re.sub(r"\s+", " ", (ROOT / "docs/howto/did_it_pay.md").read_text("utf-8"))
     interval = Interval(1.0, 0.5, 1.5, 0.95, 9)
     words = {too_few_seeds(5, 6)}
     for p, gain in itertools.product((0.01, 0.5), (interval, replace(interval, estimate=-1.0))):

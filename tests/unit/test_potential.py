@@ -263,3 +263,14 @@ def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkey
         kinds.append((*vars(rollouts).values(), start))
     for by_lookup, by_array in zip(*kinds, strict=True):
         np.testing.assert_array_equal(by_lookup, by_array)
+
+
+def test_an_aggregate_without_code_is_named_where_a_target_is_too_large_for_arrays():
+    huge, chase = cr.Pursuit(6, 5), cr.Pursuit(6, 1)
+    edges = [
+        cr.Transfer("chase", "huge", cr.project(huge, chase, predator=name))
+        for name in huge.predator_names
+    ]
+    plan = cr.Curriculum({"chase": chase, "huge": huge}, edges, aggregate=np.nanmean, budget=100)
+    with pytest.raises(CurriculumError, match=r"minimum, mean, maximum, total.*got nanmean and"):
+        plan.train()

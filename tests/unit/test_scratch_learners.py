@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import SARSA, QLearning
-from curricle.comparison import Comparison
+from curricle.comparison import Comparison, Reference
 from curricle.errors import ConfigError, CurriculumError, SettingError
 from curricle.study import StudyConfig, run_study
 from curricle.study.analysis import study_record
@@ -41,7 +41,7 @@ def study(tmp_path, text=FURTHER, changes=()):
 def test_each_changes_the_targets_own_learner(tmp_path):
     arms = Arms.of(study(tmp_path))
     assert tuple(arms.curricula) == (*NAMES, "transfer")
-    assert arms.scratches == NAMES
+    assert tuple(name for name, arm in arms.arms.items() if arm.scratch) == NAMES
     learners = [arms.curricula[name].setting("learner", "maze") for name in NAMES]
     assert learners[:2] == [
         QLearning(learning_rate=0.2),
@@ -93,7 +93,7 @@ def test_a_run_trains_them_and_its_comparison_is_against_the_best(tmp_path):
     assert {len(results.results[name]["maze"].steps) for name in NAMES} == {121}
 
 
-CONTROLS = 'controls=["placebo", "constant", "pretraining"]'
+CONTROLS = 'controls=["placebo", "pretraining"]'
 
 
 def test_controls_of_a_study_are_those_of_compare(tmp_path):
@@ -143,7 +143,9 @@ def by_hand(height_of_arm, *further):
     arms = {"scratch": flat(column(0.0))}
     for n, height in enumerate(further):
         arms[f"scratch, {n}"] = flat(column(height, n + 1), scratch=True)
-    return Comparison("maze", arms | {"mine": flat(column(height_of_arm, 7))}, 10, 10, 0.5, 1)
+    return Comparison(
+        "maze", arms | {"mine": flat(column(height_of_arm, 7))}, 10, 10, Reference(0.5), 1
+    )
 
 
 def test_each_is_an_arm_with_the_same_total(calls):

@@ -137,6 +137,20 @@ def test_the_verdict_names_sources_that_did_not_learn(read, tmp_path):
     assert learnt.unlearnt("transfer") == ""
 
 
+def test_a_source_that_a_threshold_ended_has_learnt_in_files_and_in_memory(read, tmp_path):
+    # It ends after a step, with a return far below random play's: the return alone is too low.
+    early = "{ max_steps = 4_000, threshold = -1e5, patience = 1, settled = 0.05 }"
+    changes = [
+        f"tasks.corner.budget={early}",
+        "tasks.corner.eval_freq=1",
+        "tasks.maze.budget=5_000",
+    ]
+    study = read(STUDY, set=["seeds=2", *changes])
+    stored = cr.run_study(study, tmp_path / "out", progress=False).comparison
+    again = cr.compare({"transfer": study.curriculum("transfer")}, seeds=2)
+    assert stored.unlearnt("transfer") == again.unlearnt("transfer") == ""
+
+
 # -- sources ---------------------------------------------------------------------------------------
 
 

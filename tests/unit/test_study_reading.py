@@ -11,7 +11,7 @@ import pytest
 from curricle.cli.output import print_results
 from curricle.comparison.comparison import Arm
 from curricle.errors import CurriculumError
-from curricle.show.report import _only, write_report
+from curricle.show.report import write_report
 from curricle.study import StudyResults, compare_studies, merge, read_study, run_study
 from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
 
@@ -164,7 +164,14 @@ def test_the_smallest_total_must_leave_steps_for_every_target(corner):
             compare_studies(studies)
     target = large.results["transfer"]["maze"]
     with pytest.raises(CurriculumError, match="at most the total of 1,200 steps: got 4,000"):
-        Arm.of(target, large.source_steps("transfer"), 1200, 100)
+        Arm.of(
+            target,
+            large.source_steps("transfer"),
+            (1200, 100),
+            target.seeds,
+            unlearnt={},
+            initial_values=None,
+        )
 
 
 def test_the_smallest_total_does_not_change_what_was_learnt_by_it(corner):
@@ -211,9 +218,10 @@ def test_while_seeds_are_missing_there_is_no_verdict(tmp_path, capsys):
 
 def test_a_page_of_some_arms_has_no_verdict(finished):
     study = StudyResults(finished)
-    part = _only(study, {"scratch", "chain"})
-    assert compare_studies([part]).interim == "interim, 4 of 4 seeds of some arms: no verdict"
-    assert compare_studies([_only(study, {*study.record.arms})]).interim == ""
+    part = StudyResults(study.store, study.record.only({"scratch", "chain"}))
+    assert part.comparison.interim == "interim, 4 of 4 seeds of some arms: no verdict"
+    every = StudyResults(study.store, study.record.only(study.record.arms))
+    assert every.comparison.interim == ""
 
 
 def test_a_window_ends_with_the_smallest_budget(tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.curriculum.result import StoredValues
+from curricle.curriculum.result import SourceValues
 from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, running
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
@@ -214,7 +214,7 @@ def test_a_unit_is_a_pure_function_of_what_can_be_sent(study_file, finished):
     unit = next(unit for unit in units if (unit.arm, unit.task) == ("chain", "maze"))
     rows = [1, 3]
     sources = {
-        name: StoredValues(known.values[rows], known.steps_used[rows])
+        name: SourceValues(None, (1, 3), known.values[rows], known.steps_used[rows])
         for name in unit.sources
         for known in [done.result("chain", name, values=True)]
     }

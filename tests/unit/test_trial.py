@@ -8,7 +8,7 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import trial as trials
-from curricle.comparison.comparison import Comparison
+from curricle.comparison.comparison import Comparison, Reference
 from curricle.comparison.forecasting import (
     ForecastRow,
     JudgedPotentials,
@@ -174,7 +174,9 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
     fast, slow, nobody = [0, 9, 9, 9, 9, 9], [0, 0, 9, 9, 9, 9], arm_of([[0] * 6] * 3, 0, 100)
     scratch = arm_of([slow, [0, 0, 0, 0, 9, 9], [0] * 6], 0, 100)
     taught, late = arm_of([fast] * 3, 100, 100), arm_of([slow] * 3, 100, 100)
-    trial = Trial(Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, 9.0, 1), "")
+    trial = Trial(
+        Comparison("t", {"scratch": scratch, "a": taught}, 400, 500, Reference(9.0), 1), ""
+    )
     assert trial.numbers("a") == (
         "expected steps to the threshold 9: 200 with sources (their 100 steps included), at least "
         "367 [0, 500] (1 of 3 seeds never) from scratch; saves at least 167 [-213, 546]; gain in "
@@ -182,10 +184,13 @@ def test_seeds_that_never_reach_the_threshold_are_counted():
     )
     assert trial.verdict("a") == "whether it pays is open"
     swapped = Trial(
-        Comparison("t", {"scratch": arm_of([fast] * 3, 0, 100), "a": late}, 400, 500, 9.0, 1), ""
+        Comparison(
+            "t", {"scratch": arm_of([fast] * 3, 0, 100), "a": late}, 400, 500, Reference(9.0), 1
+        ),
+        "",
     )
     assert "; takes 200 more; " in swapped.numbers("a")
-    alone = Trial(Comparison("t", {"scratch": nobody, "a": late}, 400, 500, 9.0, 1), "")
+    alone = Trial(Comparison("t", {"scratch": nobody, "a": late}, 400, 500, Reference(9.0), 1), "")
     assert ", never within 500 steps from scratch; saves at least 200; " in alone.numbers("a")
 
 

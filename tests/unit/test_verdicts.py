@@ -9,11 +9,11 @@ from hypothesis import given, settings, strategies as st
 from scipy import stats
 
 from curricle.cli.app import main
-from curricle.comparison import Comparison, seeds_needed, verdicts_of
+from curricle.comparison import Comparison, Reference, seeds_needed, verdicts_of
 from curricle.comparison.controls import CHANGES
 from curricle.comparison.verdicts import ASKING, SIGNIFICANT
 from curricle.errors import CurriculumError, SettingError
-from curricle.statistics import mean_interval, sign_flip_test
+from curricle.statistics import Curve, mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyResults
 from tests.comparisons import alone as compare, corner, flat
@@ -26,7 +26,7 @@ def compared(**returns):
         is_control = name.endswith("_control")
         arms[name] = flat(heights, last if is_control else "")
         last = last if is_control else name
-    return Comparison("maze", arms, 10, 10, 0.5, 1)
+    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
 
 
 def column(height, seeds=8):
@@ -284,7 +284,7 @@ def controlled(pays, constant, *, placebo=None):
         arms["mean, constant mean"] = flat(
             constant + np.roll(NOISE, 1), "mean", scratch=True, initial_values=np.full(12, 6.25)
         )
-    return Comparison("maze", arms, 10, 10, 0.5, 1)
+    return Comparison("maze", arms, 10, 10, Reference(0.5), 1)
 
 
 @pytest.mark.parametrize(
@@ -335,7 +335,7 @@ def test_other_controls_do_not_decide():
     """A source that is the target itself knows the task."""
     beside = {"mean, pretraining": flat(20.0 + NOISE, "mean")}
     arms = controlled(10.0, 4.0, placebo=4.0).arms | beside
-    other = Comparison("maze", arms, 10, 10, 0.5, 1)
+    other = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
     assert other.control_verdicts["mean"].rival == "mean, pretraining"
     assert other.contrasts["mean"].reason == "by what it knows"
 
@@ -343,15 +343,18 @@ def test_other_controls_do_not_decide():
 def test_a_placebo_outside_the_portfolio_decides_too():
     beside = {"mean, placebo, alone": flat(12.0 + NOISE, "mean")}
     arms = controlled(10.0, 4.0, placebo=4.0).arms | beside
-    other = Comparison("maze", arms, 10, 10, 0.5, 1)
+    other = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
     assert other.reasons["mean"].why == "placebo"
     assert other.knowledge_verdicts["mean"].rival == "mean, placebo, alone"
 
 
 def test_too_few_seeds_show_nothing():
     few = controlled(10.0, 10.0)
-    five = {name: arm.take(np.arange(5)) for name, arm in few.arms.items()}
-    comparison = Comparison("maze", five, 10, 10, 0.5, 1)
+    five = {
+        name: replace(arm, curve=Curve(arm.curve.steps, arm.curve.values[:5]))
+        for name, arm in few.arms.items()
+    }
+    comparison = Comparison("maze", five, 10, 10, Reference(0.5), 1)
     assert comparison.contrasts["mean"].answer == "too few seeds for a verdict (5; 6 or more)"
 
 

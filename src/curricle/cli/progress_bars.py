@@ -137,7 +137,7 @@ def run_with_bars(
                 watchers.append(ending.enter_context(Popen(command)))  # which ends as the run does
 
         if on is None and (
-            processes or any(arms.live for arms in with_trials(study, Arms.of(study)))
+            processes or any(arms.serial for arms in with_trials(study, Arms.of(study)))
         ):
             settings["executor"] = pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)

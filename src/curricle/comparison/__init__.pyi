@@ -2,6 +2,7 @@ from .comparison import (
     Arm as Arm,
     Comparison as Comparison,
     Contrast as Contrast,
+    Reference as Reference,
     compare as compare,
 )
 from .forecasting import (

@@ -30,7 +30,14 @@ from curricle.comparison.opponents import (
     from_scratch,
     scratch_curricula,
 )
-from curricle.comparison.plan import Failures, Memory, Plan, Trained, check_comparable
+from curricle.comparison.plan import (
+    Failures,
+    Memory,
+    Plan,
+    PlannedArm,
+    Trained,
+    check_comparable,
+)
 from curricle.comparison.verdicts import (
     Reason,
     Verdict,
@@ -38,7 +45,7 @@ from curricle.comparison.verdicts import (
     not_asked,
     verdicts_of,
 )
-from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.curriculum import Curriculum, Node
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
 from curricle.errors import CurriculumError, SettingError, in_words
 from curricle.learning.result import LearningResult
@@ -76,6 +83,58 @@ STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
 MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sources of a threshold
 
 
+@dataclass(frozen=True)
+class Reference:
+    """The returns in a target that arms are measured by.
+
+    Attributes
+    ----------
+    threshold : float or None
+        Return that counts as learnt; None before training if scratch's curve will give it.
+    threshold_from : str
+        The source of the threshold, as text.
+    random_return, optimum : float or None
+        Returns of the uniformly random and of an optimal policy. None where the target cannot be
+        solved, or is not solved because the threshold was stated.
+
+    Examples
+    --------
+    >>> from curricle import GridWorld
+    >>> from curricle.planning import Target
+    >>> reference = Reference.of(Target.of(GridWorld("S.T", discount=0.5)))
+    >>> reference.optimum, reference.threshold_from
+    (98.5, 'nine tenths of the way to the optimum')
+    """
+
+    threshold: float | None
+    threshold_from: str = ""
+    random_return: float | None = None
+    optimum: float | None = None
+
+    @classmethod
+    def of(cls, target: Target | ObservationTarget, stated: float | None = None) -> Self:
+        """Return the reference before training, with a stated threshold or the default."""
+        known = target.solution is not None
+        best, worst = (target.optimum, target.random_return) if known else (None, None)
+        if stated is not None:
+            return cls(stated, STATED, worst, best)
+        # Undiscounted, the policy that is optimal with the discount need not beat a random one.
+        if best is None or worst is None or best <= worst:
+            return cls(None, MIDPOINT, worst, best)
+        return cls(fraction_of_optimum(best, worst, FRACTION), OF_OPTIMUM, worst, best)
+
+    @classmethod
+    def before(cls, node: Node, stated: float | None) -> Self:
+        """Return :meth:`of` a task, which is not solved where the threshold is stated."""
+        if stated is not None:
+            return cls(stated, STATED)
+        return cls.of(target_of(node.task, node.evaluation))
+
+    def after(self, scratch: Curve) -> Self:
+        """Return the reference after training: midway up scratch's curve without a threshold."""
+        return replace(self, threshold=midpoint(scratch)) if self.threshold is None else self
+
+
 @dataclass(frozen=True, eq=False)
 class Arm:
     """The curves of an arm over target steps, up to the total budget of the comparison.
@@ -87,7 +146,8 @@ class Arm:
     scratch : bool
         Whether the arm is an opponent: it learns the target without sources, for all steps.
     curriculum : str
-        The curriculum of a control, or the curriculum whose potential gives a constant.
+        The arm that this arm changes in one thing, as a control or as a constant of it; empty for
+        a curriculum, and for opponents that belong to none.
     initial_values : (K,) float64 or None
         The value at which the Q of a constant opponent starts in every state.
     unlearnt : dict of str to (K,) bool
@@ -114,21 +174,36 @@ class Arm:
 
     @classmethod
     def of(
-        cls, result: LearningResult, spent: IntArray, total: int, eval_freq: int, **kind: Any
+        cls,
+        result: LearningResult,
+        spent: IntArray,
+        steps: tuple[int, int],
+        seeds: Sequence[int],
+        *,
+        unlearnt: Mapping[str, BoolArray],
+        initial_values: FloatArray | None,
+        **kind: Any,
     ) -> Self:
-        """Return the arm of a learning result in the target; `kind` holds the arm's other fields.
+        """Return the arm of some of a learning result's seeds; `kind` holds its other fields.
 
-        Seed k learns for total - spent_k steps, after which its last value is repeated.
+        `steps` are the total and those between checkpoints. Seed k learns for total - spent_k
+        steps, after which its last value is repeated.
         """
+        total, eval_freq = steps
         if spent.max() > total:
             raise CurriculumError(
                 f"sources must take at most the total of {total:,} steps: got {spent.max():,}"
             )
-        n = total // eval_freq + 1
-        last = np.minimum((total - spent) // eval_freq, len(result.steps) - 1)
-        place = np.minimum(np.arange(n), last[:, None])
-        greedy = np.take_along_axis(result.greedy_return, place, axis=1)
-        return cls(Curve(np.arange(n) * eval_freq, greedy, spent), **kind)
+        rows, at = np.searchsorted(result.seeds, seeds), np.arange(0, total + 1, eval_freq)
+        last = np.minimum((total - spent[rows]) // eval_freq, len(result.steps) - 1)
+        place = np.minimum(np.arange(len(at)), last[:, None])
+        greedy = np.take_along_axis(result.greedy_return[rows], place, axis=1)
+        return cls(
+            Curve(at, greedy, spent[rows]),
+            initial_values=None if initial_values is None else initial_values[rows],
+            unlearnt={source: of_seeds[rows] for source, of_seeds in unlearnt.items()},
+            **kind,
+        )
 
     @property
     def control(self) -> bool:
@@ -138,16 +213,6 @@ class Arm:
     def charged(self, scratch: "Arm") -> Curve:
         """Return the curve over total steps, source steps included (``charge_source``)."""
         return charge_source(scratch.curve, self.curve)
-
-    def take(self, seeds: IntArray) -> "Arm":
-        """Return the arm with only the seeds in these rows, in the order of the rows."""
-        curve, initial = self.curve, self.initial_values
-        return replace(
-            self,
-            curve=Curve(curve.steps, curve.values[seeds], curve.source_steps[seeds]),
-            initial_values=None if initial is None else initial[seeds],
-            unlearnt={name: of_seeds[seeds] for name, of_seeds in self.unlearnt.items()},
-        )
 
     def strong_gain(self, scratch: "Arm") -> FloatArray:
         """Return the area under the charged curve minus that of scratch, (K,), in return.
@@ -227,14 +292,12 @@ class Comparison:
     budget, total : int
         Target steps, over which weak transfer is measured; and steps of every arm, sources
         included, over which strong transfer is measured.
-    threshold : float
-        Return that counts as learnt.
+    reference : Reference
+        Returns that arms are measured by, such as the threshold.
     window : int
         Checkpoints over which curves are smoothed to find when they reach the threshold.
     failed : dict of str to Exception
         Error of each arm that could not be trained.
-    threshold_from : str
-        The source of the threshold, as text.
     interim : str
         Text that says that seeds of the plan are missing; then there are no verdicts and p-values.
     """
@@ -243,15 +306,25 @@ class Comparison:
     arms: Mapping[str, Arm]
     budget: int
     total: int
-    threshold: float
+    reference: Reference
     window: int
     failed: Mapping[str, Exception] = field(default_factory=dict)
     interim: str = ""
-    threshold_from: str = ""
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
         return self.arms[name]
+
+    @property
+    def threshold(self) -> float:
+        """The return that counts as learnt."""
+        assert self.reference.threshold is not None, "scratch is trained before it is compared"
+        return self.reference.threshold
+
+    @property
+    def threshold_from(self) -> str:
+        """The source of the threshold, as text."""
+        return self.reference.threshold_from
 
     @property
     def scratch(self) -> Arm:
@@ -725,11 +798,10 @@ def compare(
         )
     if threshold is not None:
         threshold = number("threshold", threshold, SettingError)
-    level = threshold_before(plan, threshold)  # solving the target may fail
-    failed = dict[str, Exception]()
+    reference = Reference.before(plan.target_node, threshold)  # solving the target may fail
     with shown(progress) as bars:
-        trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
-    return comparison_of(plan, trained, level, window, failed)
+        how = memory, workers, bars
+        return trained_comparison(plan, seed_tuple(seeds), reference, window, *how)
 
 
 def comparison_plan(
@@ -753,7 +825,7 @@ def comparison_plan(
     if isinstance(controls, str):
         raise SettingError(f"controls must be a list of names: got {controls!r}")
     for control in controls:
-        one_of("a control", control, CONTROLS, SettingError)
+        one_of("a control (a constant is an opponent)", control, CONTROLS, SettingError)
     opponents = check_opponents(opponents)
     check_comparable(arms)
     first = next(iter(arms.values()))
@@ -780,28 +852,19 @@ def checkpoints(plan: Plan) -> int:
     return plan.steps[0] // plan.eval_freq + 1
 
 
-def threshold_before(plan: Plan, stated: float | None) -> tuple[float | None, str]:
-    """Return the stated or the default threshold, and as text where it comes from."""
-    # The threshold is None before training if it will be the midpoint of scratch's curve.
-    if stated is not None:
-        return stated, STATED
-    node = next(iter(plan.curricula.values())).node(plan.target)
-    threshold = threshold_of_optimum(target_of(node.task, node.evaluation))
-    return threshold, MIDPOINT if threshold is None else OF_OPTIMUM
-
-
-def trained_arms(
+def trained_comparison(
     plan: Plan,
     seeds: tuple[int, ...],
-    failed: dict[str, Exception],
+    reference: Reference,
+    window: int,
     memory: Memory,
     workers: int | None,
     bars: Bars,
-) -> dict[str, Arm]:
-    """Return all arms for these seeds, scratch first."""
+) -> Comparison:
+    """Train the arms of a plan, and return their comparison with the reference before training."""
     # An arm that raises an error is added to `failed`, and left out with its controls.
-    plan, failures, arms = plan.without(failed), Failures(plan.needs), dict[str, Arm]()
-    in_order = tuple(sorted(seeds))
+    failures, in_order = Failures(plan.needs), tuple(sorted(seeds))
+    failed, arms = dict[str, Exception](), dict[str, Arm]()
     for _ in chain(memory.train(plan, in_order, failures, workers, bars), [None]):
         for unit, error in failures.errors:
             for name, arm in plan.arms.items():
@@ -813,59 +876,37 @@ def trained_arms(
         for name, arm in plan.arms.items():
             if failed.keys() & {name, arm.of} or name in arms:
                 continue
-            if not all((key, in_order) in memory.trained for key in arm.keys.values()):
+            keys = {task: (key, in_order) for task, key in arm.keys.items()}
+            if not {*keys.values()} <= memory.trained.keys():
                 break  # `bars` takes the arms in the plan's order
             try:
-                arms[name] = _arm(plan, name, memory, seeds)
+                results = {task: memory.trained[key] for task, key in keys.items()}
+                arms[name] = _arm(arm, results, plan, seeds)
             except Exception as error:  # training an arm may raise any error
                 failed[name] = error
             else:
                 bars.tell(name)
     if all(arm.scratch for arm in arms.values()):
         raise next(iter(failed.values()))
-    return {name: arms[name] for name in plan.arms if name in arms}
+    arms = {name: arms[name] for name in plan.arms if name in arms}
+    reference = reference.after(arms[SCRATCH].curve)
+    return Comparison(plan.target, arms, *plan.steps, reference, window, failed)
 
 
-def _arm(plan: Plan, name: str, memory: Memory, seeds: tuple[int, ...]) -> Arm:
-    """Return the arm that trained units make, with its seeds in the caller's order."""
-    planned, in_order = plan.arms[name], tuple(sorted(seeds))
-    results = {task: memory.trained[key, in_order] for task, key in planned.keys.items()}
-    last: Trained = results[plan.target]
-    sources = [task for task in planned.curriculum.order if task != plan.target]
-    arm = Arm.of(
+def _arm(planned: PlannedArm, results: Mapping[str, Trained], plan: Plan, seeds: Any) -> Arm:
+    """Return the arm that the results of its tasks make, with its seeds in the caller's order."""
+    last, curriculum = results[plan.target], planned.curriculum
+    return Arm.of(
         last.result,
         last.source_steps,
-        plan.steps[1],
-        plan.eval_freq,
+        (plan.steps[1], plan.eval_freq),
+        seeds,
         scratch=planned.scratch,
         curriculum=planned.of,
         initial_values=last.initial_values,
-        knows_target=planned.curriculum.knows_target(plan.target),
+        knows_target=curriculum.knows_target(plan.target),
         unlearnt={
-            source: planned.curriculum.node(source).unlearnt(results[source].result)
-            for source in (sources if not planned.of else ())
+            source: curriculum.node(source).unlearnt(results[source].result)
+            for source in (curriculum.ancestors(plan.target) if not planned.of else ())
         },
     )
-    return arm.take(np.searchsorted(in_order, seeds))
-
-
-def comparison_of(
-    plan: Plan,
-    arms: Mapping[str, Arm],
-    level: tuple[float | None, str],
-    window: int,
-    failed: Mapping[str, Exception],
-) -> Comparison:
-    """Return the comparison of trained arms, with :func:`threshold_before` as its `level`."""
-    threshold = midpoint(arms[SCRATCH].curve) if level[0] is None else level[0]
-    spans = *plan.steps, threshold, window
-    return Comparison(plan.target, arms, *spans, failed, threshold_from=level[1])
-
-
-def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:
-    """Return nine tenths of the way from the random policy's return to the optimum."""
-    if target.solution is None:
-        return None
-    best, worst = target.optimum, target.random_return
-    # Undiscounted, the policy that is optimal with the discount need not beat a random one.
-    return None if best <= worst else fraction_of_optimum(best, worst, FRACTION)

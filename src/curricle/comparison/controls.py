@@ -6,8 +6,6 @@
   longer training helped.
 - ``placebo``: phi's values shuffled over the target's pairs, in the curriculum's portfolio and
   without it. If it helps as much, any values do.
-- ``constant``: adds the opponent of this name (:mod:`curricle.comparison.opponents`) where the
-  setting ``opponents`` leaves it out.
 - ``scaled``: phi halved, and phi doubled. If either is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 - ``unrelated``: the source's task with the outcomes of its pairs exchanged at random, its exact
@@ -26,8 +24,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from curricle.arrays import IntArray
-from curricle.curriculum.curriculum import Curriculum, calibrated
-from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
+from curricle.curriculum.curriculum import Curriculum
+from curricle.curriculum.result import SourceValues
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, MappingError
 from curricle.learning.potential import PairPotential, StateActionPotential
@@ -43,13 +41,10 @@ from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.search import find_mappings
 from curricle.transfer.transfer import Transfer
 
-Control = Literal[
-    "random_start", "pretraining", "placebo", "constant", "scaled", "negated", "unrelated"
-]
+Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated", "unrelated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
 PLACEBO, ALONE = "placebo", "placebo, alone"
 UNRELATED = "unrelated"
-WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
 
@@ -62,7 +57,7 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
         )
     if is_observation_task(curriculum.tasks[name]):
         _check_observed(controls, arm, curriculum)
-    elif any(control not in WITHOUT_TABLES for control in controls):
+    elif any(control != "scaled" for control in controls):
         tables(curriculum.tasks[name])
         if curriculum.setting("storage", name).kind == "sparse":
             raise CurriculumError(
@@ -180,60 +175,40 @@ def is_shuffled(label: str, curriculum: Curriculum) -> bool:
 def train_control(
     label: str,
     curriculum: Curriculum,
-    seeds: Sequence[int],
+    seeds: tuple[int, ...],
     sources: Mapping[str, SourceValues],
+    spent: IntArray,
     potentials: Sequence[AnyPotential] = (),
     calibrations: Sequence[Calibration] = (),
     **how: Any,
-) -> tuple[LearningResult, IntArray]:
-    """Return the results of seeds in a control arm's target, and the steps they are charged."""
-    # Every control is charged the steps that the curriculum's `sources` took.
+) -> LearningResult:
+    """Return the results of seeds in a control arm's target."""
+    # Every control is charged the steps that the curriculum's `sources` took, `spent`.
     name = curriculum.target
-    spent = CurriculumResult(curriculum, {}, {}, given=sources).source_steps(name)
     if is_shuffled(label, curriculum):
-        trained = curriculum.train(seeds, only=name, trained=sources, charge=True, **how)
-        return trained[name], spent
+        return curriculum.train_task(name, sources, seeds, charged=spent, **how)[0]
     if label == UNRELATED:
         numbers, parts = np.array(seeds), []
         for draw in np.unique(numbers % DRAWS).tolist():
             some = numbers % DRAWS == draw
             taken, edges = unrelated_transfers(curriculum, numbers[some].tolist(), draw)
             of_draw = taken[edges[0].source].seeds, spent[some]
-            phi, fitted = entering(curriculum, name, taken, *of_draw, edges)
-            warm_ups = [calibration.warm_up for calibration in fitted]
-            charged = {"warm_ups": warm_ups, "charged": spent[some]}
+            phi, fitted = curriculum.entering(name, taken, *of_draw, edges)
+            charged: Any = {"calibrations": fitted, "charged": spent[some]}
             parts.append(curriculum.node(name).train(of_draw[0], phi, **charged, **how))
-        return joined_results(parts), spent
+        return joined_results(parts)
     if label not in CHANGES:
         parts = []
         for steps in np.unique(spent):
             some = [seeds[k] for k in np.flatnonzero(spent == steps).tolist()]
             changed_source = source_control(curriculum, label, int(steps))
             parts.append(changed_source.train(some, charge=True, **how)[name])
-        return joined_results(parts), spent
+        return joined_results(parts)
     if not potentials:
-        potentials, calibrations = entering(curriculum, name, sources, seeds, spent)
+        potentials, calibrations = curriculum.entering(name, sources, seeds, spent)
     changed = [CHANGES[label](phi, k) for phi, k in zip(potentials, seeds, strict=True)]
-    warm_ups = [calibration.warm_up for calibration in calibrations]
-    return curriculum.node(name).train(
-        seeds, changed, warm_ups=warm_ups, charged=spent, **how
-    ), spent
-
-
-def entering(
-    curriculum: Curriculum,
-    name: str,
-    sources: Mapping[str, Learnt],
-    seeds: Sequence[int],
-    spent: IntArray | None = None,
-    transfers: Sequence[Transfer] | None = None,
-) -> tuple[Sequence[Any], list[Calibration]]:
-    """Return the potentials with which seeds begin a task, and their calibrations, if any."""
-    potentials = curriculum.potentials(name, sources, transfers=transfers)
-    if (settings := curriculum.calibration(name)) is None:
-        return potentials, []
-    calibrations = calibrated(curriculum.node(name), potentials, settings, seeds, spent)
-    return [calibration.potential for calibration in calibrations], calibrations
+    how |= {"calibrations": calibrations, "charged": spent}
+    return curriculum.node(name).train(seeds, changed, **how)
 
 
 DRAWS = 3  # unrelated tasks, which seeds take in turn, since some may be easier to map

@@ -15,7 +15,7 @@ import numpy as np
 
 from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.checks import instance, one_of
-from curricle.comparison.comparison import threshold_of_optimum
+from curricle.comparison.comparison import Reference
 from curricle.comparison.opponents import OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
@@ -651,7 +651,7 @@ def forecast(
         looked_at = [candidate for candidate in candidates if candidate.used or reads_values]
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
-            phi = tuple(candidate.potentials(sources, numbers))
+            phi = tuple(candidate.curriculum.entering(name, sources, numbers)[0])
             of_seeds = judged.judgement(any_target, phi, workers, reads_values=reads_values)
             row = ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds)
             start = start_words(row, any_target, reads_values)
@@ -661,9 +661,8 @@ def forecast(
             bars.tell(candidate.name)
         if tried:
             how: Any = {"memory": judged.memory, "workers": workers, "progress": bars.within()}
-            how |= {"opponents": opponents, "scratch": scratch, "threshold": threshold}
-            if threshold is None:
-                how["threshold"] = threshold_of_optimum(any_target)
+            how |= {"opponents": opponents, "scratch": scratch}
+            how["reference"] = Reference.of(any_target, threshold)
             try:
                 made_trial = run_trial(tried, seeds=trial_seeds, **how)
                 bars.tell("trial")

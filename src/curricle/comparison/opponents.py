@@ -14,9 +14,8 @@ A target that a network learns has none of these; a target without dense tables 
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
-from functools import cached_property
-from typing import Any, Literal, Self, get_args
+from dataclasses import MISSING, fields, is_dataclass, replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -162,8 +161,9 @@ def train_constant(
     **how: Any,
 ) -> tuple[LearningResult, FloatArray]:
     """Return the result in the target from a constant, and each seed's initial Q, (K,)."""
-    node, pairs = curriculum.node(curriculum.target), VisitedPairs.of(curriculum)
-    levels = [float(CONSTANTS[label](pairs.values(phi))) for phi in potentials]
+    node = curriculum.node(curriculum.target)
+    states = visited_states(node.task, dense=node.storage.kind != "sparse")
+    levels = [float(CONSTANTS[label](np.asarray(phi.pairs(states)))) for phi in potentials]
     # phi times 0 plus the level is a constant that is stored like phi.
     constants = [phi.rescaled(0.0, level) for phi, level in zip(potentials, levels, strict=True)]
     return node.train(seeds, constants, **how), np.array(levels) + node.learner.initial_value
@@ -177,30 +177,11 @@ def train_constant(
 EPISODES, LENGTH = 100, 1000  # number and longest length of the random rollouts
 
 
-@dataclass(frozen=True, eq=False)
-class VisitedPairs:
-    """The pairs of a task that learning can visit."""
-
-    task: Any
-    dense: bool  # True: all reachable pairs; False: pairs visited by rollouts
-
-    @classmethod
-    def of(cls, curriculum: Curriculum) -> Self:
-        """Return the pairs of a curriculum's target."""
-        task = curriculum.tasks[curriculum.target]
-        sparse = curriculum.setting("storage", curriculum.target).kind == "sparse"
-        return cls(task, has_tables(task) and not sparse)
-
-    @cached_property
-    def states(self) -> IntArray:
-        """The states of the pairs, every state once, (n,) int64."""
-        if self.dense:
-            mdp = tables(self.task)
-            return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
-        limit = min(generative_model(self.task).time_limit or LENGTH, LENGTH)
-        rollouts = random_rollouts(self.task, episodes=EPISODES, length=limit)
-        return np.unique(rollouts.states[:, :-1][rollouts.taken])
-
-    def values(self, phi: AnyPotential) -> FloatArray:
-        """Return phi of the pairs, a float64 array with one value a pair."""
-        return np.asarray(phi.pairs(self.states))
+def visited_states(task: Any, *, dense: bool) -> IntArray:
+    """Return the states of these pairs, every state once, (n,) int64."""
+    if dense and has_tables(task):
+        mdp = tables(task)
+        return np.flatnonzero(reachable_states(mdp) & ~mdp.terminal)
+    limit = min(generative_model(task).time_limit or LENGTH, LENGTH)
+    rollouts = random_rollouts(task, episodes=EPISODES, length=limit)
+    return np.unique(rollouts.states[:, :-1][rollouts.taken])

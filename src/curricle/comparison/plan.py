@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.comparison.controls import Control, control_arms, entering, train_control
+from curricle.comparison.controls import Control, control_arms, train_control
 from curricle.comparison.opponents import (
     CONSTANTS,
     Opponent,
@@ -129,8 +129,6 @@ class Plan:
                 f"{node.budget}; give it in steps, or let each arm have its own budget with "
                 "compared = false"
             )
-        if "constant" in controls:
-            opponents = ("constant", *opponents)
 
         def as_long(curriculum: Curriculum) -> Curriculum:
             if total is None:
@@ -188,14 +186,14 @@ class Plan:
         return self.keys | beside
 
     @property
-    def scratches(self) -> tuple[str, ...]:
-        """The arms that learn the target from scratch."""
-        return tuple(name for name, arm in self.arms.items() if arm.scratch)
+    def target_node(self) -> Node:
+        """The target with the settings that all arms share."""
+        return next(iter(self.curricula.values())).node(self.target)
 
     @property
-    def live(self) -> bool:
-        """Whether some task can be learnt only in one thread at a time."""
-        # Such a task runs in Python, or is seen through observations: learners of observation tasks
+    def serial(self) -> bool:
+        """Whether a process must train one unit at a time."""
+        # Its tasks run in Python, or are seen through observations: learners of observation tasks
         # draw from random generators of the process.
         return any(
             is_live(task) or is_observation_task(task)
@@ -306,20 +304,20 @@ def train(
     # With `charge` the target's budget also pays for the sources. An arm that changes another arm
     # reads the other arm's potentials from `unchanged`, or computes them again.
     curriculum, task, seeds = arm.curriculum, unit.task, unit.seeds
-    if arm.change and task == curriculum.target:
-        before: Any = ((), ())
-        if unchanged is not None:
-            before = unchanged.potentials, unchanged.calibrations
-        if arm.change not in CONSTANTS:
-            return Trained(*train_control(arm.change, curriculum, seeds, sources, *before, **how))
-        potentials = before[0] or entering(curriculum, task, sources, seeds)[0]
-        result, values = train_constant(arm.change, curriculum, seeds, potentials, **how)
-        return Trained(result, np.zeros(len(seeds), np.int64), initial_values=values)
-    trained = curriculum.train(
-        unit.seeds, only=task, trained=sources, charge=charge, snapshots=unit.snapshots, **how
-    )
-    entered = trained.calibrations.get(task, ()), trained.potentials[task]
-    return Trained(trained[task], trained.source_steps(task), *entered)
+    spent, is_target = curriculum.spent(task, sources, len(seeds)), task == curriculum.target
+    if not (arm.change and is_target):
+        how |= {"charged": spent if charge and is_target else None, "snapshots": unit.snapshots}
+        result, potentials, fitted = curriculum.train_task(task, sources, seeds, **how)
+        return Trained(result, spent, fitted, potentials)
+    before: Any = ((), ())
+    if unchanged is not None:
+        before = unchanged.potentials, unchanged.calibrations
+    if arm.change not in CONSTANTS:
+        change: Any = arm.change, curriculum, seeds, sources, spent, *before
+        return Trained(train_control(*change, **how), spent)
+    potentials = before[0] or curriculum.entering(task, sources, seeds)[0]
+    result, values = train_constant(arm.change, curriculum, seeds, potentials, **how)
+    return Trained(result, np.zeros_like(spent), initial_values=values)
 
 
 # -- Units that failed ----------------------------------------------------------------------------
@@ -423,8 +421,13 @@ class Memory:
         try:
             for unit in filter(failures.keeps, reversed(missing)):
                 try:
-                    how: Any = {"workers": workers, "progress": bars.within(unit.arm)}
-                    self.trained[unit.key, seeds] = self._learnt(plan, unit, **how)
+                    read = unit.sources.items()
+                    results = {name: self.trained[key, seeds].result for name, key in read}
+                    sources = {name: SourceValues.of(result) for name, result in results.items()}
+                    how: Any = {"unchanged": self.trained.get((plan.changed(unit), seeds))}
+                    how |= {"workers": workers, "progress": bars.within(unit.arm)}
+                    trained = train(plan.arms[unit.arm], unit, sources, **how)
+                    self.trained[unit.key, seeds] = trained
                 except Exception as error:  # of any kind: a task may be the user's own code
                     failures.add(unit, error)
                 else:
@@ -436,15 +439,6 @@ class Memory:
         finally:
             for unit in units:
                 self._forget(plan, unit.key, seeds)
-
-    def _learnt(self, plan: Plan, unit: Unit, **how: Any) -> Trained:
-        """Train a unit with the results of its sources, and return its results."""
-        sources = {
-            name: SourceValues.of(self.trained[key, unit.seeds].result)
-            for name, key in unit.sources.items()
-        }
-        unchanged = self.trained.get((plan.changed(unit), unit.seeds))
-        return train(plan.arms[unit.arm], unit, sources, unchanged=unchanged, **how)
 
     def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
         """Drop results that no unit will read, except small tables, which later plans may read."""

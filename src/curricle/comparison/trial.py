@@ -12,17 +12,14 @@ from typing import Any
 
 from curricle.comparison.comparison import (
     Comparison,
+    Reference,
     checkpoints,
-    comparison_of,
     comparison_plan,
-    threshold_before,
-    trained_arms,
+    trained_comparison,
 )
-from curricle.comparison.controls import entering
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import SETTINGS, Curriculum, Node
-from curricle.curriculum.result import Learnt
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
@@ -34,7 +31,6 @@ from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted
 from curricle.transfer.aggregate import COMPARED, Aggregate
-from curricle.transfer.calibration import AnyPotential
 from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
 # -- Candidates: the curricula that use a curriculum's sources in different ways -------------------
@@ -51,12 +47,6 @@ class Candidate:
     curriculum: Curriculum
     aggregate: bool  # whether it combines all transfers
     used: bool  # whether the curriculum itself uses its sources in this way
-
-    def potentials(
-        self, sources: Mapping[str, Learnt], seeds: Sequence[int]
-    ) -> Sequence[AnyPotential]:
-        """Return the potential of each of K seeds, calibrated where the candidate calibrates."""
-        return entering(self.curriculum, self.curriculum.target, sources, seeds)[0]
 
 
 def candidates_of(
@@ -217,22 +207,22 @@ def run_trial(
     opponents: Sequence[Opponent] = OPPONENTS,
     scratch: Learners = (),
     seeds: int = SEEDS,
-    threshold: float | None = None,
+    reference: Reference | None = None,
     memory: Memory | None = None,
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates."""
+    """Return a trial of candidates, with the reference of their target if that is known."""
     memory = Memory() if memory is None else memory
     arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
-    failed = dict[str, Exception]()
+    window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
+    reference = reference or Reference.before(plan.target_node, None)
     with warnings.catch_warnings(), shown(progress) as bars:
         # No warning about a refused calibration: the experiment will warn.
         warnings.simplefilter("ignore", UserWarning)
-        trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
-    window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
-    comparison = comparison_of(plan, trained, threshold_before(plan, threshold), window, failed)
+        how = memory, workers, bars
+        comparison = trained_comparison(plan, seed_tuple(seeds), reference, window, *how)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
         "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -20,13 +20,13 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place, file_name, place_at
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.portfolio import Portfolio
-from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult
 from curricle.learning.run import learn
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import (
     SETTLED,
+    UNLEARNT,
     Budget,
     Decision,
     Decisions,
@@ -35,7 +35,6 @@ from curricle.learning.stopping import (
     levels,
     limits,
     longest_run,
-    recent_return,
     spacing,
 )
 from curricle.learning.storage import Storage
@@ -88,36 +87,30 @@ class Node:
     learner: Any
     budget: Budget
     shaping: Shaping
-    eval_freq: int
+    eval_freq: int  # a hundredth of the budget by default
     evaluation: GreedyEvaluation
     storage: Storage
 
     __repr__ = brief_repr
 
-    @classmethod
-    def of(cls, name: str, task: Any, *, eval_freq: int | None, **settings: Any) -> Self:
-        """Return a node, checked; `eval_freq` None means a hundredth of the budget."""
-        distilled = isinstance(task, Miniatures)
-        eval_freq = 1 if distilled else spacing(eval_freq, settings["budget"])
-        learner = DeepLearner if is_observation_task(task) else Learner
-        kinds = {"learner": learner, "shaping": Shaping}
+    def __post_init__(self) -> None:
+        kinds = {"learner": DeepLearner if self.deep else Learner, "shaping": Shaping}
         for which, kind in (kinds | {"evaluation": GreedyEvaluation, "storage": Storage}).items():
-            instance(f"{which} of {name}", settings[which], kind, SettingError)
-        if learner is DeepLearner:
-            check_spaces(task, settings["learner"])
-            check_evaluation(settings["evaluation"])
-        if settings["shaping"].potential is not None:
+            instance(f"{which} of {self.name}", getattr(self, which), kind, SettingError)
+        if self.deep:
+            check_spaces(self.task, self.learner)
+            check_evaluation(self.evaluation)
+        if self.shaping.potential is not None:
             raise CurriculumError(
                 "the shaping of a curriculum's task must have no potential of its own, because "
-                f"sources give it: that of {name} has a potential"
+                f"sources give it: that of {self.name} has a potential"
             )
-        if not callable(settings["aggregate"]):
+        if not callable(self.aggregate):
             raise CurriculumError(
-                f"an aggregate must be a function (N, S, A) -> (S, A): {name} has "
-                f"{settings['aggregate']!r}"
+                f"an aggregate must be a function (N, S, A) -> (S, A): {self.name} has "
+                f"{self.aggregate!r}"
             )
-        number(f"unknown_value of {name}", settings["unknown_value"], CurriculumError)
-        return cls(name, task, eval_freq=eval_freq, **settings)
+        number(f"unknown_value of {self.name}", self.unknown_value, CurriculumError)
 
     @property
     def most_steps(self) -> int:
@@ -170,14 +163,14 @@ class Node:
         seeds: Sequence[int],
         potentials: Sequence[AnyPotential] = (),
         *,
-        warm_ups: Sequence[WarmUp] = (),
+        calibrations: Sequence[Calibration] = (),
         charged: Sequence[int] | IntArray | None = None,
         snapshots: int = 0,
         workers: int | None = None,
         saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the result of K seeds in the task, with K potentials and warm-ups or without."""
+        """Return the result of K seeds in the task, with K potentials and calibrations or none."""
         if self.takes_no_steps:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
@@ -190,7 +183,7 @@ class Node:
             "eval_freq": self.eval_freq,
             "evaluation": self.evaluation,
             "stream": self.name,
-            "warm_up": list(warm_ups) or None,
+            "warm_up": [calibration.warm_up for calibration in calibrations] or None,
             "charged": charged,
             "progress": progress,
         }
@@ -201,13 +194,9 @@ class Node:
         return learn(self.task, self.learner, self.budget, **common)
 
     def unlearnt(self, result: LearningResult) -> BoolArray:
-        """Return the seeds whose last return is too low for them to have converged, (K,) bool."""
-        if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
-            return np.zeros(len(result.seeds), np.bool_)
-        _, floor = levels(self.budget, self.task, self.evaluation, target_of)
-        last = (result.steps_used // self.eval_freq).tolist()
-        recent = list(map(recent_return, result.greedy_return, last))
-        return np.array(recent) <= floor
+        """Return the seeds that used all steps and have not learnt the task, (K,) bool."""
+        last = [decisions[-1:] for decisions in self.decisions(result)]
+        return np.array([any(decision.criterion == UNLEARNT for decision in of) for of in last])
 
     def decisions(self, result: LearningResult) -> Decisions:
         """Return the stopping rule's decisions at each seed's checkpoints."""
@@ -220,24 +209,6 @@ class Node:
             *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
             of_seeds.append([*rest, replace(last, evaluation_steps=spent)])
         return Decisions(of_seeds, result.seeds)
-
-
-def calibrated(
-    node: Node,
-    potentials: Sequence[AnyPotential],
-    settings: Calibrate,
-    seeds: Sequence[int],
-    charged: IntArray | None = None,
-) -> list[Calibration]:
-    """Return the calibrations of a task's potentials, within its budget less (K,) charged steps."""
-    steps, episodes = limits(node.budget)
-    left = [steps] * len(seeds) if charged is None else (steps - charged).tolist()
-    return [
-        fit_calibration(
-            potential, settings.within(most, episodes), seed=k, stream=f"{node.name}/calibration"
-        )
-        for potential, k, most in zip(potentials, seeds, left, strict=True)
-    ]
 
 
 def capped(budget: Budget) -> Budget:
@@ -510,7 +481,9 @@ class Curriculum:
         """Return a task with all its settings; SettingError if any is invalid."""
         one_of("a task", name, self.tasks, CurriculumError)
         settings = {which: self.setting(which, name) for which in SETTINGS}
-        return Node.of(name, self.tasks[name], **settings)
+        distilled, freq = isinstance(self.tasks[name], Miniatures), settings["eval_freq"]
+        settings["eval_freq"] = 1 if distilled else spacing(freq, settings["budget"])
+        return Node(name, self.tasks[name], **settings)
 
     def _repr_html_(self) -> str:
         tasks = [
@@ -598,44 +571,84 @@ class Curriculum:
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}
-        for node in map(self.node, wanted - set(sources)):
-            if node.deep:
-                shaped = bool(self.in_edges(node.name)) and not node.takes_no_steps
-                node.check_network(shaped=shaped)
+        names = [name for name in self.order if name in wanted and name not in known]
+        for name in names:
+            self._check_network(name)
+        how: dict[str, Any] = {"snapshots": snapshots, "workers": workers, "saves": saves}
         with shown(progress) as bars:
-            for name in (name for name in self.order if name in wanted and name not in known):
-                potentials[name] = self.potentials(name, sources)
-                spent = self._spent(name, sources) if name == paying else None
-                node = self.node(name)
-                fitted = list[Calibration]()
-                if (settings := self.calibration(name)) is not None:
-                    fitted = calibrated(node, potentials[name], settings, numbers, spent)
-                    if refused := [fit.refusal for fit in fitted if fit.refusal]:
-                        warnings.warn(
-                            f"{len(refused)} of {counted(len(fitted), 'seed')} of {name!r} take "
-                            f"their potential as it is: {refused[0]}",
-                            stacklevel=2,
-                        )
-                    calibrations[name] = fitted
-                    potentials[name] = [calibration.potential for calibration in fitted]
-                results[name] = node.train(
-                    numbers,
-                    potentials[name],
-                    warm_ups=[calibration.warm_up for calibration in fitted],
-                    charged=spent,
-                    snapshots=snapshots,
-                    workers=workers,
-                    progress=bars.within(),
-                    saves=None if saves is None else place_at(saves) / file_name(name),
+            for name in names:
+                spent = self.spent(name, sources, len(numbers)) if name == paying else None
+                trained_task = self.train_task(
+                    name, sources, numbers, charged=spent, progress=bars.within(), **how
                 )
+                results[name], potentials[name], fitted = trained_task
+                if fitted:
+                    calibrations[name] = fitted
                 sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
         return CurriculumResult(self, results, potentials, calibrations, known)
 
-    def _spent(self, name: str, sources: Mapping[str, SourceValues]) -> IntArray | None:
-        """Return the steps of each seed in all sources of `name`; None if it has no sources."""
-        spent = [sources[source].steps_used for source in self.ancestors(name)]
-        return np.sum(spent, axis=0, dtype=np.int64) if spent else None
+    def train_task(
+        self,
+        name: str,
+        sources: Mapping[str, Learnt],
+        seeds: tuple[int, ...],
+        *,
+        charged: IntArray | None = None,
+        saves: str | Place | None = None,
+        **how: Any,
+    ) -> tuple[LearningResult, list[AnyPotential], list[Calibration]]:
+        """Return a task's result, its potentials as they entered, and their calibrations, if any.
+
+        `sources` have the same `seeds`; the budget of each seed is less its `charged` steps.
+        """
+        self._check_network(name)
+        potentials, fitted = self.entering(name, sources, seeds, charged)
+        if refused := [fit.refusal for fit in fitted if fit.refusal]:
+            warnings.warn(
+                f"{len(refused)} of {counted(len(fitted), 'seed')} of {name!r} take their "
+                f"potential as it is: {refused[0]}",
+                stacklevel=3,
+            )
+        how["saves"] = None if saves is None else place_at(saves) / file_name(name)
+        how |= {"calibrations": fitted, "charged": charged}
+        return self.node(name).train(seeds, potentials, **how), potentials, fitted
+
+    def _check_network(self, name: str) -> None:
+        node = self.node(name)
+        if node.deep:
+            node.check_network(shaped=bool(self.in_edges(name)) and not node.takes_no_steps)
+
+    def spent(self, name: str, sources: Mapping[str, Learnt], seeds: int) -> IntArray:
+        """Return the steps of each of K seeds in all tasks on which a task builds, (K,) int64."""
+        steps = [sources[source].steps_used for source in self.ancestors(name)]
+        total: IntArray = np.sum([np.zeros(seeds, np.int64), *steps], axis=0)
+        return total
+
+    def entering(
+        self,
+        name: str,
+        sources: Mapping[str, Learnt],
+        seeds: Sequence[int],
+        spent: IntArray | None = None,
+        transfers: Sequence[Transfer] | None = None,
+    ) -> tuple[list[AnyPotential], list[Calibration]]:
+        """Return the potentials with which seeds begin a task, and their calibrations, if any.
+
+        Calibrations take steps of the task's budget, less the `spent` steps of each seed, (K,).
+        """
+        potentials = self.potentials(name, sources, transfers=transfers)
+        if (settings := self.calibration(name)) is None:
+            return potentials, []
+        steps, episodes = limits(self.setting("budget", name))
+        left = [steps] * len(seeds) if spent is None else (steps - spent).tolist()
+        fitted = [
+            fit_calibration(
+                phi, settings.within(most, episodes), seed=k, stream=f"{name}/calibration"
+            )
+            for phi, k, most in zip(potentials, seeds, left, strict=True)
+        ]
+        return [calibration.potential for calibration in fitted], fitted
 
     def potentials(
         self,

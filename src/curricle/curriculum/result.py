@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,8 @@ class SourceValues:
         Steps of each seed in the task.
     own_rewards : bool
         Whether the values are free of shaping rewards (:class:`LearningResult`).
+    scales : sequence of K float
+        Scale of each seed's potential, if it was calibrated and a network must be built with it.
 
     Examples
     --------
@@ -68,6 +70,7 @@ class SourceValues:
     values: Any
     steps_used: IntArray
     own_rewards: bool = True
+    scales: Sequence[float] = ()
 
     __repr__ = brief_repr
 
@@ -154,8 +157,8 @@ class CurriculumResult:
 
     def source_steps(self, name: str) -> IntArray:
         """Return the steps of each seed in all tasks on which a task builds, (K,) int64."""
-        spent = self.curriculum._spent(name, self.sources)
-        return np.zeros(len(self[name].seeds), dtype=np.int64) if spent is None else spent
+        spent: IntArray = self.curriculum.spent(name, self.sources, len(self[name].seeds))
+        return spent
 
     def decisions(self, name: str) -> Decisions:
         """Return the decisions of a task's stopping rule at the checkpoints of each seed."""
@@ -327,13 +330,11 @@ def _build_networks(
     if not any(curriculum.node(name).deep for name in learnt):
         return
     stored = {
-        name: StoredValues(
-            result.values, result.steps_used, [c.scale for c in fitted.get(name, ())]
-        )
+        name: replace(SourceValues.of(result), scales=[c.scale for c in fitted.get(name, ())])
         for name, result in learnt.items()
     }
     try:
-        built = source_values(curriculum, next(iter(learnt.values())).seeds, stored)
+        built = source_values(curriculum, stored)
     except RuntimeError as error:  # of PyTorch
         raise SettingError(
             "networks must be loaded with the learners they were trained with: "
@@ -349,14 +350,6 @@ def _build_networks(
 # -- stored values, as plain data ------------------------------------------------------------------
 
 
-class StoredValues(NamedTuple):
-    """The values that K seeds learnt in a task, as plain data."""
-
-    values: Any  # (K, S, A) float array, or K dicts of a network's parameters, or None
-    steps_used: IntArray  # (K,) in the task
-    scales: Sequence[float] = ()  # of each seed's potential, if calibrated
-
-
 def sources_read(curriculum: Any, name: str) -> set[str]:
     """Return the tasks whose values training a task reads: its sources, and those of networks."""
     read, waiting = set[str](), [name]
@@ -369,17 +362,19 @@ def sources_read(curriculum: Any, name: str) -> set[str]:
     return read
 
 
-def source_values(
-    curriculum: Any, seeds: tuple[int, ...], sources: Mapping[str, StoredValues]
-) -> dict[str, SourceValues]:
-    """Return stored values as :meth:`Curriculum.train` takes them; networks are rebuilt."""
+def source_values(curriculum: Any, sources: Mapping[str, SourceValues]) -> dict[str, SourceValues]:
+    """Return stored values as :meth:`Curriculum.train` takes them.
+
+    Their tasks are the curriculum's, and parameters of networks become networks.
+    """
     learnt: dict[str, SourceValues] = {}
     for name in (name for name in curriculum.order if name in sources):
-        node, (values, steps_used, scales) = curriculum.node(name), sources[name]
+        node, stored = curriculum.node(name), sources[name]
+        values = stored.values
         if node.deep and values is not None:
             potentials: list[Any] = curriculum.potentials(name, learnt)
-            if scales:
-                pairs = zip(potentials, scales, strict=True)
+            if stored.scales:
+                pairs = zip(potentials, stored.scales, strict=True)
                 potentials = [phi.rescaled(scale) for phi, scale in pairs]
             node.learner.algorithm_class()  # raises an ImportError that names what to install
             from curricle.deep.models import network_values  # needs PyTorch
@@ -387,8 +382,8 @@ def source_values(
             # A distilled network computes its values without its task's sources.
             shapings = [
                 None if node.takes_no_steps else node.shaping.with_potential(potential)
-                for potential in potentials or [None] * len(seeds)
+                for potential in potentials or [None] * len(stored.seeds)
             ]
             values = tuple(map(partial(network_values, node.task, node.learner), shapings, values))
-        learnt[name] = SourceValues(node.task, seeds, values, steps_used)
+        learnt[name] = replace(stored, task=node.task, values=values)
     return learnt

@@ -21,12 +21,11 @@ from curricle.checks import whole_number
 from curricle.comparison.comparison import (
     Arm,
     Comparison,
+    Reference,
     checkpoints,
-    comparison_of,
     comparison_plan,
     short,
-    threshold_before,
-    trained_arms,
+    trained_comparison,
 )
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
@@ -300,14 +299,13 @@ def choose(
     curricula, options = trial_curricula(place, candidates, kinds, most, there)
     memory = Memory()
     whole = comparison_plan(curricula, memory, opponents=OPPONENTS)
-    level, window = threshold_before(whole, None), min(WINDOW, checkpoints(whole))
+    reference = Reference.before(whole.target_node, None)
+    window = min(WINDOW, checkpoints(whole))
 
     def play(plan: Plan, seeds: tuple[int, ...], title: str) -> Comparison:
         grow, tell = cast(Any, (bars.bar(title, len(plan.arms)), bars.tell))
         one_bar = Bars(call=lambda name: (grow(), tell(name)))
-        failed = dict[str, Exception]()
-        arms = trained_arms(plan, seeds, failed, memory, workers, one_bar)
-        return comparison_of(plan, arms, level, window, failed)
+        return trained_comparison(plan, seeds, reference, window, memory, workers, one_bar)
 
     with shown(progress) as bars:
         choice = chosen(whole, play, seed)

@@ -404,13 +404,6 @@ def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
     return arrays
 
 
-def checkpoints_of(arrays: Arrays) -> int:
-    """Return how many checkpoints a result's arrays have; ValueError if they do not say."""
-    if "steps" not in arrays:
-        raise ValueError("it has no steps")
-    return arrays["steps"].size
-
-
 def check_result_arrays(
     arrays: Arrays,
     seeds: Sequence[int],
@@ -418,10 +411,14 @@ def check_result_arrays(
     counts: Sequence[str] = ("steps_used",),
 ) -> None:
     """Raise ValueError unless a result can have these arrays."""
-    n, of_seeds = checkpoints_of(arrays), (len(seeds),)
+    if "steps" not in arrays:
+        raise ValueError("it has no steps")
+    n, of_seeds = arrays["steps"].size, (len(seeds),)
     shapes: dict[str, tuple[int, ...]] = {"T": (n,), "K": of_seeds, "KT": (*of_seeds, n)}
     expected = {name: (shapes[field.axes], field.dtype) for name, field in FIELDS.items()}
     expected |= dict.fromkeys(("seeds", *counts), (of_seeds, "int64"))
+    if "initial_values" in arrays:
+        expected["initial_values"] = of_seeds, "float64"
     if "snapshot_steps" in arrays:
         moments = arrays["snapshot_steps"].size
         expected["snapshot_steps"] = (moments,), "int64"

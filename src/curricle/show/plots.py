@@ -3,6 +3,7 @@
 import io
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -264,35 +265,31 @@ def draw_learning_curves(
 
 def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = ALL) -> None:
     """Draw all arms' curves in one scale into panels; source steps count in a panel under True."""
-    for axes, strong in panels.items():
-        _draw_panel(axes, comparison, strong, most)
-    # In which the threshold can be seen.
-    ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
-    for axes in panels:
-        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
-
-
-def _draw_panel(axes: Axes, comparison: Comparison, strong: bool, most: int) -> None:
-    for name, style in controls_first(arm_styles(comparison)):
+    shown = controls_first(arm_styles(comparison))
+    for (axes, strong), (name, style) in product(panels.items(), shown):
         whole, begin = shown_curve(comparison, name, strong=strong)
         kept = places(len(whole.steps), most)
-        shown = Curve(whole.steps[kept], whole.filled()[:, kept])
-        drawn: Any = {"label": name, "colour": style.colour, "dashes": style.dashes}
-        draw_curve(axes, shown, **drawn)
+        curve = Curve(whole.steps[kept], whole.filled()[:, kept])
+        draw_curve(axes, curve, label=name, colour=style.colour, dashes=style.dashes)
         if begin:
             # Dotted from step 0 to where training in the target begins.
-            low, start = random_level(comparison), int(shown.steps[0])
-            first = float(shown.values[:, 0].mean())
+            low, start = random_level(comparison), int(curve.steps[0])
+            first = float(curve.values[:, 0].mean())
             axes.plot([0, start, start], [low, low, first], ":", color="#555555", lw=1.2)
             axes.plot(start, first, "o", color=style.colour, mfc="w", ms=4.5, zorder=4)
-    counted = "target and source steps" if strong else "target steps"
-    steps_scale(axes, comparison.total if strong else comparison.budget, counted)
-    axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
     above: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
     look: Any = {"ha": "right", "fontsize": 7.5, "color": "#444444"}
     behind = {"fc": "w", "ec": "none", "pad": 0.8, "alpha": 0.8}
     label = minus(f"threshold {comparison.threshold:.4g}")
-    axes.annotate(label, (1, comparison.threshold), (-2, 2), **above, **look, bbox=behind)
+    for axes, strong in panels.items():
+        counted = "target and source steps" if strong else "target steps"
+        steps_scale(axes, comparison.total if strong else comparison.budget, counted)
+        axes.axhline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
+        axes.annotate(label, (1, comparison.threshold), (-2, 2), **above, **look, bbox=behind)
+    # In which the threshold can be seen.
+    ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
+    for axes in panels:
+        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
 
 
 def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:

@@ -453,7 +453,8 @@ class InterimReport:
         if over and stored_units == units and arms:
             page = page_of(study)
         elif arms:
-            page = page_of(_only(study, {*arms, *study.failed}), self._place)
+            part = StudyResults(study.store, study.record.only({*arms, *study.failed}))
+            page = page_of(part, self._place)
         else:
             page = render("waiting.html", name=study.record.name, banner=self._place)
         if over:
@@ -508,15 +509,6 @@ def arms_so_far(study: StudyResults) -> list[str]:
     if all(arm.scratch or arm.control_of for name, arm in kept.items() if name != SCRATCH):
         return []
     return list(kept)
-
-
-def _only(study: StudyResults, arms: set[str]) -> StudyResults:
-    """Return the results of some arms of a study, those that failed among them."""
-    part = StudyResults(study.store.path)
-    part.lacks_arms = not study.record.arms.keys() <= arms
-    kept = {name: arm for name, arm in study.record.arms.items() if name in arms}
-    part.record = study.record.model_copy(update={"arms": kept})
-    return part
 
 
 def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:

@@ -1,24 +1,22 @@
 """The parts of a study's results that need its tasks: record, forecasts, certificates, episodes."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import blake2b
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
-from curricle.comparison.comparison import OF_OPTIMUM, STATED, threshold_of_optimum
-from curricle.comparison.controls import entering
+from curricle.comparison.comparison import STATED, Reference
 from curricle.comparison.forecasting import forecast
+from curricle.comparison.plan import PlannedArm
 from curricle.comparison.task_differences import plain_text, task_summary
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.deep.learner import DeepLearner, PolicyReuse
 from curricle.errors import CurricleError, StoreError
-from curricle.learning.potential import PairPotential
 from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
 from curricle.planning.greedy import Values
@@ -52,7 +50,6 @@ from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
-from curricle.transfer.rollouts import target_of
 from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 # -- The record of a study before it is run: plain data of its tasks and curricula -----------------
@@ -60,42 +57,31 @@ from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    controls = {name: arm.of for name, arm in arms.arms.items()}
-    curricula = curricula_record(
-        arms.curricula, arms.keys, arms.scratches, study.variants or {}, controls
-    )
-    node = next(iter(arms.curricula.values())).node(arms.target)
-    threshold, level = study.threshold, STATED
-    if threshold is None and arms.total is not None and SCRATCH in arms.curricula:
-        threshold, level = threshold_of_optimum(target_of(node.task, node.evaluation)), OF_OPTIMUM
+    curricula = curricula_record(arms.arms, study.variants or {})
+    reference = Reference(study.threshold, STATED)
+    if arms.total is not None and SCRATCH in arms.curricula:
+        reference = Reference.before(arms.target_node, study.threshold)
     of_study = ("name", "seeds", "window", "snapshots", "tuned", "chosen")
     fields = {name: getattr(study, name) for name in of_study}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
-    fields |= {"tasks": curricula.tasks, "arms": curricula.arms, "problem": task_summary(node.task)}
-    return StudyRecord(threshold=threshold, threshold_from=level, **fields)
+    problem = task_summary(arms.target_node.task)
+    return StudyRecord(**dict(curricula), problem=problem, reference=reference, **fields)
 
 
 def curricula_record(
-    curricula: Mapping[str, Curriculum],
-    keys: Mapping[tuple[str, str], str],
-    scratches: Collection[str] = (),
-    variants: Mapping[str, VariantRecord] = MappingProxyType({}),
-    controls: Mapping[str, str] = MappingProxyType({}),
+    planned: Mapping[str, PlannedArm], variants: Mapping[str, VariantRecord]
 ) -> CurriculaRecord:
-    """Return the record of curricula by arm, with the keys of their stored results, if any.
-
-    `controls` maps a control to its arm.
-    """
+    """Return the record of arms by name, with the keys of their stored results, if any."""
     tasks, edges, arms = list[Any](), list[Transfer](), {}
-    for arm, curriculum in curricula.items():
-        nodes = dict[str, NodeRecord]()
+    for label, arm in planned.items():
+        curriculum, nodes = arm.curriculum, dict[str, NodeRecord]()
         for name in curriculum.order:
             sources, node = curriculum.in_edges(name), curriculum.node(name)
             settings = [which for which in SETTINGS if sources or which not in OF_TARGETS]
             several = len(sources) > 1
             nodes[name] = NodeRecord(
                 task=_number(node.task, tasks, same_task),
-                key=keys.get((arm, name), ""),
+                key=arm.keys.get(name, ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
                 aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
                 seeds_per_file=seeds_per_file(node),
@@ -106,14 +92,14 @@ def curricula_record(
             ends = {"source": edge.source, "target": edge.target}
             transfers.append(TransferRecord(**ends, words=transfer_words(edge), number=number))
         calibration = ", calibrated" * (curriculum.calibration(curriculum.target) is not None)
-        arms[arm] = ArmRecord(
+        arms[label] = ArmRecord(
             nodes=nodes,
             transfers=tuple(transfers),
             potential=_aggregate(curriculum, curriculum.target, "") + calibration,
-            scratch=arm in scratches,
-            control_of=controls.get(arm, ""),
+            scratch=arm.scratch,
+            control_of=arm.of,
             depends_on_total=_depends_on_total(curriculum),
-            variant=variants.get(arm),
+            variant=variants.get(label),
             knows_target=any(map(curriculum.knows_target, curriculum.last_tasks)),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)
@@ -260,9 +246,11 @@ def _section(
     try:
         record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
-            shaping = results[arm].curriculum.setting("shaping", target)
-            shaping = shaping.with_potential(_entering(results[arm], target))
-            certificate = certify(results[arm].curriculum.tasks[target], shaping)
+            curriculum, seed = results[arm].curriculum, results[arm][target].seeds[:1]
+            sources = {name: source.first(1) for name, source in results[arm].sources.items()}
+            (phi,), _ = curriculum.entering(target, sources, seed)
+            shaping = curriculum.setting("shaping", target).with_potential(phi)
+            certificate = certify(curriculum.tasks[target], shaping)
             text, holds = str(certificate), certificate.holds
             alike = certificates[text].arms if text in certificates else ()
             certificates[text] = CertificateRecord(arms=(*alike, arm), holds=holds, text=text)
@@ -334,17 +322,6 @@ def _forecast(
         rows.append(RowRecord(**means, **{name: getattr(row, name) for name in same}))
     same = ForecastRecord.model_fields.keys() - {"rows"}
     return ForecastRecord(rows=tuple(rows), **{name: getattr(foreseen, name) for name in same})
-
-
-def _entering(result: CurriculumResult, target: str) -> PairPotential:
-    """Return the potential with which the first seed of a target began."""
-    phi: PairPotential
-    if kept := result.potentials.get(target):
-        phi = kept[0]
-        return phi
-    sources = {name: source.first(1) for name, source in result.sources.items()}
-    (phi,), _ = entering(result.curriculum, target, sources, result[target].seeds[:1])
-    return phi
 
 
 # -- Episodes of learnt policies: read from a study's folder, or played in the task ----------------

@@ -23,7 +23,7 @@ from curricle.comparison.plan import (
     train,
 )
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
-from curricle.curriculum.result import StoredValues, source_values
+from curricle.curriculum.result import SourceValues, source_values
 from curricle.errors import ConfigError, SettingError
 from curricle.files import Place
 from curricle.learning.result import arrays_of
@@ -31,7 +31,7 @@ from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
-from curricle.study.store import DecisionRow, StoredSource, UnitResult, differences, shown
+from curricle.study.store import DecisionRow, StoredUnit, UnitResult, differences, shown
 from curricle.study_file.own_code import code_of
 from curricle.study_file.schema import NameGraph
 from curricle.study_file.vary import target_alone
@@ -231,13 +231,14 @@ class UnitInput(NamedTuple):
     folder: str  # of the study's own modules
     code: str  # JSON of Arms.code, since modules must not change during a run
     unit: Unit
-    sources: Mapping[str, StoredValues]
+    sources: Mapping[str, SourceValues]  # without their tasks
     checkpoints: Place | None = None  # a killed unit resumes from them, with the same result
-    stored: Mapping[str, StoredSource] = {}  # sources that the worker reads from the study's folder
+    # Units of sources that the worker reads from the study's folder, and whether it needs values.
+    stored: Mapping[str, tuple[Mapping[int, StoredUnit], bool]] = {}
     place: Place | None = None  # the study's folder if the worker writes the result there
     files: Mapping[str, bytes] = {}  # the user's modules by path, for machines without `folder`
     versions: Mapping[str, str] = {}  # the run's versions, which every worker must have
-    live: bool = False  # whether units must not run side by side in one process
+    serial: bool = False  # whether a process must train one unit at a time
 
 
 def train_unit(sent: UnitInput) -> UnitResult:
@@ -251,7 +252,7 @@ def train_unit(sent: UnitInput) -> UnitResult:
         # that are trained together.
         for_all = replace(storage, memory_limit=len(unit.seeds) * storage.limit)
         arm = replace(arm, curriculum=arm.curriculum.replace(unit.task, storage=for_all))
-    sources = source_values(arm.curriculum, unit.seeds, sent.sources)
+    sources = source_values(arm.curriculum, sent.sources)
     charge = arms.total is not None
     trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
     arrays = arrays_of(trained.result)

@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 from curricle.arrays import FloatArray, IntArray
+from curricle.comparison.comparison import Reference
 from curricle.comparison.task_differences import TaskSummary
 from curricle.show.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH
@@ -187,7 +188,7 @@ class ArmRecord(Plain):
     """Why learning up to a step depends on the total of steps, as text; empty if it does not; None
     if another version wrote the record."""
     variant: VariantRecord | None = None
-    control_of: str = ""  # the arm of a control; the arm whose potential gives a constant
+    control_of: str = ""  # the arm that it changes, as a control or as a constant of it
     knows_target: bool  # whether a mapping was found in the target's model
 
     @model_validator(mode="after")
@@ -210,10 +211,10 @@ class CurriculaRecord(Plain):
         """Return a task of an arm."""
         return self.tasks[self.arms[arm].nodes[name].task]
 
-    def only(self, arms: Collection[str]) -> "CurriculaRecord":
+    def only(self, arms: Collection[str]) -> Self:
         """Return the record of some of the arms."""
         kept = {name: arm for name, arm in self.arms.items() if name in arms}
-        return CurriculaRecord(tasks=self.tasks, arms=kept)
+        return self.model_copy(update={"arms": kept})
 
     def groups(self) -> list[tuple[str, ...]]:
         """Return groups of arms with equal tasks and transfers; no scratch arms, no controls."""
@@ -239,8 +240,7 @@ class StudyRecord(CurriculaRecord):
 
     name: str
     seeds: tuple[Count, ...]
-    threshold: float | None  # the file's, or computed from the target's optimum, or None
-    threshold_from: str = ""  # its source as text; empty in records of earlier versions
+    reference: Reference  # before training
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str

@@ -1,9 +1,9 @@
 """The results of a study, read from its folder."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.comparison import MIDPOINT, Arm, Comparison
+from curricle.comparison.comparison import Arm, Comparison
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
@@ -36,7 +36,7 @@ from curricle.learning.result import (
     joined_results,
 )
 from curricle.learning.stopping import UNLEARNT
-from curricle.statistics.curves import SCRATCH, midpoint
+from curricle.statistics.curves import SCRATCH
 from curricle.study.record import (
     Analysis,
     FailureRecord,
@@ -168,13 +168,10 @@ class StudyResults:
         The folder.
     record : StudyRecord
         The study.
-    lacks_arms : bool
-        Whether the comparison leaves out arms that are not trained yet.
     """
 
     def __init__(self, path: str | Place | StudyStore, record: StudyRecord | None = None):
         self.store = path if isinstance(path, StudyStore) else StudyStore(path)
-        self.lacks_arms = False
         study = self.store.description
         if "record" not in study:
             raise StoreError(f"{self.store.path} holds results that are not those of a study")
@@ -198,6 +195,11 @@ class StudyResults:
     def _so_far(self) -> str:
         arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")
         return f"{arms}, {len(self.seeds)} of {whole} complete"
+
+    @property
+    def is_part(self) -> bool:
+        """Whether arms of the folder's study are left out, as they are not trained yet."""
+        return len(self.record.arms) < len(self.store.description["record"]["arms"])
 
     @cached_property
     def stored(self) -> dict[str, dict[int, StoredUnit]]:
@@ -308,7 +310,7 @@ class StudyResults:
         for name in names:
             units = self._units_of(arm, name, seeds)
             stored[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
-        return source_values(curriculum, seeds, stored)
+        return source_values(curriculum, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
         """Return the unit of each seed; StoreError if a unit is missing."""
@@ -358,20 +360,21 @@ class StudyResults:
 
     def initial_values(self, arm: str) -> FloatArray | None:
         """Return the initial Q of each seed, (K,); None unless the arm is a constant."""
-        values, seeds = list[FloatArray](), list[int]()
-        for unit in self._units(arm, self.record.target) if self.record.arms[arm].scratch else ():
-            arrays = self._arrays(arm, self.record.target, unit, RUN)
-            if "initial_values" in arrays:
-                values.append(self.store.checked(unit.path, partial(_numbers, arrays)))
-                seeds += unit.seeds
-        return np.concatenate(values)[np.argsort(seeds)] if values else None
+        values: FloatArray | None = self._of_seeds(arm, self.record.target, "initial_values")
+        return values
 
     def source_steps(self, arm: str, task: str | None = None) -> IntArray:
         """Return the steps that each seed of an arm spent before a task, by default its target."""
-        name = self.record.target if task is None else task
-        runs = [self._arrays(arm, name, unit, RUN) for unit in self._units(arm, name)]
-        seeds, steps = (np.concatenate([r[key] for r in runs]) for key in ("seeds", "source_steps"))
-        return steps[np.argsort(seeds)]
+        steps: IntArray = self._of_seeds(arm, task or self.record.target, "source_steps")
+        return steps
+
+    def _of_seeds(self, arm: str, task: str, name: str) -> Any:
+        """Return an array of a task besides its results, (K,), seeds ascending; None without it."""
+        runs = [self._arrays(arm, task, unit, RUN) for unit in self._units(arm, task)]
+        if not all(name in run for run in runs):
+            return None
+        seeds, numbers = (np.concatenate([run[key] for run in runs]) for key in ("seeds", name))
+        return numbers[np.argsort(seeds)]
 
     def table(self, name: str) -> pa.Table:
         """Return the curves or the decisions of all units, `name` a file, with a column of arms."""
@@ -412,14 +415,6 @@ class StudyResults:
         """Return seed -> the reason why its training in a task ended, one of a few fixed texts."""
         criteria = self.decisions(arm, task, "criterion")
         return {seed: of_seed[-1] for seed, of_seed in criteria.items()}
-
-
-def _numbers(arrays: Mapping[str, Any]) -> FloatArray:
-    """Return the initial values in a file; ValueError if they do not fit the file's seeds."""
-    values: FloatArray = arrays["initial_values"]
-    if values.shape != arrays["seeds"].shape or values.dtype != "float64":
-        raise ValueError("initial_values must be a number of float64 for each seed")
-    return values
 
 
 # -- The arms of one or several studies, compared --------------------------------------------------
@@ -471,19 +466,16 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
                 failed[label] = StudyError(study.failed[name])
             elif name != SCRATCH:
                 of = arm.control_of and f"{prefix}{arm.control_of}"
-                arms[label] = replace(_arm(study, name, total, seeds), curriculum=of)
-    threshold, level = first.threshold, first.threshold_from
-    if threshold is None:
-        threshold, level = midpoint(arms[SCRATCH].curve), MIDPOINT
+                arms[label] = _arm(study, name, total, seeds, of)
     budget = min(study.record.budget or 0 for study in studies)
     planned = set.intersection(*(set(study.record.seeds) for study in studies))
-    lacking, interim = any(study.lacks_arms for study in studies), ""
+    lacking, interim = any(study.is_part for study in studies), ""
     if lacking or len(seeds) < len(planned):
         some = " of some arms" * lacking
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
-    spans = budget, total, threshold, window
-    return Comparison(first.target, arms, *spans, failed, interim=interim, threshold_from=level)
+    reference = first.reference.after(arms[SCRATCH].curve)
+    return Comparison(first.target, arms, budget, total, reference, window, failed, interim)
 
 
 def _shared_total(studies: Sequence[StudyResults]) -> int:
@@ -542,8 +534,10 @@ def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:
             )
 
 
-def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Arm:
-    """Return an arm of a study for a comparison at a total of steps."""
+def _arm(
+    study: StudyResults, name: str, total: int, seeds: Sequence[int], curriculum: str = ""
+) -> Arm:
+    """Return an arm of a study for a comparison at a total of steps; it may change `curriculum`."""
     record = study.record
     result = study.results[name][record.target]
     spent = study.source_steps(name)
@@ -557,14 +551,19 @@ def _arm(study: StudyResults, name: str, total: int, seeds: Sequence[int]) -> Ar
             f"an arm must have steps left for its target: {place} took {most:,} of its "
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
-    scratch, changes = record.arms[name].scratch, bool(record.arms[name].control_of)
-    kind: Any = {"scratch": scratch, "initial_values": study.initial_values(name)}
-    kind["knows_target"] = record.arms[name].knows_target
-    arm = Arm.of(result, spent, total, record.eval_freq, **kind)
-    unlearnt = {
-        task: np.array([ended.get(seed) == UNLEARNT for seed in result.seeds])
-        for task in record.arms[name].nodes
-        if not changes and task != record.target and (ended := study.ended_by(name, task))
-    }
-    arm = replace(arm, unlearnt=unlearnt)
-    return arm.take(np.flatnonzero(np.isin(result.seeds, seeds)))
+    arm = record.arms[name]
+    return Arm.of(
+        result,
+        spent,
+        (total, record.eval_freq),
+        seeds,
+        scratch=arm.scratch,
+        curriculum=curriculum,
+        initial_values=study.initial_values(name),
+        knows_target=arm.knows_target,
+        unlearnt={
+            task: np.array([ended.get(seed) == UNLEARNT for seed in result.seeds])
+            for task in arm.nodes
+            if not curriculum and task != record.target and (ended := study.ended_by(name, task))
+        },
+    )

@@ -21,7 +21,7 @@ from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
 from curricle.comparison.plan import Failures, Plan, Unit, numbered_seeds
-from curricle.curriculum.result import StoredValues, sources_read
+from curricle.curriculum.result import SourceValues, sources_read
 from curricle.design.choice import chosen
 from curricle.errors import LostStoreError, SettingError, StoreError
 from curricle.files import Place, place_at
@@ -45,10 +45,8 @@ from curricle.study.store import (
     RUNS,
     SNAPSHOTS,
     Packing,
-    StoredSource,
     StoredUnit,
     StudyStore,
-    Taken,
     files_of,
     group_of,
     holds_study,
@@ -443,47 +441,21 @@ class Training:
     ) -> Failures:
         """Train and store the missing units of a study or a part of it; return the failures."""
         part = part or arms
-        store, failures = self.store, Failures(part.needs)
+        store, workers, failures = self.store, self.workers, Failures(part.needs)
         done = _begun(store, study, arms, self.report)
         units = tuple(units_of(study, part, done, shard))
         packing = Packing(store, done, files_of(record))
-        for unit, result in self._results(study, arms, units, packing, failures, words):
-            if track is not None:
-                if isinstance(result, StoredUnit):
-                    result = result.result(unit.seeds)
-                node = arms.curricula[unit.arm].node(unit.task)
-                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
-                track(unit.arm, unit.task, learnt)
-        write_failures(store, failure_records(failures))
-        pack(store, packing.per_file)
-        if not failures:
-            store.remove_checkpoints()
-        store.require_there()  # listing a moved folder raises no error
-        StudyResults(store, record).write_tables()
-        return failures
-
-    def _results(
-        self,
-        study: StudyConfig,
-        arms: Arms,
-        units: tuple[Unit, ...],
-        packing: Packing,
-        failures: Failures,
-        words: str,
-    ) -> Iterator[Taken]:
-        """Train units of a study; yield each with its result when the result is stored."""
-        store, workers = self.store, self.workers
         data = json.dumps(study.to_data()), str(study.folder.resolve()), json.dumps(arms.code)
         seen = workers.see(store.path)  # workers that see the store read and write large files
 
         def send(unit: Unit) -> Future[Any]:
             curriculum = arms.curricula[unit.arm]
-            values, stored = dict[str, StoredValues](), dict[str, StoredSource]()
+            values, stored = dict[str, SourceValues](), dict[str, Any]()
             read = sources_read(curriculum, unit.task)
             for name, key in unit.sources.items():
                 files, needed = {seed: packing.done[key][seed] for seed in unit.seeds}, name in read
                 if seen and packing.is_large(key, unit.seeds):
-                    stored[name] = StoredSource(files, needed)
+                    stored[name] = files, needed
                 else:
                     values[name] = stored_values(packing.arrays, files, unit.seeds, read=needed)
             kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
@@ -492,14 +464,22 @@ class Training:
             return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
 
         scheduler = Scheduler(send, packing, workers, failures)
-
-        def show(stored: Unit | None) -> None:
-            self.show(Progress(units, stored, scheduler.number(), words))
-
-        show(None)
+        self.show(Progress(units, None, scheduler.number(), words))
         for unit, result in scheduler.results(units):
-            yield unit, result
-            show(unit)
+            if track is not None:
+                if isinstance(result, StoredUnit):
+                    result = result.result(unit.seeds)
+                node = arms.curricula[unit.arm].node(unit.task)
+                learnt = LearningResult.of_arrays(result.arrays, node.task, node.learner)
+                track(unit.arm, unit.task, learnt)
+            self.show(Progress(units, unit, scheduler.number(), words))
+        write_failures(store, failure_records(failures))
+        pack(store, packing.per_file)
+        if not failures:
+            store.remove_checkpoints()
+        store.require_there()  # listing a moved folder raises no error
+        StudyResults(store, record).write_tables()
+        return failures
 
 
 def _tried(
@@ -543,7 +523,7 @@ def _workers(
         return engine
     number = workers or os.cpu_count() or 1
     if executor is None:  # results of units in progress would be thrown away
-        threads = 1 if any(arms.live for arms in all_arms) else number
+        threads = 1 if any(arms.serial for arms in all_arms) else number
         executor = ending.enter_context(interruptible(threads))
     return ExecutorWorkers(executor, number)
 

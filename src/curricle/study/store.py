@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from curricle.comparison.plan import Unit, seed_ranges
 from curricle.curriculum.curriculum import Node
-from curricle.curriculum.result import StoredValues
+from curricle.curriculum.result import SourceValues
 from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import (
     PART,
@@ -324,7 +324,7 @@ ROW_BYTES = 600  # about the bytes of a decision in memory
 MOST_KEPT = 2**28
 """Bytes of curves and decisions to keep in memory, so that a run, its tables and a report read each
 file once."""
-SCHEMA_VERSION = 4  # version of the folder's layout; other versions are refused
+SCHEMA_VERSION = 5  # version of the folder's layout; other versions are refused
 LARGEST_JSON = 2**24
 """Most bytes of a JSON file, which takes up to 25 times as many in memory. The file of a study with
 100,000 seeds has a twentieth of that."""
@@ -447,8 +447,7 @@ class StudyStore:
 
     def __init__(self, path: str | Place, description: dict[str, Any] | None = None):
         self.path = place_at(path)
-        self._curves, self._decisions = dict[Place, NamedArrays](), dict[Place, list[DecisionRow]]()
-        self._room = MOST_KEPT
+        self._kept, self._room = dict[tuple[Place, str], Any](), MOST_KEPT
         if description is not None:  # the folder has just been opened with it
             self.description = description
             return
@@ -621,8 +620,8 @@ class StudyStore:
         try:
             with stored.opened(whole=True) as archive, suppress(ValueError):
                 # Malformed curves or decisions raise an error when they are needed.
-                self._keep_curves(stored, groups_in(archive, (RUN,)))
-                self._keep_decisions(stored, decisions_in(archive))
+                self._keep(stored, RUN, groups_in(archive, (RUN,)))
+                self._keep(stored, DECISIONS, decisions_in(archive))
         except StoreError as error:
             if error.__cause__ is None:
                 return False
@@ -632,8 +631,8 @@ class StudyStore:
     def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
         """Store the result of a unit in one move, and return the stored unit."""
         stored = written_unit(self.path, unit, result)
-        self._curves.pop(stored.path, None)
-        self._decisions.pop(stored.path, None)
+        for part in (RUN, DECISIONS):
+            self._kept.pop((stored.path, part), None)
         remove_folder(self.checkpoints(unit))
         return stored
 
@@ -649,43 +648,31 @@ class StudyStore:
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
-        if groups != (RUN,):
-            return stored.arrays(*groups, most=most)
-        if stored.path not in self._curves:
-            return self._keep_curves(stored, stored.arrays(RUN, most=most))
-        return self._curves[stored.path]
+        if groups == (RUN,) and (stored.path, RUN) in self._kept:
+            curves: NamedArrays = self._kept[stored.path, RUN]
+            return curves
+        arrays = stored.arrays(*groups, most=most)
+        return self._keep(stored, RUN, arrays) if groups == (RUN,) else arrays
 
     def decisions(self, stored: StoredUnit) -> Sequence[DecisionRow]:
         """Return a unit's decisions."""
-        if stored.path not in self._decisions:
+        if (stored.path, DECISIONS) not in self._kept:
             with stored.opened() as archive:
-                return self._keep_decisions(stored, decisions_in(archive))
-        return self._decisions[stored.path]
+                return self._keep(stored, DECISIONS, decisions_in(archive))
+        rows: list[DecisionRow] = self._kept[stored.path, DECISIONS]
+        return rows
 
-    def _keep_curves(self, stored: StoredUnit, curves: NamedArrays) -> NamedArrays:
-        """Return a unit's curves; keep them in memory if there is room."""
-        size = sum(array.nbytes for array in curves.values())
+    def _keep(self, stored: StoredUnit, part: str, content: Result) -> Result:
+        """Return a unit's curves or decisions; keep them in memory if there is room."""
+        parts: Any = content
+        size = sum(x.nbytes for x in parts.values()) if part == RUN else ROW_BYTES * len(parts)
         if size <= self._room:
             self._room -= size
-            self._curves[stored.path] = curves
-        return curves
-
-    def _keep_decisions(self, stored: StoredUnit, rows: list[DecisionRow]) -> list[DecisionRow]:
-        """Return a unit's decisions; keep them in memory if there is room."""
-        if (size := ROW_BYTES * len(rows)) <= self._room:
-            self._room -= size
-            self._decisions[stored.path] = rows
-        return rows
+            self._kept[stored.path, part] = content
+        return content
 
 
 # -- The stored results of a source, for the tasks that build on it --------------------------------
-
-
-class StoredSource(NamedTuple):
-    """The stored results of a source of a unit."""
-
-    units: Mapping[int, StoredUnit]  # by seed
-    read: bool  # whether the unit needs the source's values
 
 
 def stored_values(
@@ -694,8 +681,8 @@ def stored_values(
     seeds: Sequence[int],
     *,
     read: bool,
-) -> StoredValues:
-    """Return the results of seeds in a task, with values if `read`."""
+) -> SourceValues:
+    """Return the values of seeds in a task, which is left out; None for values unless `read`."""
     groups = (RUN, VALUES) if read else (RUN,)
     files = dict.fromkeys(done[seed] for seed in seeds)
     arrays = {file.path: arrays_of(file, *groups) for file in files}
@@ -707,7 +694,7 @@ def stored_values(
         values = np.stack(values)
     steps = np.array([held["steps_used"][k] for held, k in rows])
     scales = [float(held["scale"][k]) for held, k in rows if "scale" in held]
-    return StoredValues(values, steps, scales)
+    return SourceValues(None, tuple(seeds), values, steps, scales=scales)
 
 
 # -- Small units of a task in one file -------------------------------------------------------------
@@ -728,15 +715,12 @@ Taken = tuple[Unit, UnitResult | StoredUnit]  # a result, or the file that a wor
 
 def seeds_per_file(node: Node) -> int:
     """Return how many seeds of a task a file holds; 1 for networks and large tables."""
-    return 1 if node.deep else max(1, FULL // bytes_a_seed(node))
-
-
-def bytes_a_seed(node: Node) -> int:
-    """Return the most bytes of a seed's tables and curves."""
+    if node.deep:
+        return 1
     model = generative_model(node.task)
     tables = TABLES * model.states.size * model.actions.size
     checkpoints = node.most_steps // node.eval_freq + 1
-    return NUMBER * (tables + CURVES * checkpoints)
+    return max(1, FULL // (NUMBER * (tables + CURVES * checkpoints)))  # most bytes of a seed
 
 
 def files_of(record: CurriculaRecord) -> dict[str, int]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from curricle.arrays import FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance
-from curricle.errors import PotentialError
+from curricle.errors import CurriculumError, PotentialError
 from curricle.learning.potential import (
     LARGEST_POTENTIAL,
     PairPotential,
@@ -25,8 +25,8 @@ from curricle.tasks.mdp import Task, available_actions, duplicated, generative_m
 from curricle.tasks.observation_task import ObservationTask
 from curricle.tasks.spaces import MISSING, Space
 from curricle.text import brief_repr
-from curricle.transfer.aggregate import Aggregate, aggregate, built_in, mean
-from curricle.transfer.by_components import ComponentMapping
+from curricle.transfer.aggregate import BUILT_IN, Aggregate, aggregate, built_in, mean
+from curricle.transfer.by_components import LARGEST_INDEX, ComponentMapping
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
@@ -189,6 +189,13 @@ def mapped_potential(
     offsets = [parts for parts in (mapping.lookups() for mapping in by_name) if parts is not None]
     known = built_in(function)
     if known is None or known.code is None:
+        pairs = generative_model(task).states.size * generative_model(task).actions.size
+        if by_name and pairs > LARGEST_INDEX:
+            raise CurriculumError(
+                f"an aggregate must be one of {', '.join(BUILT_IN)} for a target of more than "
+                f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "
+                f"{getattr(function, '__name__', repr(function))} and {pairs:,} pairs"
+            )
         return None
     if len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None

@@ -4,6 +4,7 @@ from html.parser import HTMLParser
 from types import SimpleNamespace
 
 import curricle as cr
+from curricle.comparison.plan import PlannedArm
 from curricle.learning.stopping import ended_by
 from curricle.show import report as module
 from curricle.study.analysis import analysed, curricula_record
@@ -16,7 +17,8 @@ ODD = "a <b>&\"' $\\frac{a$ </script>"
 
 def shown(results):
     """The record of results by arm, what their tasks learnt, and the analysis of it."""
-    record = curricula_record({arm: result.curriculum for arm, result in results.items()}, {})
+    arms = {arm: PlannedArm(result.curriculum, {}) for arm, result in results.items()}
+    record = curricula_record(arms, {})
     return record, {arm: result.nodes for arm, result in results.items()}, analysed(results, record)
 
 

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import Arm, Comparison, Reference
 from curricle.errors import SettingError, TaskError
 from curricle.show.plots import (
     draw_comparison,
@@ -39,7 +39,7 @@ def comparison(seeds=4, **more):
         "mean, placebo": arm(-5.0, 20, curriculum="mean", seeds=seeds),
         **more,
     }
-    return Comparison("hunt", arms, 80, 100, 7.5, 1)
+    return Comparison("hunt", arms, 80, 100, Reference(7.5), 1)
 
 
 def test_a_curve_begins_where_its_sources_end():
@@ -90,7 +90,9 @@ def test_gains_have_a_row_each_with_interval_and_p():
 
 def test_returns_over_decades_are_drawn_on_a_bent_axis():
     far = {"scratch": arm(-400.0), "mean": arm(-8.0, 20)}
-    curves, profile, gains = draw_comparison(Comparison("hunt", far, 80, 100, -9.0, 1)).axes
+    curves, profile, gains = draw_comparison(
+        Comparison("hunt", far, 80, 100, Reference(-9.0), 1)
+    ).axes
     scales = curves.get_yscale(), profile.get_xscale(), gains.get_xscale()
     assert scales == ("symlog", "symlog", "linear")
     assert curves.get_ylim()[0] < -400

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import Arm, Comparison, Reference
 from curricle.show.findings import findings, forest, headline, table
 from curricle.statistics.curves import Curve
 
@@ -22,7 +22,7 @@ def line(height, source=0, seeds=8, curriculum=""):
 
 def compared(seeds=8, threshold=5.0, **arms):
     with_scratch = {"scratch": line(0, seeds=seeds), **arms}
-    return Comparison("hunt", with_scratch, 80, 100, threshold, 1)
+    return Comparison("hunt", with_scratch, 80, 100, Reference(threshold), 1)
 
 
 def test_the_headline_names_what_paid_and_by_how_much():
@@ -79,7 +79,7 @@ def test_saved_steps_are_bounds_where_seeds_never_got_there():
     cells = table(compared(good=line(10, 20), bad=line(1)))
     assert cells["good"]["strong_steps_saved"].text == "80.0"
     assert cells["bad"]["strong_steps_saved"].below == "never reached"
-    reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, 5.0, 1)
+    reverse = Comparison("hunt", {"scratch": line(10), "bad": line(0)}, 80, 100, Reference(5.0), 1)
     assert table(reverse)["bad"]["weak_steps_saved"].text == "−80.0"
     # Reached after 70 of 80 target steps: 110 with those of the source, beyond all 100 steps.
     steps, values = np.arange(0, 101, 10), np.repeat([[0.0] * 7 + [10.0] * 4], 8, axis=0)

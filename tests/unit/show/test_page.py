@@ -12,6 +12,7 @@ import pytest
 
 import curricle as cr
 from curricle.comparison.comparison import Arm
+from curricle.comparison.plan import PlannedArm
 from curricle.errors import SettingError
 from curricle.show.findings import forecast_sections
 from curricle.show.graph import CARD, graphs
@@ -273,7 +274,7 @@ def test_values_that_were_not_kept_leave_both_out():
     plan = hunt_plan(cr.minimum)
     result = plan.train(2)
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
-    record = curricula_record({"min": plan}, {})
+    record = curricula_record({"min": PlannedArm(plan, {})}, {})
     (section,) = analysed({"min": replace(result, nodes=bare)}, record).sections
     assert section.forecast is None
     assert section.certificates == ()

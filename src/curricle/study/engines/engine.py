@@ -28,7 +28,7 @@ from curricle.study_file.own_code import PACKAGES, own_files
 # -- On the worker's machine: write the user's modules, and train a unit ---------------------------
 
 FOLDERS = dict[Any, Path]()  # content of modules -> folder where this process wrote them
-WRITING, LIVE = Lock(), Lock()
+WRITING, SERIAL = Lock(), Lock()
 Result = TypeVar("Result")
 
 
@@ -73,7 +73,7 @@ def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
     with lost_errors():
         for name, (files, read) in sent.stored.items():
             sources[name] = stored_values(StoredUnit.arrays, files, unit.seeds, read=read)
-    with LIVE if sent.live else nullcontext():
+    with SERIAL if sent.serial else nullcontext():
         result = train_unit(sent._replace(folder=str(written(sent.files)), sources=sources))
     if sent.place is None:
         return result
@@ -158,7 +158,7 @@ class Engine(ABC):
     share_folders = False  # whether it was started here and so sees this machine's folders
     files: Mapping[str, bytes]  # the user's modules, which are sent with each unit
     versions: Mapping[str, str]  # the versions that each worker must have
-    live: bool  # whether a process must train one unit at a time (`Arms.live`)
+    serial: bool  # whether a process must train one unit at a time (`Plan.serial`)
     _number = 1
 
     @abstractmethod
@@ -176,7 +176,7 @@ class Engine(ABC):
     def carry(self, all_arms: Sequence[Arms], folder: Path) -> None:
         """Prepare to send the user's modules in a study's folder with the units of all arms."""
         files = own_files([list(arms.dependencies.values()) for arms in all_arms], folder)
-        self.versions, self.live = versions_here(), any(arms.live for arms in all_arms)
+        self.versions, self.serial = versions_here(), any(arms.serial for arms in all_arms)
         # Modules elsewhere on Python's path are not sent: workers import theirs (`arms_from_json`).
         root = folder.resolve()
         beside = {name: file for name, file in files.items() if root / name == file.resolve()}
@@ -188,7 +188,7 @@ class Engine(ABC):
 
     def train(self, sent: UnitInput) -> "Future[Any]":
         """Return the future result of a unit, or the file that it was written to."""
-        sent = sent._replace(files=self.files, versions=self.versions, live=self.live)
+        sent = sent._replace(files=self.files, versions=self.versions, serial=self.serial)
         try:
             return self.submit(train_sent, sent)
         except Exception as error:

@@ -1,4 +1,4 @@
-"""The page on Acrobot: its files make its study, here without the placebo and for few steps."""
+"""The example of Acrobot makes its study, here without the placebo and for few steps."""
 
 from pathlib import Path
 
@@ -6,9 +6,8 @@ import pytest
 
 from curricle.deep import WeightTransfer
 from curricle.study import StudyResults, read_study, run_study
-from tests.pages import File, put, steps
 
-PAGE = Path(__file__).parents[2] / "docs" / "howto" / "acrobot.md"
+FILE = Path(__file__).parents[2] / "examples" / "acrobot" / "acrobot.toml"
 SMALL = [
     *("seeds=1", "tasks.acrobot.evaluation.episodes=2"),
     *("tasks.acrobot.budget=1_024", "tasks.acrobot.eval_freq=1_024"),
@@ -16,18 +15,11 @@ SMALL = [
 
 
 @pytest.fixture
-def study(tmp_path):
-    for step in steps(PAGE.read_text("utf-8")):
-        if isinstance(step, File):
-            put(step, tmp_path)
-    file = tmp_path / "acrobot.toml"
-    text, placebo, _ = file.read_text("utf-8").partition("[arms.placebo]")
-    assert placebo
-    file.write_text(text, "utf-8")
-    return read_study(file, set=SMALL)
+def study():
+    return read_study(FILE, set=SMALL, arms=["distilled"])
 
 
-def test_the_page_makes_its_study(study):
+def test_the_example_makes_its_study(study):
     plan = study.curriculum("distilled")
     assert plan.tasks["grid"].actions == plan.tasks["acrobot"].actions
     assert plan.node("acrobot").shaping == WeightTransfer(kl=0.1)
