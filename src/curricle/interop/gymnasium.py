@@ -5,13 +5,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
+from importlib import import_module
+from importlib.util import find_spec
 from operator import index
 from typing import TYPE_CHECKING, Any, Literal, TypeGuard
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.registration import EnvSpec, registry
 from gymnasium.envs.toy_text.blackjack import BlackjackEnv
 from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
@@ -268,10 +271,35 @@ def refusals_of_make(source: Any) -> Iterator[None]:
         if not isinstance(source, str | EnvSpec):
             raise
         name = source if isinstance(source, str) else source.id
+        meant = suggested_ids(name)  # instead of Gymnasium's, without versions and modules
+        said = str(error).partition(" Did you mean")[0].rstrip(".") if meant else error
         raise TaskError(
             f"an environment must be one that gymnasium.make makes: {name!r} failed with "
-            f"{type(error).__name__}: {error}"
+            f"{type(error).__name__}: {said}{meant}"
         ) from error
+
+
+SUGGESTED = 3  # ids that a message about an unknown id names
+
+
+def suggested_ids(name: str) -> str:
+    """Return ``, did you mean ID?`` with similar ids of the registry; empty for a known id.
+
+    MiniGrid's are registered if it is installed, and have its module, as other processes find them.
+    """
+    if name in registry or name.partition(":")[2] in registry:
+        return ""
+    if find_spec("minigrid"):
+        import_module("minigrid")
+    ids = {known.lower(): known for known in registry}
+    written = name.lower()
+    inside = [known for known in ids if written in known]
+    near = inside or get_close_matches(written, ids, SUGGESTED, 0.6)
+    shown = [
+        f"{'minigrid:' * str(registry[ids[known]].entry_point).startswith('minigrid')}{ids[known]}"
+        for known in near[:SUGGESTED]
+    ]
+    return f", did you mean {' or '.join(shown)}?" if shown else ""
 
 
 def maker_of(

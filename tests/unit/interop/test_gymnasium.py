@@ -189,6 +189,18 @@ def test_a_box_that_cannot_be_counted_has_no_states(space):
         cr.from_gymnasium(Echo, discount=0.9, time_limit=9, **world)
 
 
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("FrozenLaek-v1", "exist, did you mean FrozenLake-v1 or"),
+        ("Empty-5x5-v0", "exist, did you mean minigrid:MiniGrid-Empty-5x5-v0"),
+    ],
+)
+def test_an_unknown_id_suggests_ids(name, meant):
+    with pytest.raises(cr.errors.TaskError, match=meant):
+        cr.from_gymnasium(name, discount=0.9)
+
+
 @pytest.mark.parametrize("kind", OBSERVATIONS)
 def test_observations_are_numbered(kind):
     space, observations, expected, names = OBSERVATIONS[kind]

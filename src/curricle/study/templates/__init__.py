@@ -1,6 +1,5 @@
 """Templates of studies: commented files, and a file for any environment."""
 
-from difflib import get_close_matches
 from importlib import import_module
 from importlib.resources import files
 from importlib.util import find_spec
@@ -9,6 +8,7 @@ from pathlib import Path
 from gymnasium.envs.registration import registry
 
 from curricle.errors import ConfigError
+from curricle.interop.gymnasium import suggested_ids
 from curricle.study_file.own_code import load, suggestion
 from curricle.study_file.schema import unknown
 
@@ -53,8 +53,6 @@ def _text(name: str) -> str:
 
 # -- Environments of Gymnasium's registry, and of one's own ----------------------------------------
 
-SHOWN = 3  # similar ids that a message about an unknown id names
-
 
 def _known(name: str) -> str:
     """Return the id of an environment (MiniGrid's with its module); ConfigError if unknown."""
@@ -65,10 +63,7 @@ def _known(name: str) -> str:
         import_module("minigrid")
     if name in registry:
         return f"minigrid:{name}"  # with its module, other processes find it
-    lower = {known.lower(): known for known in registry}
-    near = get_close_matches(name.lower(), lower, SHOWN, 0.6)
-    meant = f", did you mean {' or '.join(lower[known] for known in near)}?" if near else ""
     raise ConfigError(
-        f"no environment of Gymnasium's registry is called {name!r}{meant}; curricle new without "
-        "a name lists what else there is"
+        f"no environment of Gymnasium's registry is called {name!r}{suggested_ids(name)}; curricle "
+        "new without a name lists what else there is"
     )
