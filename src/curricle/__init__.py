@@ -26,8 +26,6 @@ _attribute, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
 # Packages are attributes (`curricle.statistics`) and not exported.
 _packages = {module.name for module in iter_modules(__path__)}
 __all__ = [name for name in _offered if name not in _packages]
-MEANT = {"ucb": "OptimisticQLearning"}
-"""Parts of other names of what is here."""
 
 
 def __getattr__(name):
@@ -39,19 +37,16 @@ def __getattr__(name):
 
 
 def _meant(name):
-    """Return ``: did you mean NAME?`` for an unknown name, also if it is in a package; or ""."""
+    """Return ``: did you mean NAME?`` for an unknown name, which may be in a package; or ""."""
     from difflib import get_close_matches
 
-    if name.startswith("_"):
-        return ""
     names = {known.lower(): known for known in __all__}
     for stub in Path(__file__).parent.glob("*/__init__.pyi"):
         for known in findall(r" as (\w+)", stub.read_text("utf-8")):
             names.setdefault(known.lower(), f"{stub.parent.name}.{known}")
-    word = name.lower()
-    near = [known for part, known in MEANT.items() if part in word]
-    near += [names[known] for known in get_close_matches(word, names, 1)]
-    return f": did you mean {near[0]}?" if near else ""
+    word = name.lower().replace("ucb", "optimistic")
+    near = get_close_matches(word, names, 1) if name[0] != "_" else []
+    return "".join(f": did you mean {names[known]}?" for known in near)
 
 
 register()

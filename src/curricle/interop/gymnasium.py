@@ -272,7 +272,9 @@ def refusals_of_make(source: Any) -> Iterator[None]:
             raise
         name = source if isinstance(source, str) else source.id
         meant = suggested_ids(name)  # instead of Gymnasium's, without versions and modules
-        said = str(error).partition(" Did you mean")[0].rstrip(".") if meant else error
+        said = str(error).partition(" Did you mean")[0].rstrip(".") if meant else str(error)
+        if "required positional argument" in said:
+            meant = "; arguments of its class are passed by name, argument=..."
         raise TaskError(
             f"an environment must be one that gymnasium.make makes: {name!r} failed with "
             f"{type(error).__name__}: {said}{meant}"

@@ -413,6 +413,17 @@ def words_of_state(state: Any, before: str = "") -> Words:
     }
 
 
+def counters_of(states: Sequence[Words], before: Any, after: Any, env: Environment) -> list[str]:
+    """Return the attributes that count steps: 1 higher in each state `after` than `before` it."""
+    names = list[str]()
+    for name in sorted(vars(env.unwrapped).keys() & states[0].keys()):
+        column = [components.get(name) for components in states]
+        if len(after) and all(isinstance(value, int) for value in column):
+            values = np.array(column)
+            names += [name] * bool((values[after] == values[before] + 1).all())
+    return names
+
+
 # -- breadth-first search for every state that can be reached --------------------------------------
 
 
@@ -547,13 +558,8 @@ class Search:
 
     def _hint(self) -> str:
         """Return why there are many states: a part that counts steps, or that has most values."""
-        counting = []
-        for name in sorted(name for name in self.components[0] if not name.startswith("_")):
-            column: list[Any] = [components.get(name) for components in self.components]
-            if self.pair and all(isinstance(value, int) for value in column):
-                numbers = np.array(column)
-                before = numbers[np.array(self.pair) // self.world.n_actions]
-                counting += [name] * bool((numbers[self.next_state] == before + 1).all())
+        before, env = np.array(self.pair, np.int64) // self.world.n_actions, self.world.env
+        counting = counters_of(self.components, before, np.array(self.next_state), env)
         if counting:
             return (
                 f"; {counting[0]!r} counts steps, which state=DeepCopy(ignore={counting}) leaves "

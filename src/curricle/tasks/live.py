@@ -384,13 +384,9 @@ def checked_parts(method: str, returned: Any) -> tuple[Any, ...]:
 
 def wrong_parts(method: str, returned: Any) -> str:
     """Return the sentence on what a step or reset returned instead of its parts."""
-    old = (
-        ""
-        if method == "step" and not (isinstance(returned, tuple) and len(returned) == 4)
-        else (f"; {OLD_GYM}")
-    )
-    parts = ", ".join(RETURNED[method])
-    return f"a {method} of an environment must return ({parts}): got {brief(returned)}{old}"
+    old = method == "reset" or (isinstance(returned, tuple) and len(returned) == 4)
+    said = f"({', '.join(RETURNED[method])}): got {brief(returned)}{f'; {OLD_GYM}' * old}"
+    return f"a {method} of an environment must return {said}"
 
 
 def numbering(task: LiveMDP) -> Callable[[Any], int]:

@@ -1,22 +1,24 @@
 """A study of an environment: how it is learnt, what its numbers are called, and easier variants.
 
-The environment is played a little, its states are searched for a few seconds, and the variants that
-its constructor's arguments make are tabulated and learnt: those are easier that take fewer steps.
+The environment is played a little, its states are searched for a few seconds, and variants that its
+constructor's arguments make are learnt: those are easier that take fewer steps.
 """
 
 import json
 import math
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from importlib.resources import files
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import partial
 from inspect import signature
-from textwrap import fill, indent
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.ndimage import uniform_filter1d
 
 from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
@@ -31,7 +33,13 @@ from curricle.interop.gymnasium import (
     space_of,
 )
 from curricle.interop.minigrid import is_minigrid
-from curricle.interop.states import DeepCopy, time_limit_of, words_of_state
+from curricle.interop.states import (
+    DeepCopy,
+    Words,
+    counters_of,
+    time_limit_of,
+    words_of_state,
+)
 from curricle.interop.tabulated_task import parts_of, same_observation
 from curricle.interop.tabulation import tabulate
 from curricle.learning.learners import QLearning
@@ -43,149 +51,107 @@ from curricle.tasks.mdp import tables
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.transfer.by_components import project
 
-DISCOUNT = 0.99
-SECONDS = 10.0  # in which an environment's states must be found; as long for all variants
-PLAYED = 2.0  # seconds of play, at most
-EPISODES, LONGEST = 6, 1_000  # of play, the first twice; and their steps
-LIMIT = 500  # time limit of environments without a limit
-QUICK = 5_000  # steps a second of a live environment whose variants are tried
+DISCOUNT, LIMIT = 0.99, 500  # the time limit of an environment without a limit
+SECONDS, PLAYED = 10.0, 2.0  # for its states, and again for its variants; of play
+EPISODES, LONGEST = 6, 1_000  # of play, and steps of an episode
+SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # where steps are random and must be tabulated
+BUDGETS, LIVE = (10_000, 100_000, 1_000_000), (20_000,)  # steps in which a task is to be learnt
 TRIED, CHECKS, SMOOTH = 3, 20, 5  # seeds and checkpoints of a trial; over how many it is smoothed
-NOISE = 2.0  # standard deviations between checkpoints: what a live task's return must gain
-SAMPLES, STARTS = 30, 5  # steps a pair and resets by which a random environment is estimated
-MOST = 3  # variants in a study
-BUDGETS = 10_000, 100_000, 1_000_000  # steps in which a task is tried to be learnt
-LIVE_BUDGET = 20_000  # the same of a live task
-MOST_LIVE, LEAST_BUDGET = 50_000, 5_000  # steps of a live target at most, of any at least
+QUICK, NOISE = 5_000, 2.0  # steps a second of a live trial; deviations that its return must gain
 LEARNT = 0.9  # of the way from the random policy's return to the optimum
-SOONER = 0.8  # of the target's steps: what an easier variant takes at most
-LIMITS = ("steps", "limit", "horizon", "length")
-"""Words in the names of attributes that are time limits, where another counts steps."""
-NO_TASK = ("seed", "step", "limit", "fps", "render", "time", "horizon", "pixel", "debug", "path")
-"""Words in the names of arguments that make no other task."""
+SOONER, MOST = 0.8, 3  # of the target's steps, what an easier variant takes; variants in a study
+LIMITS = "steps|limit|horizon|length"  # in the names of attributes: how long episodes are
+NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"  # of arguments: no other task
 
 
-# -- Playing ---------------------------------------------------------------------------------------
-
-
-@dataclass
 class Play:
     """What a few episodes of random actions show of an environment."""
 
-    follows_seed: bool = True
-    masks: bool = False  # whether it says which actions are available
-    lengths: list[tuple[int, bool, bool]] = field(default_factory=list)  # terminated, truncated
-    seen: list[tuple[list[Any], Mapping[str, Any]]] = field(default_factory=list)
-    """The numbers of an observation, and the environment's attributes, after resets and steps."""
-    stepped: list[bool] = field(default_factory=list)  # whether by a step
-    speed: float = 0.0  # steps a second
+    def __init__(self, env: Any):
+        self.env, self.masks, self.cuts = env, False, list[int]()  # at which steps it truncated
+        self.points, self.about = list[list[Any]](), list[Words]()  # observations and attributes
+        self.times = list[int]()  # steps since the reset
+        self.act, self.actions = actions_of(env.action_space, None, None)
+        began = time.perf_counter()
+        first, *_, again = [self._episode(seed, began + PLAYED) for seed in (*range(EPISODES), 0)]
+        self.follows_seed = all(map(same_observation, first, again))
+        self.speed = len(self.times) / (time.perf_counter() - began)  # steps a second
 
-    @classmethod
-    def of(cls, env: Any) -> "Play":
-        """Return a few episodes of an environment; TaskError where it is no Gymnasium's."""
-        act, space = actions_of(env.action_space, None, None)
-        play, first, began = cls(), list[Any](), time.perf_counter()
-        for episode in (0, *range(EPISODES)):
-            rng = np.random.default_rng(episode)
-            again = len(play.lengths) == 1 and list[Any]()
-            observed, info = checked_parts("reset", seeded_reset(env, episode))
-            play.masks = play.masks or "action_mask" in info
-            play.masks = play.masks or env.has_wrapper_attr("action_masks")
-            observations, over, cut = [play._noted(env, observed, stepped=False)], False, False
-            while not (over or cut) and len(observations) <= LONGEST:
-                allowed = np.arange(space.size)
-                if play.masks:
-                    allowed = np.flatnonzero(action_mask(env, info, space.size))
-                returned = env.step(act(int(rng.choice(allowed))))
-                observed, _, over, cut, info = checked_parts("step", returned)
-                observations.append(play._noted(env, observed, stepped=True))
-                if time.perf_counter() - began > PLAYED:
-                    break
-            if again is not False:
-                pairs = zip(first, observations, strict=False)
-                play.follows_seed = all(same_observation(a, b) for a, b in pairs)
-            first = first or observations
-            play.lengths.append((len(observations) - 1, bool(over), bool(cut)))
-            if len(play.lengths) > 1 and time.perf_counter() - began > PLAYED:
-                break
-        play.speed = len(play.seen) / (time.perf_counter() - began)
-        return play
-
-    def _noted(self, env: Any, observed: Any, *, stepped: bool) -> Any:
-        leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
-        self.seen.append(
-            ([x for leaf in leaves for x in leaf], words_of_state(vars(env.unwrapped)))
-        )
-        self.stepped.append(stepped)
-        return {name: np.copy(leaf) for name, leaf in parts_of(observed).items()}
+    def _episode(self, seed: int, ends: float) -> list[Any]:
+        """Play an episode; TaskError where its steps or reset are not Gymnasium's."""
+        env, rng, seen, over, cut = self.env, np.random.default_rng(seed), list[Any](), False, False
+        observed, info = checked_parts("reset", seeded_reset(env, seed))
+        self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
+        while True:
+            leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
+            self.points.append([x for leaf in leaves for x in leaf])
+            self.about.append(words_of_state(vars(env.unwrapped)))
+            self.times.append(len(seen))
+            seen.append(deepcopy(observed))
+            if over or cut or len(seen) > LONGEST or time.perf_counter() > ends:
+                self.cuts += [len(seen) - 1] * bool(cut)
+                return seen
+            n_actions = self.actions.size
+            allowed = action_mask(env, info, n_actions) if self.masks else np.ones(n_actions)
+            action = self.act(int(rng.choice(np.flatnonzero(allowed))))
+            observed, _, over, cut, info = checked_parts("step", env.step(action))
 
     @property
     def whole(self) -> bool:
-        """Whether observations are whole numbers or words, as far as was seen."""
-        numbers = (x for point, _ in self.seen for x in point if isinstance(x, float))
-        return all(x == int(x) for x in numbers if np.isfinite(x))
+        """Whether the numbers in observations are whole, as far as was seen."""
+        return all(x % 1 == 0 for point in self.points for x in point if isinstance(x, float))
 
     @property
     def counters(self) -> list[str]:
-        """Attributes that grow by 1 with every step."""
-        pairs = [
-            (before, after)
-            for (_, before), (_, after), stepped in zip(
-                self.seen, self.seen[1:], self.stepped[1:], strict=False
-            )
-            if stepped
-        ]
-        names = set.intersection(*(set(after) for _, after in self.seen)) if pairs else set()
-        whole = [name for name in names if isinstance(pairs[0][0][name], int)]
-        return sorted(n for n in whole if all(b[n] == a[n] + 1 for a, b in pairs))
+        """Attributes that grow by one with every step."""
+        later = np.flatnonzero(self.times)
+        return [] if is_minigrid(self.env) else counters_of(self.about, later - 1, later, self.env)
 
     @property
     def limit(self) -> int | None:
         """Steps after which episodes end whatever is done, None if unknown."""
-        cut = [steps for steps, _, truncated in self.lengths if truncated]
-        about, counters = self.seen[0][1], self.counters
-        stated = [
-            about[n] for n in about if any(w in n.lower() for w in LIMITS) and n not in counters
-        ]
-        known = [x for x in (*cut, *(stated if counters else [])) if isinstance(x, int) and x > 1]
-        return min(known, default=None)
+        counters, about = self.counters, self.about[0]
+        named = {name for name in about if counters and re.search(LIMITS, name.lower())}
+        stated = [about[name] for name in named - {*counters}]
+        return min([*self.cuts, *(x for x in stated if type(x) is int and x > 1)], default=None)
 
-    def names(self) -> list[str] | None:
-        """Return the attributes that observations show, by name; None if none is recognised."""
-        names, matched = list[str](), False
-        for i in range(len(self.seen[0][0])):
-            column = [point[i] for point, _ in self.seen if len(point) > i]
+    def names(self) -> list[str]:
+        """Return the attributes that the numbers in observations show, ``state_1`` if unknown."""
+        names = list[str]()
+        for i, column in enumerate(zip(*self.points, strict=False), start=1):
             shown = [
-                name.lstrip("_")
-                for name in self.seen[0][1]
-                if all(
-                    about.get(name) == x for (_, about), x in zip(self.seen, column, strict=False)
-                )
+                name
+                for name in self.about[0]
+                if all(about.get(name) == x for about, x in zip(self.about, column, strict=True))
             ]
-            known = shown if len(set(column)) > 1 else shown * (len(shown) == 1)
-            new = next((name for name in known if name not in names), None)
-            matched = matched or new is not None
-            names.append(new or f"state_{i + 1}")
-        return names if matched else None
+            sure = [name.lstrip("_") for name in shown if len(set(column)) > 1 or len(shown) == 1]
+            names.append(next((name for name in sure if name not in names), f"state_{i}"))
+        return names
 
 
-# -- Tasks that an environment makes, and how hard they are ----------------------------------------
+# -- How an environment becomes a task, and how soon it is learnt ----------------------------------
 
 
-Maker = Callable[[dict[str, Any], float], Any]  # from arguments and seconds to a task
+@dataclass
+class Way:
+    """A way to make tasks of an environment: a function of the library, and its options."""
 
+    recipe: Any
+    makes: Any
+    options: dict[str, Any]
 
-def _tables(recipe: Any, **options: Any) -> Maker:
-    """Return what makes tables; TaskError where they cannot be made in time."""
-    return lambda arguments, seconds: tabulate(
-        EnvironmentMaker(recipe, arguments), discount=DISCOUNT, max_seconds=seconds, **options
-    )
+    def task(self, arguments: dict[str, Any], seconds: float) -> Any:
+        """Return the task of a constructor's arguments; TaskError if it takes longer."""
+        timed = {"max_seconds": seconds} if self.makes is tabulate else {}
+        maker = EnvironmentMaker(self.recipe, arguments)
+        return self.makes(maker, discount=DISCOUNT, **self.options, **timed)
 
-
-def _played(recipe: Any, **options: Any) -> Maker:
-    """Return what makes a task of an environment's own table, or a live task."""
-    return lambda arguments, _: from_gymnasium(
-        EnvironmentMaker(recipe, arguments), discount=DISCOUNT, **options
-    )
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The options as a study file has them."""
+        written = {"state": "ignore", "seeds": "reset_seeds"}
+        plain = {name: getattr(value, "ignore", value) for name, value in self.options.items()}
+        return {written.get(name, name): value for name, value in plain.items()}
 
 
 class Variant(NamedTuple):
@@ -195,53 +161,41 @@ class Variant(NamedTuple):
     task: Any
     judgement: Judged | None  # of tables
     steps: float  # infinite where it is not learnt
-    has_goal: bool  # False where an optimal policy need not end episodes
 
 
-def _variant(
-    arguments: dict[str, Any], task: Any, budgets: Sequence[int], *, has_goal: bool = True
-) -> Variant:
-    judgement, steps = None, math.inf
+def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bool) -> Variant:
+    """Return a task with the steps after which Q-learning is nearly as good as it gets."""
+    evaluation = GreedyEvaluation(episodes=2) if is_live(task) else None
+    judgement = None
     if not is_live(task):
         mdp = tables(task)
         judgement = judged(mdp, None if has_goal else np.ones(len(mdp.terminal), bool))
-    if judgement is None or not judgement.refusal:
-        steps = _steps_to_learn(task, judgement, budgets)
-    return Variant(arguments, task, judgement, steps, has_goal)
-
-
-def _steps_to_learn(task: Any, judgement: Judged | None, budgets: Sequence[int]) -> float:
-    """Return the steps after which Q-learning is nearly as good as it gets, on average."""
+        budgets = () if judgement.refusal else budgets
     for budget in budgets:
-        how: dict[str, Any] = {"seeds": TRIED, "eval_freq": budget // CHECKS}
-        how |= {} if judgement else {"evaluation": GreedyEvaluation(episodes=2)}
-        learning = learn(task, QLearning(), budget, **how)
-        returns = learning.greedy_return
-        curve, low, high = returns.mean(axis=0), 0.0, 0.0
+        often: dict[str, Any] = {"eval_freq": budget // CHECKS, "evaluation": evaluation}
+        learning = learn(task, QLearning(), budget, seeds=TRIED, **often)
+        curve = learning.greedy_return.mean(axis=0)
         if judgement is not None:
             low, high = judgement.random_return, judgement.optimum
         else:  # the best return that a few episodes show, if it is more than their noise
             curve = uniform_filter1d(curve, SMOOTH)
             low, high = curve[0], curve.max()
-            if high - low <= NOISE * float(np.diff(returns, axis=1).std()):
+            if high - low <= NOISE * float(np.diff(learning.greedy_return, axis=1).std()):
                 continue
         near = curve >= low + LEARNT * (high - low)
         if near.any():
-            return float(learning.steps[near.argmax()])
-    return math.inf
+            return Variant(arguments, task, judgement, float(learning.steps[near.argmax()]))
+    return Variant(arguments, task, judgement, math.inf)
 
 
-def easier(
-    target: Variant, make: Maker, recipe: Any, env: Any, budgets: Sequence[int]
-) -> list[Variant]:
-    """Return variants that are learnt sooner and can be read by name."""
+def easier(target: Variant, way: Way, env: Any, trial: Any) -> list[Variant]:
+    """Return variants that are learnt sooner and that the target can read by name."""
     kept, ends = list[Variant](), time.perf_counter() + SECONDS
-    for arguments in _arguments(recipe, env):
+    for arguments in _arguments(way.recipe, env):
         if (left := ends - time.perf_counter()) <= 0 or len(kept) == MOST:
             break
         try:
-            task = make(arguments, left)
-            variant = _variant(arguments, task, budgets, has_goal=target.has_goal)
+            variant = trial(arguments, way.task(arguments, left))
             mapped = project(target.task, variant.task).coverage().mapped
         except Exception:  # a constructor may refuse arguments in any way
             continue
@@ -259,20 +213,14 @@ def _same(variant: Variant, other: Variant) -> bool:
 
 def _arguments(recipe: Any, env: Any) -> Iterator[dict[str, Any]]:
     """Yield other arguments of a constructor: flipped, halved, fewer by one, without chance."""
-    stated = {} if callable(recipe) else dict(env.spec.kwargs)
-    values = {
-        name: stated.get(name, parameter.default)
-        for name, parameter in signature(
-            recipe if callable(recipe) else type(env.unwrapped)
-        ).parameters.items()
-        if not any(word in name.lower() for word in NO_TASK)
-    }
+    stated = {} if callable(recipe) else env.spec.kwargs
+    parameters = signature(recipe if callable(recipe) else type(env.unwrapped)).parameters
+    values = {name: stated.get(name, parameter.default) for name, parameter in parameters.items()}
+    values = {name: x for name, x in values.items() if not re.search(NO_TASK, name.lower())}
     others = {name: _others(value) for name, value in values.items()}
     for turn in range(max(map(len, others.values()), default=0)):
         yield from ({name: some[turn]} for name, some in others.items() if turn < len(some))
-    sizes = {name: v // 2 for name, v in values.items() if type(v) is int and v >= 4}
-    if len(sizes) > 1:
-        yield sizes
+    yield {name: x // 2 for name, x in values.items() if type(x) is int and x >= 4}
 
 
 def _others(value: Any) -> list[Any]:
@@ -293,141 +241,90 @@ def environment_study(name: str, recipe: Any) -> tuple[str, list[str]]:
         with users_code(name), opened(recipe, EnvironmentMaker(recipe)) as env:
             return _study(name, recipe, env)
     except ConfigError as error:
-        hint = (
-            "; give its arguments defaults, or name a function without arguments that makes it"
-            if "required positional argument" in str(error)
-            else ""
-        )
-        raise ConfigError(f"{error}{hint}") from None
+        hint = "; give its arguments defaults, or name a function without arguments that makes it"
+        raise ConfigError(f"{error}{hint * ('required positional' in str(error))}") from None
 
 
 def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
     if not is_discrete(env.action_space):
-        return _of_network(name, recipe, env, "its actions are no whole numbers")
-    play, notes = Play.of(env), list[str]()
+        return _of_network(name, recipe, env, [], "its actions are no whole numbers")
+    play, notes, table, task = Play(env), list[str](), bool(has_table(env)), None
+    discrete, counters = is_discrete(env.observation_space), play.counters
     if not play.follows_seed:
         notes.append(
             "two resets with one seed and the same actions differ, so that results cannot be "
             "repeated: let reset call super().reset(seed=seed), and draw from self.np_random alone"
         )
-    table, minigrid = has_table(env), is_minigrid(env)
-    counters = [] if minigrid else play.counters
-    limited = time_limit_of(env) or minigrid
-    limit = None if limited else play.limit or LIMIT
-    options: dict[str, Any] = {"time_limit": limit} if limit else {}
-    options |= {"action_masks": True} if play.masks and not table else {}
-    lines = [f"{key} = {json.dumps(value)}" for key, value in options.items()]
-    counted = [f"ignore = {json.dumps(counters)}"]
-    sampled = [f"samples = {SAMPLES}", f"reset_seeds = {[*range(STARTS)]}"]
-    few: dict[str, Any] = {"samples": SAMPLES, "seeds": STARTS}
-    ignored = options | {"state": DeepCopy(counters)}
-    whole, discrete = play.whole and not table, is_discrete(env.observation_space)
-    ways: list[tuple[bool, Maker, list[str]]] = [
-        (table, _played(recipe), []),
-        (whole and bool(counters), _tables(recipe, **ignored), counted),
-        (whole, _tables(recipe, **options), []),
-        (whole and not discrete, _tables(recipe, **ignored, **few), counted + sampled),
-    ]
-    refusal, task = "" if play.whole else "its observations are no whole numbers", None
-    kind, budgets = "gymnasium" if table else "tabulated", [*BUDGETS]
-    began = time.perf_counter()
-    for fits, make, keys in ways:
+    options = _limit(env, play.limit) | ({"action_masks": True} if play.masks and not table else {})
+    ways = [Way(recipe, from_gymnasium, {})] * table
+    if play.whole and not table:
+        ways = [Way(recipe, tabulate, options | {"state": DeepCopy(counters)})] * bool(counters)
+        ways.append(Way(recipe, tabulate, options))
+        ways += [Way(recipe, tabulate, ways[0].options | SAMPLED)] * (not discrete)
+    if discrete and not table:
+        names, space = play.names(), space_of(env.observation_space, "state")
+        known = (
+            names_of(env.unwrapped)[0] or len(names) != len(space.names) or names == [*space.names]
+        )
+        ways.append(Way(recipe, from_gymnasium, options | ({} if known else {"names": names})))
+    refusal, began = "" if play.whole else "its observations are no whole numbers", time.time()
+    for way in ways:
         try:
-            task = make({}, SECONDS) if fits else None
+            task = way.task({}, SECONDS)
+            break
         except TaskError as error:
             refusal = refusal or str(error)
-        if task is not None:
-            lines += keys
-            break
-    seconds = time.perf_counter() - began
-    if task is None and not discrete:
-        return _of_network(name, recipe, env, refusal)
     if task is None:
-        names = None if names_of(env.unwrapped)[0] else play.names()
-        if names and len(names) == len(space_of(env.observation_space, "state").names):
-            options["names"] = names
-            lines.append(f"names = {json.dumps(names)}")
-        kind, make = "gymnasium", _played(recipe, **options)
-        task, budgets = make({}, SECONDS), [LIVE_BUDGET] * (play.speed >= QUICK)
+        return _of_network(name, recipe, env, notes, refusal)
+    live, seeds = is_live(task), 20
+    budgets: tuple[int, ...] = BUDGETS
+    if live:
+        budgets, seeds = LIVE * (play.speed >= QUICK), 8
         notes.append(f"learnt live, by calling step, as it is not tabulated: {refusal}")
     elif not table:
-        notes.append(f"tabulated: {task.states.size:,} states, in {seconds:.1f} s")
-        if counters and keys:
-            said = f"{' and '.join(map(repr, counters))} counts steps"
-            notes.append(f"{said} and is left out of the states; time_limit ends episodes")
-    target = _variant({}, task, budgets)
-    if target.judgement is not None and target.judgement.refusal:  # it may be one without an end
-        target = _variant({}, task, budgets, has_goal=False)
+        took = time.time() - began
+        notes.append(f"tabulated: {task.states.size:,} states, in {took:.1f} s")
+        if "state" in way.options:
+            said = " and ".join(map(repr, counters))
+            notes.append(f"{said} counts steps and is no part of a state; time_limit ends episodes")
+    for has_goal in (True, False):  # a task without an end has none
+        trial = partial(_variant, budgets=budgets, has_goal=has_goal)
+        target = trial({}, task)
+        if target.judgement is None or not target.judgement.refusal:
+            break
     if target.judgement is not None and target.judgement.refusal:
-        notes.append(f"there is nothing to learn here: {target.judgement.refusal}")
-    variants = easier(target, make, recipe, env, budgets)
-    notes += [_described(variant, target) for variant in variants]
-    live = is_live(task)
-    numbers = _budget(target.steps, MOST_LIVE if live else BUDGETS[-1]), 8 if live else 20
-    lines += [f"eval_freq = {numbers[0] // CHECKS}"] * live
-    return _text(name, recipe, kind, lines, numbers, notes, variants), notes
+        notes.append(f"there is nothing to learn: {target.judgement.refusal}")
+    variants, most = easier(target, way, env, trial), max(budgets, default=LIVE[0])
+    for variant in variants:
+        sizes = f"{variant.task.states.size:,} states instead of {task.states.size:,}"
+        before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
+        steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
+        notes.append(f"easier with {_inline(variant.arguments)}: {sizes}, {steps}")
+    enough = min(max(3 * target.steps, BUDGETS[0]), 2 * most)
+    unit = 10 ** int(math.log10(enough))
+    budget = math.ceil(enough / unit) * unit
+    kind, sources = "tabulated" if way.makes is tabulate else "gymnasium", list[Any]()
+    for arguments in (variant.arguments for variant in variants):
+        words = "_".join(f"{argument}_{value}" for argument, value in arguments.items())
+        sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments)))
+    settings = {"kind": kind, "keys": way.keys, "seeds": seeds, "sources": sources}
+    settings |= {"budget": budget, "eval_freq": budget // CHECKS if live else None}
+    return _text(name, recipe, notes, network=None, **settings), notes
 
 
-def _budget(steps: float, most: int) -> int:
-    """Return a round number of steps in which a task is surely learnt, if any is."""
-    enough = min(max(3 * steps, LEAST_BUDGET), most)
-    unit: int = 10 ** int(math.log10(enough))
-    return math.ceil(enough / unit) * unit
+def _limit(env: Any, known: int | None) -> dict[str, int]:
+    """Return the time limit that a study must state: none where the environment has one."""
+    return {} if time_limit_of(env) or is_minigrid(env) else {"time_limit": known or LIMIT}
 
 
-def _described(variant: Variant, target: Variant) -> str:
-    """Return why a variant is easier."""
-    sizes = f"{variant.task.states.size:,} states instead of {target.task.states.size:,}"
-    most = LIVE_BUDGET if is_live(target.task) else BUDGETS[-1]
-    before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
-    return (
-        f"easier with {_inline(variant.arguments)}: {sizes}, learnt in {variant.steps:,.0f} steps "
-        f"instead of {before}"
-    )
-
-
-def _inline(arguments: Mapping[str, Any]) -> str:
+def _inline(arguments: dict[str, Any]) -> str:
     """Return arguments as TOML writes them."""
     return ", ".join(f"{name} = {json.dumps(value)}" for name, value in arguments.items())
 
 
-def _text(
-    name: str,
-    recipe: Any,
-    kind: str,
-    lines: Sequence[str],
-    numbers: tuple[int, int],
-    notes: Sequence[str],
-    variants: Sequence[Variant],
-) -> str:
-    """Return the file of a study that a table learns; each variant is a source and an arm."""
-    comments = "\n".join(
-        fill(note, 98, initial_indent="# ", subsequent_indent="#   ") for note in notes
-    )
-    key = "factory" if callable(recipe) else "id"
-    task = "\n".join([f'type = "{kind}"', f"{key} = {json.dumps(name)}", *lines])
-    parts = [_file("table.txt").format(name=name, seeds=numbers[1], notes=comments)]
-    parts.append(f"[tasks.target]\n{task}\nbudget = {numbers[0]:_}")
-    sources = [
-        re.sub(r"[^\w-]", "_", "_".join(f"{key}_{value}" for key, value in v.arguments.items()))
-        for v in variants
-    ]
-    for source, variant in zip(sources, variants, strict=True):
-        arguments = f"arguments = {{ {_inline(variant.arguments)} }}"
-        parts.append(f"[tasks.{source}]\n{task}\n{arguments}")
-    parts += [
-        f'[[transfers]]\nsource = "{source}"\ntarget = "target"\n'
-        "project = {}                # components of the same name correspond"
-        for source in sources
-    ]
-    if len(sources) > 1:
-        parts += [f"[arms.{source}]\ntransfers = [{i}]" for i, source in enumerate(sources)]
-    if not sources:
-        parts.append(_file("source.txt").format(task=indent(task, "# ")))
-    return "\n\n".join(part.strip() for part in parts) + "\n"
-
-
-def _of_network(name: str, recipe: Any, env: Any, why: str) -> tuple[str, list[str]]:
+def _of_network(
+    name: str, recipe: Any, env: Any, notes: list[str], why: str
+) -> tuple[str, list[str]]:
     """Return a study that a network learns."""
     observed, acting = env.observation_space, env.action_space
     if not isinstance(acting, Box | Discrete):
@@ -438,20 +335,19 @@ def _of_network(name: str, recipe: Any, env: Any, why: str) -> tuple[str, list[s
     picture = isinstance(observed, Box) and len(observed.shape) == 3
     policy = "CnnPolicy" if picture else "MlpPolicy"
     policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
-    limit = (
-        ""
-        if time_limit_of(env) or hasattr(env.unwrapped, "max_steps")
-        else f"time_limit = {LIMIT}\n"
-    )
-    text = _file("network.txt").format(
-        name=name,
-        key="factory" if callable(recipe) else "id",
-        limit=limit,
-        algorithm="PPO" if isinstance(acting, Box) else "DQN",
-        policy=policy,
-    )
-    return text, [f"learnt by a network, as it is not tabulated: {why}"]
+    network = {"algorithm": "PPO" if isinstance(acting, Box) else "DQN", "policy": policy}
+    settings: dict[str, Any] = {"keys": _limit(env, None), "budget": 50_000, "eval_freq": 2_500}
+    settings |= {"kind": "observation_task", "seeds": 3, "sources": ()}
+    notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
+    return _text(name, recipe, notes, network=network, **settings), notes
 
 
-def _file(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+def _text(name: str, recipe: Any, notes: list[str], **settings: Any) -> str:
+    """Return the file of a study."""
+    package = PackageLoader("curricle.study", "templates")
+    spaced: dict[str, Any] = {"trim_blocks": True, "keep_trailing_newline": True}
+    environment = Environment(loader=package, undefined=StrictUndefined, **spaced)
+    comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
+    environment.filters |= {"json": json.dumps, "comment": comment}
+    template = environment.get_template("environment.txt")
+    return template.render(name=name, own=callable(recipe), notes=notes, **settings)
