@@ -64,7 +64,7 @@ def test_dir_lists_the_public_names_and_unknown_ones_fail():
     ("name", "meant"),
     [
         ("Qlearning", "QLearning"),
-        ("UCBQLearning", "OptimisticQLearning"),
+        ("UCBQLearning", "learning.OptimisticQLearning"),
         ("Bins", "interop.Bins"),
         ("nothing_like_it", ""),
     ],

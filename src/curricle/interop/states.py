@@ -558,7 +558,8 @@ class Search:
 
     def _hint(self) -> str:
         """Return why there are many states: a part that counts steps, or that has most values."""
-        before, env = np.array(self.pair, np.int64) // self.world.n_actions, self.world.env
+        before = np.array(self.pair, np.int64) // self.world.n_actions
+        env = getattr(self.world, "now", self.world.env)  # the copy that was stepped last
         counting = counters_of(self.components, before, np.array(self.next_state), env)
         if counting:
             return (
