@@ -1,31 +1,29 @@
 """What becomes of public environments: live tasks, tables, or a refusal whose way out is followed.
 
-Prints docs/public_environments.md. Packages that are missing are left out:
-
-    pip install minigrid gym-classics gym-simplegrid edugrid box2d
-    pip install git+https://github.com/sparisi/gym_gridworlds
-    python -m benchmarks.public_ids > docs/public_environments.md
+pip install minigrid gym-classics gym-simplegrid edugrid box2d
+pip install git+https://github.com/sparisi/gym_gridworlds
+python -m benchmarks.public_ids [ID ...] > docs/public_environments.md
 """
 
 import importlib
 import re
 import sys
 import time
-import warnings
+from collections import Counter
 from contextlib import suppress
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import registry
-from gymnasium.wrappers import DiscretizeAction
+from gymnasium.wrappers import Autoreset, DiscretizeAction
 
 import curricle as cr
 from curricle.interop import Bins, DeepCopy
 from curricle.interop.gymnasium import observation_task
 
 PACKAGES = "minigrid", "gym_classics", "gym_gridworlds", "gym_simplegrid", "edugrid"
-WANTED = r"toy_text|classic_control|box2d|^minigrid(?!.*(babyai|wfc))|^gym_|^edugrid"
+WANTED = r"^gymnasium.envs.(toy|classic|box2d)|^minigrid(?!.*(babyai|wfc))|^gym_|^edugrid"
 SECONDS, STEPS, SHORT = 20, 200, 100  # of a table; of learning; limit where there is none
 WHY = {
     "must be deterministic": "steps are random",
@@ -37,10 +35,10 @@ WHY = {
 }
 PAGE = """# Which public environments work?
 
-{n} environments of {packages} (of MiniGrid one of each class), each as `from_gymnasium(id)` (learnt
-for {steps} steps) and as `tabulate(id, max_seconds={seconds})`. Where neither takes it, or a
-count of steps is in the way, the way out that the refusal names was followed: the last column has
-the result. `python -m benchmarks.public_ids` makes this page.
+{} environments, each as `from_gymnasium(id)`, which is learnt for 200 steps, and as
+`tabulate(id, max_seconds=20)`. Where neither takes it, or a count of steps is in the way, the way
+out that the refusal names was followed; the last column has the result. Of MiniGrid it is one of
+each class. `python -m benchmarks.public_ids` makes this page.
 
 | ids | `from_gymnasium` | `tabulate` | states | way out |
 |---|---|---|---|---|"""
@@ -48,12 +46,9 @@ the result. `python -m benchmarks.public_ids` makes this page.
 
 def binned(make: Any) -> Bins:
     """Return four bins for each number that random play shows."""
-    env, seen, over = make(), list[Any](), True
-    for step in range(STEPS):
-        if over:
-            env.reset(seed=step)
-        observed, _, ended, cut, _ = env.step(env.action_space.sample())
-        seen, over = [*seen, observed], ended or cut
+    env = Autoreset(make())
+    env.reset(seed=0)
+    seen = [env.step(env.action_space.sample())[0] for _ in range(STEPS)]
     ends = zip(np.min(seen, axis=0) - 1e-3, np.max(seen, axis=0) + 1e-3, strict=True)
     return Bins({f"number_{i}": np.linspace(*pair, 5) for i, pair in enumerate(ends)})
 
@@ -80,8 +75,8 @@ def followed(name: str, said: str) -> str:
         names = re.findall(r"'(.*?)'", ignored[1])
         seconds, states = tabulated(name, state=DeepCopy(ignore=names))
         return f"`ignore={names}`: {states} states, {seconds}"
-    if "required positional argument" in said:
-        return f"`obstacle_map='4x4'`: {played(name, obstacle_map='4x4')[0]}"
+    if "required positional argument" in said:  # SimpleGrid's
+        return f"`obstacle_map=[...]`: {played(name, obstacle_map=['000', '010', '000'])[0]}"
     actions = "`DiscretizeAction`, " * ("DiscretizeAction" in said)
     make = lambda: DiscretizeAction(gym.make(name), 3) if actions else gym.make(name)  # noqa: E731
     if len(make().observation_space.shape or ()) == 1:
@@ -104,32 +99,34 @@ def row_of(name: str) -> tuple[tuple[str, ...], int]:
             cell, said = f"refused: {next(reasons, str(error))}", f"{said} {error}"
         cells.append(cell)
     if "ignore=" in said or all(cell.startswith("refused") for cell in cells):
-        try:
-            way_out = followed(name, said)
-        except Exception as error:  # the page says it
-            way_out = f"NONE: {type(error).__name__}: {error}"
+        way_out = followed(name, said)
     return (*cells, way_out), size
 
 
+def page_of(results: dict[str, tuple[tuple[str, ...], int]]) -> str:
+    """Return the page, on which ids of equal results share a row."""
+    lines = [PAGE.format(len(results))]
+    for cells, count in Counter(cells for cells, _ in results.values()).most_common():
+        alike = {name: size for name, (of_name, size) in results.items() if of_name == cells}
+        ends = dict.fromkeys(
+            f"{end(alike.values()):,}" for end in (min, max) if any(alike.values())
+        )
+        row = [
+            f"{count}: {', '.join(f'`{name}`' for name in alike)}",
+            *cells[:2],
+            " to ".join(ends),
+        ]
+        lines.append(f"| {' | '.join([*row, *cells[2:]])} |")
+    return "\n".join(lines)
+
+
 if __name__ == "__main__":
-    warnings.simplefilter("ignore")
     gym.logger.min_level = 50
     for package in PACKAGES:
-        with suppress(ImportError):
-            importlib.import_module(package)
+        importlib.import_module(package)
     importlib.import_module("gym_classics").register("gymnasium")
     entries = {name: str(spec.entry_point) for name, spec in registry.items()}
-    ids = [n for n, at in entries.items() if re.search(WANTED, at.replace("gymnasium.envs.", ""))]
-    classes = {entries[n]: n for n in reversed(ids)}  # of MiniGrid's levels the first of a class
-    ids = [n for n in ids if not entries[n].startswith("minigrid") or n in classes.values()]
-    rows = dict[tuple[str, ...], list[tuple[str, int]]]()
-    for name in ids:
-        cells, size = row_of(name)
-        print(name, size, *cells, sep=" | ", file=sys.stderr, flush=True)
-        rows.setdefault(cells, []).append((name, size))
-    packages = ", ".join(["Gymnasium", *PACKAGES])
-    print(PAGE.format(packages=packages, n=len(ids), steps=STEPS, seconds=SECONDS))
-    for cells, members in sorted(rows.items(), key=lambda row: -len(row[1])):
-        sizes = sorted({size for _, size in members})
-        states = f"{sizes[0]:,} to {sizes[-1]:,}" if len(sizes) > 1 else f"{sizes[0] or '':,}"
-        print("|", ", ".join(f"`{n}`" for n, _ in members), *cells[:2], states, cells[2], sep=" | ")
+    first = {at: name for name, at in reversed(entries.items())}  # of MiniGrid one of each class
+    wanted = {n: at for n, at in entries.items() if re.search(WANTED, at)}
+    ids = [n for n, at in wanted.items() if at[:8] != "minigrid" or n == first[at]]
+    print(page_of({name: row_of(name) for name in sys.argv[1:] or ids}))
