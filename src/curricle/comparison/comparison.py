@@ -41,10 +41,10 @@ from curricle.comparison.verdicts import (
 from curricle.curriculum.curriculum import Curriculum
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
 from curricle.errors import CurriculumError, SettingError, in_words
-from curricle.learning.result import LearningResult
+from curricle.learning.result import GREEDY_RETURN, LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.policy_evaluation import Target, possible_returns
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import (
     ROUNDING,
@@ -64,6 +64,7 @@ from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     clusters,
+    extremes,
     interquartile_interval,
     mean_interval,
     seed_line,
@@ -235,6 +236,9 @@ class Comparison:
         Error of each arm that could not be trained.
     threshold_from : str
         The source of the threshold, as text.
+    possible : (float, float) or None
+        Lowest and highest return of an episode in the target, which intervals of mean returns stay
+        within. By default the extremes of the curves: a task without tables tells no others.
     interim : str
         Text that says that seeds of the plan are missing; then there are no verdicts and p-values.
     """
@@ -248,6 +252,7 @@ class Comparison:
     failed: Mapping[str, Exception] = field(default_factory=dict)
     interim: str = ""
     threshold_from: str = ""
+    possible: tuple[float, float] | None = None
 
     def __getitem__(self, name: str) -> Arm:
         one_of("an arm", name, self.arms, CurriculumError)
@@ -388,7 +393,18 @@ class Comparison:
 
     def mean_return(self, name: str) -> Interval:
         """Return the mean over seeds of the normalised area under an arm's strong curve."""
-        return mean_interval(self.returns[name])
+        return self.interval(self.returns[name])
+
+    @cached_property
+    def within(self) -> tuple[float, float]:
+        """The lowest and the highest return that an interval of a mean return may have."""
+        if self.possible is not None:
+            return self.possible
+        return extremes([arm.curve.values for arm in self.arms.values()])
+
+    def interval(self, returns: FloatArray) -> Interval:
+        """Return the mean over seeds of returns, (K,) or (K, T), with its interval."""
+        return mean_interval(returns).within(self.within)
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
@@ -490,7 +506,7 @@ class Comparison:
         """Return the charged curves, the table, and sentences below it."""
         return block(
             self._title,
-            curves(_lines(self), "target and source steps", "greedy return"),
+            curves(_lines(self), "target and source steps", GREEDY_RETURN),
             table(HEADS, [self._cells(name) for name in self.shown], wide=[HEADS[-1]]),
             *self._below,
         )
@@ -643,6 +659,7 @@ def _lines(comparison: Comparison) -> list[Any]:
                 curve.filled(),
                 colour,
                 dashed=arm.control or (arm.scratch and name != SCRATCH),
+                within=comparison.within,
             )
         )
     return lines
@@ -859,7 +876,10 @@ def comparison_of(
     """Return the comparison of trained arms, with :func:`threshold_before` as its `level`."""
     threshold = midpoint(arms[SCRATCH].curve) if level[0] is None else level[0]
     spans = *plan.steps, threshold, window
-    return Comparison(plan.target, arms, *spans, failed, threshold_from=level[1])
+    node = next(iter(plan.curricula.values())).node(plan.target)
+    possible = possible_returns(node.task, node.evaluation.discount(node.task))
+    from_tables: Any = {"threshold_from": level[1], "possible": possible}
+    return Comparison(plan.target, arms, *spans, failed, **from_tables)
 
 
 def threshold_of_optimum(target: Target | ObservationTarget) -> float | None:

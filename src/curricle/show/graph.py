@@ -14,7 +14,7 @@ from curricle.learning.result import LearningResult
 from curricle.show.plots import places
 from curricle.show.style import rounded
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.intervals import mean_interval
+from curricle.statistics.intervals import extremes, mean_interval
 from curricle.study.record import ArmRecord, CurriculaRecord
 
 # All in CSS pixels.
@@ -48,8 +48,9 @@ def _graph(
         spent = np.concatenate([learnt[owner][name].steps_used for owner in arms])
         least, most = int(spent.min()), int(spent.max())
         ended = Counter(chain.from_iterable(reasons[owner, name] for owner in arms)).most_common()
+        trained = {a: nodes[name] for a, nodes in compared.items() if name in nodes}
         several = (f"{reason} ({n} of {len(spent)})" for reason, n in ended)
-        curves = card_curves({a: nodes[name] for a, nodes in compared.items() if name in nodes})
+        curves = card_curves(trained, arm.nodes[name].possible)
         texts = {
             "kind": curricula.task(arms[0], name).kind,
             "steps": f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps",
@@ -78,8 +79,11 @@ def _graph(
     }
 
 
-def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
+def card_curves(
+    trained: Mapping[str, LearningResult], possible: tuple[float, float] | None = None
+) -> list[Data]:
     """Return the curves of a task in one scale; arms with equal results share a curve."""
+    within = possible or extremes([result.greedy_return for result in trained.values()])
     alike: dict[bytes, list[str]] = {}
     for arm, result in trained.items():
         if not np.isnan(result.greedy_return).all():
@@ -90,7 +94,7 @@ def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
     for arms in alike.values():
         result = trained[arms[0]]
         place = places(len(result.steps), CURVE_POINTS)
-        interval = mean_interval(result.greedy_return[:, place])
+        interval = mean_interval(result.greedy_return[:, place]).within(within)
         values = np.array([interval.estimate, interval.low, interval.high])
         values = np.where(np.isnan(values), values[0], values)
         drawn.append((tuple(arms), result, result.steps[place], values))

@@ -6,6 +6,7 @@ A NaN is never dropped, since seeds without a measurement are usually slow: it m
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -53,6 +54,21 @@ class Interval(Frozen):
 
     __repr__ = brief_repr
     _repr_html_ = printed
+
+    def within(self, returns: tuple[float, float]) -> Interval:
+        """Return the interval of a mean of returns without what lies beyond the possible ones.
+
+        It covers the mean as often as before, which is possible itself. A bound never crosses the
+        estimate, which rollouts may put a rounding beyond the last possible return.
+
+        Examples
+        --------
+        >>> print(mean_interval([0.0, 0.9, 1.0]).within((0.0, 1.0)))
+        0.633 [0.000, 1.000], 3 seeds
+        """
+        low, high = np.minimum(returns[0], self.estimate), np.maximum(returns[1], self.estimate)
+        least, most = np.maximum(self.low, low), np.minimum(self.high, high)
+        return replace(self, low=frozen(least), high=frozen(most))
 
     def __str__(self) -> str:
         triples = np.atleast_2d(np.transpose([self.estimate, self.low, self.high]))
@@ -204,6 +220,12 @@ def _student(
     return Interval(frozen(middle), *bounds, confidence, len(array))
 
 
+def extremes(returns: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the lowest and the highest number of arrays; infinite ends where there is none."""
+    known = np.concatenate([array[np.isfinite(array)] for array in returns])
+    return (float(known.min()), float(known.max())) if known.size else (-math.inf, math.inf)
+
+
 def _triple(numbers: FloatArray) -> str:
     """Return ``estimate [low, high]`` in three digits, or more if the bounds would look equal."""
     finite = np.abs(numbers[np.isfinite(numbers)])
@@ -224,9 +246,9 @@ def seed_line(
     colour: str = "currentColor",
     *,
     dashed: bool = False,
-    confidence: float = CONFIDENCE,
+    within: tuple[float, float],
 ) -> Line:
-    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval."""
-    band = mean_interval(np.asarray(values, np.float64), confidence=confidence)
+    """Return the mean over seeds of returns, (K, T) at steps (T,), with Student's interval."""
+    band = mean_interval(np.asarray(values, np.float64)).within(within)
     mean, low, high = map(np.asarray, (band.estimate, band.low, band.high))
     return Line(name, steps, mean, low, high, colour, dashed)

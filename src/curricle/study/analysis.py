@@ -22,6 +22,7 @@ from curricle.learning.potential import PairPotential
 from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
 from curricle.planning.greedy import Values
+from curricle.planning.policy_evaluation import possible_returns
 from curricle.planning.rollouts import greedy_rollout
 from curricle.show.scenes import scene_of_view
 from curricle.show.views import GridView
@@ -87,18 +88,23 @@ def curricula_record(
     `controls` maps a control to its arm.
     """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
+    possible = dict[tuple[int, float], tuple[float, float] | None]()
     for arm, curriculum in curricula.items():
         nodes = dict[str, NodeRecord]()
         for name in curriculum.order:
             sources, node = curriculum.in_edges(name), curriculum.node(name)
             settings = [which for which in SETTINGS if sources or which not in OF_TARGETS]
             several = len(sources) > 1
+            place = _number(node.task, tasks, same_task), node.evaluation.discount(node.task)
+            if place not in possible:
+                possible[place] = possible_returns(node.task, place[1])
             nodes[name] = NodeRecord(
-                task=_number(node.task, tasks, same_task),
+                task=place[0],
                 key=keys.get((arm, name), ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
                 aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
                 seeds_per_file=seeds_per_file(node),
+                possible=possible[place],
             )
         transfers = list[TransferRecord]()
         for edge in curriculum.transfers:

@@ -136,6 +136,7 @@ class NodeRecord(Plain):
     settings: dict[str, str]  # the settings of its training as text
     aggregate: str | None  # the aggregate of its transfers, if there are several
     seeds_per_file: Annotated[int, Field(ge=1)]  # most seeds in a file of its units
+    possible: tuple[float, float] | None = None  # lowest and highest return; None if not known
 
 
 class TransferRecord(Plain):
