@@ -61,7 +61,7 @@ def test_a_gif_shows_each_moment_in_its_colours(episode, tmp_path):
         assert (picture.format, picture.n_frames) == ("GIF", 4)
         for place, frame in enumerate(episode.frames):
             picture.seek(place)
-            shown = np.asarray(picture.convert("RGB")).astype(int)
+            shown = np.asarray(picture.convert("RGB")).astype(int)[: len(frame), : len(frame[0])]
             assert abs(shown - frame).max() < 48
             assert abs(shown - frame).mean() < 1
             assert picture.info["duration"] == (1000 if place == 3 else 200)

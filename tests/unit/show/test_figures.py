@@ -121,8 +121,8 @@ def test_many_arms_are_lines_with_bars_and_whole_names():
     for axes in figure.axes:
         for text in (axes.yaxis.label, axes.xaxis.label, *gains.get_yticklabels()):
             box = text.get_window_extent(renderer)
-            assert whole.x0 <= box.x0 < box.x1 <= whole.x1
-            assert whole.y0 <= box.y0 < box.y1 <= whole.y1
+            assert whole.x0 <= box.x0 <= box.x1 <= whole.x1
+            assert whole.y0 <= box.y0 <= box.y1 <= whole.y1
     names = [label.get_window_extent(renderer) for label in gains.get_yticklabels()]
     assert all(above.y0 >= below.y1 for above, below in pairwise(names))
     assert min(name.x0 for name in names) >= profile.get_window_extent(renderer).x1

@@ -65,7 +65,7 @@ def test_text_shows_who_is_where():
     environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
     assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
     first = int(GRIDS["Block Dude"].mdp.start_states[0])
-    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
+    assert "B" in scene_of(GRIDS["Block Dude"]).text(first)
     with pytest.warns(UserWarning, match="render_mode"):
         assert to_gymnasium(WALLED).render() is None
 
@@ -129,7 +129,7 @@ def test_other_names_of_rows_and_columns_make_a_grid_and_other_components_none()
 def test_cells_of_states_with_other_components_are_no_walls():
     tabled = cr.tabulate(Tank, discount=0.9, actions=MOVES)
     view = GridView.of(tabled)
-    assert view.words == "fuel 4"
+    assert view.words == "G: goal, fuel 4"
     assert view.cells.tolist() == [[1, 0]]  # with a full tank only the start
     assert view.walls.size == 0
     assert GridView.of(tabled, {"fuel": 3}).cells.tolist() == [[1, 0], [1, 1], [2, 0]]
