@@ -171,38 +171,31 @@ MOST_SWEEPS, MOST_BACKUPS = 10_000, 10_000_000
 
 
 def possible_returns(task: Any, discount: float) -> tuple[float, float] | None:
-    """Return the lowest and the highest return of an episode, discounted; None if not known.
+    """Return the lowest and the highest return of an episode; None where they are not known.
 
-    Of a task with tables, of which no other is known: v(s) = max_a max_o r + gamma v(s') over the
-    outcomes o that are possible, once for each step to the time limit, and the same with min. Where
-    that takes too long, every step is taken to have the extreme reward, or 0 after an early end.
+    They are of a task with tables, if it is small enough: v(s) = max_a max_o r + gamma v(s') over
+    the outcomes o that are possible, for each step to the time limit, and the same with min.
     """
     if is_observation_task(task) or not has_tables(task):
         return None
-    generative = generative_model(task)
+    generative, ends = generative_model(task), list[float]()
     if generative.states.size * generative.actions.size > LARGEST_SOLVED:
         return None
     mdp = tables(task)
     possible, going = mdp.probability > 0, ~mdp.terminal
     most = min(MOST_SWEEPS, 1 + MOST_BACKUPS // max(possible.size, mdp.outcome_row.size))
     limit = NO_LIMIT if mdp.time_limit is None else mdp.time_limit
-    used = np.zeros(len(possible), np.bool_)
-    used[mdp.outcome_row[going]] = True
-    ends = list[float]()
     for sign in (-1, 1):
         values, n, rewards = np.zeros(len(going)), 0, np.where(possible, sign * mdp.reward, -np.inf)
         before = values + np.inf
-        while n < min(limit, most) and (values != before).any():
+        while n < limit and (values != before).any():
+            if n == most:
+                return None
             rows = (rewards + discount * values[mdp.next_state]).max(axis=1)[mdp.outcome_row]
             before, values = values, np.where(going, closed(rows, mdp.available).max(axis=1), 0.0)
             n += 1
-        extreme = values[mdp.start > 0].max()
-        if n < limit and (values != before).any():
-            steps = float(limit if mdp.time_limit else np.inf)
-            steps = steps if discount == 1 else (1 - discount**steps) / (1 - discount)
-            extreme = max(0.0, rewards[used].max()) * steps
-        ends.append(sign * float(extreme) + 0.0)
-    return (ends[0], ends[1]) if np.isfinite(ends).all() else None
+        ends.append(sign * float(values[mdp.start > 0].max()) + 0.0)
+    return ends[0], ends[1]
 
 
 @dataclass(frozen=True)

@@ -48,9 +48,8 @@ def _graph(
         spent = np.concatenate([learnt[owner][name].steps_used for owner in arms])
         least, most = int(spent.min()), int(spent.max())
         ended = Counter(chain.from_iterable(reasons[owner, name] for owner in arms)).most_common()
-        trained = {a: nodes[name] for a, nodes in compared.items() if name in nodes}
         several = (f"{reason} ({n} of {len(spent)})" for reason, n in ended)
-        curves = card_curves(trained, arm.nodes[name].possible)
+        curves = card_curves({a: nodes[name] for a, nodes in compared.items() if name in nodes})
         texts = {
             "kind": curricula.task(arms[0], name).kind,
             "steps": f"{least:,} steps" if least == most else f"{least:,} to {most:,} steps",
@@ -79,11 +78,9 @@ def _graph(
     }
 
 
-def card_curves(
-    trained: Mapping[str, LearningResult], possible: tuple[float, float] | None = None
-) -> list[Data]:
+def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
     """Return the curves of a task in one scale; arms with equal results share a curve."""
-    within = possible or extremes([result.greedy_return for result in trained.values()])
+    within = extremes([result.greedy_return for result in trained.values()])
     alike: dict[bytes, list[str]] = {}
     for arm, result in trained.items():
         if not np.isnan(result.greedy_return).all():

@@ -58,13 +58,7 @@ class Interval(Frozen):
     def within(self, returns: tuple[float, float]) -> Interval:
         """Return the interval of a mean of returns without what lies beyond the possible ones.
 
-        It covers the mean as often as before, which is possible itself. A bound never crosses the
-        estimate, which rollouts may put a rounding beyond the last possible return.
-
-        Examples
-        --------
-        >>> print(mean_interval([0.0, 0.9, 1.0]).within((0.0, 1.0)))
-        0.633 [0.000, 1.000], 3 seeds
+        A bound never crosses the estimate, which rollouts may put just beyond a possible return.
         """
         low, high = np.minimum(returns[0], self.estimate), np.maximum(returns[1], self.estimate)
         least, most = np.maximum(self.low, low), np.minimum(self.high, high)

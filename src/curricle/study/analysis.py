@@ -73,6 +73,7 @@ def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     fields = {name: getattr(study, name) for name in of_study}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
     fields |= {"tasks": curricula.tasks, "arms": curricula.arms, "problem": task_summary(node.task)}
+    fields["possible"] = possible_returns(node.task, node.evaluation.discount(node.task))
     return StudyRecord(threshold=threshold, threshold_from=level, **fields)
 
 
@@ -88,23 +89,18 @@ def curricula_record(
     `controls` maps a control to its arm.
     """
     tasks, edges, arms = list[Any](), list[Transfer](), {}
-    possible = dict[tuple[int, float], tuple[float, float] | None]()
     for arm, curriculum in curricula.items():
         nodes = dict[str, NodeRecord]()
         for name in curriculum.order:
             sources, node = curriculum.in_edges(name), curriculum.node(name)
             settings = [which for which in SETTINGS if sources or which not in OF_TARGETS]
             several = len(sources) > 1
-            place = _number(node.task, tasks, same_task), node.evaluation.discount(node.task)
-            if place not in possible:
-                possible[place] = possible_returns(node.task, place[1])
             nodes[name] = NodeRecord(
-                task=place[0],
+                task=_number(node.task, tasks, same_task),
                 key=keys.get((arm, name), ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
                 aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
                 seeds_per_file=seeds_per_file(node),
-                possible=possible[place],
             )
         transfers = list[TransferRecord]()
         for edge in curriculum.transfers:

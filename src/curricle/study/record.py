@@ -136,7 +136,6 @@ class NodeRecord(Plain):
     settings: dict[str, str]  # the settings of its training as text
     aggregate: str | None  # the aggregate of its transfers, if there are several
     seeds_per_file: Annotated[int, Field(ge=1)]  # most seeds in a file of its units
-    possible: tuple[float, float] | None = None  # lowest and highest return; None if not known
 
 
 class TransferRecord(Plain):
@@ -242,6 +241,7 @@ class StudyRecord(CurriculaRecord):
     seeds: tuple[Count, ...]
     threshold: float | None  # the file's, or computed from the target's optimum, or None
     threshold_from: str = ""  # its source as text; empty in records of earlier versions
+    possible: tuple[float, float] | None = None  # lowest and highest return; None if not known
     window: Annotated[int, Field(ge=1)]
     snapshots: Count
     target: str

@@ -483,8 +483,7 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
         interim = f"interim, {len(seeds)} of {len(planned)} seeds{some}: no verdict"
     window = min(first.window, budget // first.eval_freq + 1)
     spans = budget, total, threshold, window
-    possible = first.arms[SCRATCH].nodes[first.target].possible
-    about: Any = {"interim": interim, "threshold_from": level, "possible": possible}
+    about: Any = {"interim": interim, "threshold_from": level, "possible": first.possible}
     return Comparison(first.target, arms, *spans, failed, **about)
 
 

@@ -16,7 +16,6 @@ from numba.extending import overload
 
 from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance, number, whole_number
-from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.kernel import (
     INLINED,
@@ -403,8 +402,6 @@ class ComputedMDP:
     discount: float = 0.99
     time_limit: int | None = 200
     available: Callable[..., Any] | None = None
-
-    _repr_html_ = pictured
 
     def __post_init__(self) -> None:
         known = () if self.available is None else ("available",)
