@@ -145,7 +145,9 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         shown &= values[part.name] == value
         if part.name not in layout.markers:
             keys.append(f"{part.name} {part.label(value)}")
-    states = np.flatnonzero(shown)
+    wall, at = np.zeros(layout.shape, bool), tuple((layout.cells - layout.origin).T)
+    wall[tuple((layout.wall_cells - layout.origin).T)] = True
+    states = np.flatnonzero(shown & ~wall[at])  # numbered, but never entered
     if not states.size:
         raise SettingError(f"at must leave a state to draw: none is as in {dict(fixed)}")
     letters, legend = _lettered({name: at[states[0]] for name, at in layout.markers.items()})

@@ -516,10 +516,11 @@ def _named_in(task: LiveMDP, shape: IntArray, *, across_first: bool) -> tuple[Ob
     objects, walls = list[tuple[str, int, int, bool]](), list[Cell]()
     for name, value in held.items():
         parts = {part.removesuffix("s") for part in name.lower().split("_")}
+        if getattr(value, "dtype", None) == "S1" and value.shape == tuple(shape):  # a frozen lake
+            for letter, drawn in ((b"H", "pit"), (b"G", "goal")):
+                objects += [(drawn, *cell, False) for cell in np.argwhere(value == letter).tolist()]
         kind = next((kind for kind, words in NAMED.items() if parts & words), None)
-        if kind is None or not isinstance(
-            value, list | tuple | set | frozenset | dict | np.ndarray
-        ):
+        if kind is None or not isinstance(value, COLLECTIONS):
             continue
         try:
             cells = np.atleast_2d(np.array(list(value)))
@@ -534,5 +535,5 @@ def _named_in(task: LiveMDP, shape: IntArray, *, across_first: bool) -> tuple[Ob
         if kind == "wall":
             walls += [(row, column) for row, column in cells.tolist()]
         elif (cells >= 0).all() and (cells < shape).all():
-            objects += [(kind, *cell, kind in ("goal", "pit")) for cell in cells.tolist()]
+            objects += [(kind, *cell, False) for cell in cells.tolist()]  # what ends is not known
     return tuple(objects), walls
