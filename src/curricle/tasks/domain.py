@@ -518,7 +518,8 @@ def _named_in(task: LiveMDP, shape: IntArray, *, across_first: bool) -> tuple[Ob
         parts = {part.removesuffix("s") for part in name.lower().split("_")}
         if getattr(value, "dtype", None) == "S1" and value.shape == tuple(shape):  # a frozen lake
             for letter, drawn in ((b"H", "pit"), (b"G", "goal")):
-                objects += [(drawn, *cell, False) for cell in np.argwhere(value == letter).tolist()]
+                there = np.argwhere(value == letter).tolist()
+                objects += [(drawn, row, column, False) for row, column in there]
         kind = next((kind for kind, words in NAMED.items() if parts & words), None)
         if kind is None or not isinstance(value, COLLECTIONS):
             continue
