@@ -516,7 +516,8 @@ def ends_of(result: Any) -> tuple[float, float]:
     # Of a discounted evaluation or another: a result does not know which its own was.
     task = result.task
     known = [possible_returns(task, discount) for discount in (1.0, getattr(task, "discount", 1.0))]
-    return extremes([shown_returns(result)[1]] if None in known else [np.array(known, float)])
+    ends = [end for pair in known if pair is not None for end in pair]
+    return (min(ends), max(ends)) if None not in known else extremes([shown_returns(result)[1]])
 
 
 def shown_line(name: str, result: Any) -> tuple[str, Line]:

@@ -22,6 +22,7 @@ from curricle.show.plots import (
 )
 from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
+from curricle.statistics.intervals import extremes
 from curricle.study.results import StudyResults
 
 from .studies import labelled, texts_of
@@ -142,6 +143,13 @@ def test_bands_stay_within_possible_returns():
         assert mean.estimate == pytest.approx(1 / 3)
         for line in _lines(compared):
             assert (line.low.min(), line.high.max()) == ends
+
+
+def test_few_curves_do_not_tell_what_returns_can_be():
+    rows = np.arange(5.0)[:, None] + np.zeros(4)
+    assert extremes([rows]) == extremes([rows[:2], rows[2:]]) == (0, 4)
+    assert extremes([rows[:4]]) == (-np.inf, np.inf)
+    assert extremes([np.full((5, 4), np.nan)]) == (-np.inf, np.inf)
 
 
 def test_a_forecast_has_a_bar_for_each_potential(predicted):
