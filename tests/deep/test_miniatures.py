@@ -108,25 +108,47 @@ def test_what_is_distilled_is_exact():
     assert known.values == pytest.approx(0.9 ** (steps - 1))
 
 
-def test_it_takes_no_steps_and_its_network_acts_well_on_other_levels():
-    small = miniatures(room(), resets=40, tested_on=[room(6)])
+@pytest.mark.parametrize("charged", [True, False])
+def test_its_models_are_charged_and_its_network_acts_well_on_other_levels(charged):
+    small = miniatures(room(), resets=40, tested_on=[room(6)], charged=charged)
     result = plan(PolicyReuse(), small=small).train(seeds=2)
-    assert result.source_steps("large").tolist() == [0, 0]
-    assert small.transitions > 0
+    (member,) = small.solved
+    states = int((~member.table.mdp.terminal).sum())
+    assert small.transitions == states * 4
+    assert result.source_steps("large").tolist() == [charged * states * 4] * 2
     assert (result["small"].greedy_return > 0.5).all()
     exam, _ = small.examined(result["small"].values[0])
     assert exam.optimal >= exam.greedy > exam.random
     assert 0.5 < exam.regained <= 1.0 + 1e-9
 
 
-def test_a_comparison_charges_no_steps_and_has_a_placebo():
-    comparison = cr.compare(
-        plan(PolicyReuse()), seeds=3, controls=["placebo"], threshold=0.3, window=1
-    )
+@pytest.mark.parametrize("charged", [True, False])
+def test_a_comparison_charges_the_models_once_and_has_a_placebo(charged):
+    small = miniatures(room(), resets=6, charged=charged)
+    with_placebo = {"controls": ["placebo"], "threshold": 0.3, "window": 1}
+    comparison = cr.compare(plan(PolicyReuse(), small=small), seeds=3, **with_placebo)
     assert list(comparison.arms) == ["scratch", "transfer", "transfer, placebo"]
-    assert comparison.total == 192
-    assert all((arm.curve.source_steps == 0).all() for arm in comparison.arms.values())
+    spent = small.transitions * charged
+    assert comparison.total == 192 + -(-spent // 64) * 64
+    for name, arm in comparison.arms.items():
+        assert (arm.curve.source_steps == spent * (name != "scratch")).all()
+        x, alone = arm.curve.steps, comparison.scratch.curve.values
+        late = [np.interp(x - spent * (name != "scratch"), x, row) for row in arm.curve.values]
+        begun = x >= arm.curve.source_steps[0]  # its first return comes after the models' steps
+        values = arm.charged(comparison.scratch).values
+        assert values[:, begun] == pytest.approx(np.array(late)[:, begun])
+        assert (values[:, ~begun] <= alone[:, :1]).all()
     assert comparison.arms["transfer, placebo"].control
+
+
+def test_equal_members_are_tabulated_once():
+    def lakes(resets):
+        return miniatures(cr.observation_task("FrozenLake-v1", is_slippery=False), resets=resets)
+
+    small, other, more = lakes(6), lakes(6), lakes(7)
+    placebo = replace(small, shuffled=True)
+    assert small.solved[0] is not more.solved[0]
+    assert all(made.solved[0] is small.solved[0] for made in (other, placebo))
 
 
 def through_a_table(steps, budget, **settings):
@@ -146,7 +168,7 @@ def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
     curriculum = through_a_table(4_000, 64, shaping={"large": PolicyReuse()})
     lake, small = curriculum.tasks["table"], curriculum.tasks["small"]
     result = curriculum.train(seeds=1)
-    assert result.source_steps("large").tolist() == [4_000]
+    assert result.source_steps("large").tolist() == [4_000 + curriculum.tasks["small"].transitions]
     q = result["table"].values[0]
     knowledge = small.knowledge(potential=result.potentials["small"][0])
     live = ~lake.mdp.terminal
@@ -264,14 +286,15 @@ def test_a_study_distils_and_is_stored(tmp_path):
     assert not results.failed
     for arm in ("scratch", "distilled", "placebo"):
         assert np.isfinite(results.result(arm, "large").greedy_return).all()
-        assert results.result(arm, "large").steps[-1] == 128
+    assert results.comparison.budget == 128 < results.result("distilled", "large").steps_used
     small = results.result("distilled", "small", values=True)
-    assert small.steps_used.tolist() == [0]
+    spent = plan.tasks["small"].transitions
+    assert small.steps_used.tolist() == [spent] == results.source_steps("distilled").tolist()
     alone = plan.train([0], only="small")["small"]
     for stored, trained in zip(small.values, alone.values, strict=True):
         parameters = trained.parameters()
         assert all((stored[name] == parameters[name]).all() for name in parameters)
-    assert (results.source_steps("distilled") == 0).all()
+    assert results.source_steps("placebo").tolist() == [spent]
 
 
 def short_of(shaping, learner):

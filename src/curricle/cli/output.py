@@ -317,7 +317,9 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             task, learner = node.task.shapes, node.learner.algorithm
         else:
             task, learner = " x ".join(node.sizes), type(node.learner).__name__
-        steps = "no steps, by exact answers" if node.takes_no_steps else node.budget_text
+        steps = node.budget_text
+        if node.takes_no_steps:
+            steps = f"exact answers, {counted(node.most_steps, 'step')} charged"
         yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):

@@ -123,7 +123,7 @@ class Node:
     def most_steps(self) -> int:
         """The most steps that training takes."""
         if self.takes_no_steps:
-            return 0
+            return self.task.cost  # type: ignore[no-any-return]
         limit = self.task.longest if self.deep else generative_model(self.task).time_limit
         return longest_run(limit, self.budget, self.eval_freq)
 
@@ -182,8 +182,7 @@ class Node:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
 
-            how: Any = {"eval_freq": self.eval_freq, "progress": progress}
-            return learn_miniatures(self.task, self.learner, seeds, potentials, **how)
+            return learn_miniatures(self.task, self.learner, seeds, potentials, progress=progress)
         common: dict[str, Any] = {
             "shaping": [self.shaping.with_potential(phi) for phi in potentials] or None,
             "seeds": seeds,

@@ -139,10 +139,9 @@ def learn_miniatures(
     seeds: Sequence[int],
     potentials: Sequence[Any] = (),
     *,
-    eval_freq: int = 1,
     progress: Progress = None,
 ) -> DeepResult:
-    """Return a network for each seed, fitted to miniatures or to its potential without a step."""
+    """Return a network for each seed, fitted to miniatures or to its potential in them."""
     outcomes = []
     with shown(progress) as bars:
         grow = bars.bar("distilling", len(seeds))
@@ -160,9 +159,13 @@ def learn_miniatures(
                     f"held-out levels if there are any: it goes {regained:.0%} of the way from "
                     f"the random policy to the optimum of {task}"
                 )
-            outcomes.append(Outcome(record, network, 0, 0, out_of_memory=False, evaluation_steps=0))
+            used = task.cost, 0  # steps and episodes
+            outcomes.append(
+                Outcome(record, network, *used, out_of_memory=False, evaluation_steps=0)
+            )
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)
-    result = learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq)  # type: ignore[arg-type]
+    numbers, only_once = tuple(seeds), task.cost + 1  # evaluated
+    result = learning_result(task, learner, numbers, values, outcomes, only_once)  # type: ignore[arg-type]
     return DeepResult.of(result)

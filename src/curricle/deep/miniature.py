@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
 from typing import Any, NamedTuple, Self
+from weakref import WeakSet
 
 import numpy as np
 
@@ -139,12 +140,13 @@ class Miniatures(ObservationTask):
     resets: int = RESETS
     held_out: float = HELD_OUT
     max_states: int = MOST_STATES
+    charged: bool = True  # whether an arm pays for the steps in the models
     shuffled: bool = False  # whether each observation has the answer of another: a placebo
 
     def __repr__(self) -> str:
         names = ", ".join(made_by(member.make) for member in self.members)
-        placebo = ", shuffled" if self.shuffled else ""
-        return f"Miniatures({names}; {self.resets} resets{placebo}, {self.shapes})"
+        kind = ", not charged" * (not self.charged) + ", shuffled" * self.shuffled
+        return f"Miniatures({names}; {self.resets} resets{kind}, {self.shapes})"
 
     @cached_property
     def solved(self) -> "tuple[SolvedMember, ...]":
@@ -169,8 +171,13 @@ class Miniatures(ObservationTask):
 
     @property
     def transitions(self) -> int:
-        """Steps in the small models, each action in each state; no arm is charged with them."""
+        """Steps in the small models, each action in each state once."""
         return sum(member.table.record.transitions for member in self.solved)
+
+    @property
+    def cost(self) -> int:
+        """The steps that an arm is charged: all `transitions`, or 0 if `charged` is false."""
+        return self.transitions if self.charged else 0
 
 
 def miniatures(
@@ -178,9 +185,10 @@ def miniatures(
     resets: int = RESETS,
     held_out: float = HELD_OUT,
     max_states: int = MOST_STATES,
+    charged: bool = True,
     tested_on: Sequence[ObservationTask] = (),
 ) -> Miniatures:
-    """Return small relatives of a task as a source that takes no steps.
+    """Return small relatives of a task as a source that takes no steps in an environment.
 
     Each member is tabulated (:func:`tabulate`) from its resets and solved. A level is the set of
     states that can be reached from a reset. A share of the levels is held out, to test the network.
@@ -193,6 +201,9 @@ def miniatures(
         Resets and most states of each member.
     held_out : float
         Share of levels to hold out, up to 0.9; at least one level of each member is not held out.
+    charged : bool
+        Whether each action in each state counts as a step of the source, once however many seeds
+        are distilled from it: :func:`compare` then charges it as it charges learning.
     tested_on : sequence of ObservationTask
         Relatives for tests only, best in the order of their size.
 
@@ -200,8 +211,8 @@ def miniatures(
     -------
     ObservationTask
         ``solved`` are its members with tables and optima, ``knowledge()`` is distilled,
-        ``transitions`` are the steps in the models, ``examined(values)`` are the returns of a
-        network on held-out levels.
+        ``transitions`` are the steps in the models, to which those of `tested_on` do not belong,
+        ``examined(values)`` are the returns of a network on held-out levels.
 
     Raises
     ------
@@ -236,8 +247,9 @@ def miniatures(
     whole_number("resets of miniatures", resets, 1, TaskError)
     whole_number("max_states of miniatures", max_states, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
-    task = first.make, first.discount, first.time_limit
-    return Miniatures(*task, tuple(members), tuple(tested_on), resets, held_out, max_states)
+    instance("charged of miniatures", charged, bool, TaskError)
+    task, settings = (first.make, first.discount, first.time_limit), (resets, held_out, max_states)
+    return Miniatures(*task, tuple(members), tuple(tested_on), *settings, charged)
 
 
 class Examined(NamedTuple):
@@ -270,6 +282,7 @@ class SolvedMember:
     """A member's tables, their levels, and the optimum."""
 
     member: ObservationTask
+    settings: tuple[int, float, int]  # resets, share held out, most states
     table: TabulatedTask
     level: IntArray  # (S,): of each state
     training: BoolArray  # (S,): whether the level is not held out; False for ends
@@ -279,6 +292,10 @@ class SolvedMember:
         cls, member: ObservationTask, resets: int, held_out: float, max_states: int
     ) -> "SolvedMember":
         """Return a member solved, with a share of its levels held out."""
+        settings = resets, held_out, max_states
+        for solved in list(IN_USE):
+            if solved.settings == settings and solved.member == member:
+                return solved
         try:
             table = tabulate(
                 member.environment, discount=member.discount, seeds=resets, max_states=max_states
@@ -294,7 +311,9 @@ class SolvedMember:
             n_held = min(n_held, len(levels) - 1)  # one is left to be distilled
         held = np.random.default_rng(0).permutation(levels)[:n_held]
         apart = np.isin(level, held)
-        return cls(member, table, level, ~apart & ~table.mdp.terminal)
+        made = cls(member, settings, table, level, ~apart & ~table.mdp.terminal)
+        IN_USE.add(made)
+        return made
 
     @cached_property
     def solution(self) -> Solution:
@@ -338,6 +357,10 @@ class SolvedMember:
             greedy=worth(self.table.policy(values.policy)),
             sampled=sampled,
         )
+
+
+IN_USE: WeakSet[SolvedMember] = WeakSet()
+"""Members that some miniatures hold: arms and placebos with equal members share their tables."""
 
 
 def levels_of(table: TabulatedTask) -> IntArray:

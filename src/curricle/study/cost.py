@@ -57,6 +57,7 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
             paces[id(node.task)] = pace(node.task)
         acting = paces[id(node.task)] + FORWARD * node.deep
         learning = paces[id(node.task)] + NETWORK if node.deep else SLOWER * acting
+        learning = paces[id(node.task)] if node.takes_no_steps else learning
         steps, evaluation = node.most_steps, node.most_evaluation_steps
         seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))
         rows.append(Cost(arm, name, seeds, steps, evaluation, seconds, acting))
