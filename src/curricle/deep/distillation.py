@@ -13,7 +13,7 @@ from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import DeepResult
 from curricle.deep.miniature import Knowledge, Miniatures, rows_of
 from curricle.deep.models import isolated, model_for
-from curricle.deep.networks import NetworkValues
+from curricle.deep.networks import NetworkValues, Standardized
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
@@ -118,6 +118,8 @@ def _fit(
             losses = losses + functional.cross_entropy(logits, smooth, reduction="none")
         return (losses * weight[rows]).mean()
 
+    for part in Standardized.of(policy):
+        part.see(policy, knowledge.observations)
     policy.set_training_mode(True)
     parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
     optimizer = torch.optim.Adam(parameters, settings.learning_rate)
