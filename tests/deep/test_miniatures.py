@@ -151,34 +151,6 @@ def test_equal_members_are_tabulated_once():
     assert all(made.solved[0] is small.solved[0] for made in (other, placebo))
 
 
-def through_a_table(steps, budget, **settings):
-    """A table, what it knows distilled into miniatures' network, and the target of that."""
-    lake = cr.tabulate(room(3).environment, discount=0.9)
-    small = miniatures(room(3), resets=1)
-    transfer = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
-    return cr.Curriculum(
-        {"table": lake, "small": small, "large": room(5)},
-        [transfer, cr.Transfer("small", "large")], learner={"small": PPO, "large": PPO},
-        budget={"table": cr.StoppingRule(steps), "large": budget}, eval_freq={"large": 64},
-        evaluation={"large": ROLLOUTS}, **settings,
-    )  # fmt: skip
-
-
-def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
-    curriculum = through_a_table(4_000, 64, shaping={"large": PolicyReuse()})
-    lake, small = curriculum.tasks["table"], curriculum.tasks["small"]
-    result = curriculum.train(seeds=1)
-    assert result.source_steps("large").tolist() == [4_000 + curriculum.tasks["small"].transitions]
-    q = result["table"].values[0]
-    knowledge = small.knowledge(potential=result.potentials["small"][0])
-    live = ~lake.mdp.terminal
-    assert sorted(knowledge.values) == pytest.approx(sorted(q[live].max(axis=1)))
-    assert not np.allclose(sorted(knowledge.values), sorted(small.knowledge().values), atol=1e-9)
-    loaded = cr.curriculum.CurriculumResult.load(result.save(tmp_path / "plan"), curriculum)
-    seen = knowledge.observations
-    assert np.array_equal(loaded["small"].values[0].v(seen), result["small"].values[0].v(seen))
-
-
 def test_a_forecast_says_what_holds_on_held_out_levels():
     small = miniatures(room(), resets=40, tested_on=[room(6)])
     foreseen = cr.forecast(plan(PolicyReuse(), small=small), seeds=2, trial=False)
@@ -301,14 +273,14 @@ def short_of(shaping, learner):
     return plan(shaping, learner=learner, budget=cr.Episodes(3))
 
 
-def calibrated_miniatures():
-    curriculum = through_a_table(500, 640)
-    distilled, edge = curriculum.transfers
-    return replace(curriculum, transfers=[replace(distilled, calibrate=True), edge])
+def with_a_source():
+    whole = plan(None)
+    chain = [cr.Transfer("first", "small"), *whole.transfers]
+    return replace(whole, tasks={"first": miniatures(room(3)), **whole.tasks}, transfers=chain)
 
 
 BAD = {
-    "which miniatures never do": calibrated_miniatures,
+    "solved and need no source: .*'first'": with_a_source,
     "at least one member": miniatures,
     "one space": lambda: miniatures(room(), cr.observation_task("CartPole-v1")),
     "numbered actions": lambda: miniatures(cr.observation_task("Pendulum-v1")),

@@ -182,7 +182,7 @@ class Node:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
 
-            return learn_miniatures(self.task, self.learner, seeds, potentials, progress=progress)
+            return learn_miniatures(self.task, self.learner, seeds, progress=progress)
         common: dict[str, Any] = {
             "shaping": [self.shaping.with_potential(phi) for phi in potentials] or None,
             "seeds": seeds,
@@ -348,6 +348,11 @@ class Curriculum:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             for role in ("source", "target"):
                 one_of(f"a transfer's {role}", getattr(transfer, role), self.tasks, CurriculumError)
+            if isinstance(self.tasks[transfer.target], Miniatures):
+                raise CurriculumError(
+                    "miniatures are solved and need no source: a transfer must lead from "
+                    f"{transfer.source!r} into another task than {transfer.target!r}"
+                )
         mapped = (
             with_mapping(
                 transfer,
@@ -431,13 +436,7 @@ class Curriculum:
                 "all transfers into a task must have the same calibration: those into "
                 f"{name!r} differ"
             )
-        calibration = settings.pop() if settings else None
-        if calibration is not None and isinstance(self.tasks[name], Miniatures):
-            raise CurriculumError(
-                "a calibration takes steps in its task, which miniatures never do: a transfer into "
-                f"{name!r} has calibrate={calibration}"
-            )
-        return calibration
+        return settings.pop() if settings else None
 
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that are trained before `name`, in training order."""
@@ -599,8 +598,7 @@ class Curriculum:
         wanted |= {source for name in wanted for source in self.ancestors(name)}
         for node in map(self.node, wanted - set(sources)):
             if node.deep:
-                shaped = bool(self.in_edges(node.name)) and not node.takes_no_steps
-                node.check_network(shaped=shaped)
+                node.check_network(shaped=bool(self.in_edges(node.name)))
         with shown(progress) as bars:
             for name in (name for name in self.order if name in wanted and name not in known):
                 potentials[name] = self.potentials(name, sources)

@@ -384,11 +384,7 @@ def source_values(
             node.learner.algorithm_class()  # raises an ImportError that names what to install
             from curricle.deep.models import network_values  # needs PyTorch
 
-            # A distilled network computes its values without its task's sources.
-            shapings = [
-                None if node.takes_no_steps else node.shaping.with_potential(potential)
-                for potential in potentials or [None] * len(seeds)
-            ]
+            shapings = map(node.shaping.with_potential, potentials or [None] * len(seeds))
             values = tuple(map(partial(network_values, node.task, node.learner), shapings, values))
         learnt[name] = SourceValues(node.task, seeds, values, steps_used)
     return learnt

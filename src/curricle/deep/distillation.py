@@ -75,7 +75,7 @@ def _fit(
     """Fit a policy to values of mean 0 and spread 1, then rescale the layer of its values."""
     for name in ("policy", "action_values"):
         known = getattr(knowledge, name)
-        if known is not None and known.shape[1] != task.n_actions:
+        if known.shape[1] != task.n_actions:
             raise SettingError(
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
                 f"{known.shape[1]} actions; a mapping's actions= maps them"
@@ -85,13 +85,13 @@ def _fit(
     wanted: Any = knowledge.action_values if q_nets else knowledge.values
     if hasattr(policy, "value_net") and task.n_actions is not None and not needs_of(policy):
         last = policy.value_net
-    elif q_nets and wanted is not None:
+    elif q_nets:
         network = getattr(policy, q_nets[0])
         last = getattr(network, q_nets[0])[-1]
     else:
         raise SettingError(
             "the learner of a distilled task must be an actor-critic with numbered actions, "
-            "without memory or masks, or DQN or QR-DQN where action values are known: got "
+            "without memory or masks, or DQN or QR-DQN: got "
             f"{type(policy).__name__}"
         )
 
@@ -110,7 +110,7 @@ def _fit(
             values = values if values.dim() == 2 else values.mean(dim=1)  # QR-DQN's quantiles
         error = values - tensor((wanted[rows] - mean) / spread)
         losses = error.square().reshape(len(rows), -1).mean(dim=1)
-        if network is None and knowledge.policy is not None:
+        if network is None:
             probabilities = tensor(knowledge.policy[rows])
             smooth = (1 - settings.smoothing) * probabilities
             smooth = smooth + settings.smoothing / probabilities.shape[1]
@@ -139,17 +139,15 @@ def learn_miniatures(
     task: Miniatures,
     learner: DeepLearner,
     seeds: Sequence[int],
-    potentials: Sequence[Any] = (),
     *,
     progress: Progress = None,
 ) -> DeepResult:
-    """Return a network for each seed, fitted to miniatures or to its potential in them."""
+    """Return a network for each seed, fitted to miniatures."""
     outcomes = []
     with shown(progress) as bars:
         grow = bars.bar("distilling", len(seeds))
-        for k, seed in enumerate(seeds):
-            known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
-            network: Any = distil(known, task, learner, seed=seed)
+        for seed in seeds:
+            network: Any = distil(task.knowledge(seed=seed), task, learner, seed=seed)
             examined = task.examined(network)[: len(task.members)]
             record = Record.empty(1)
             record.greedy_return[0] = np.mean([member.best for member in examined])

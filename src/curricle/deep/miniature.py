@@ -1,7 +1,7 @@
 """Miniatures: small relatives of a task, which are solved exactly and distilled into networks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
 from typing import Any, NamedTuple, Self
@@ -11,8 +11,8 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import instance, number, whole_number
-from curricle.errors import PotentialError, TaskError
-from curricle.interop.tabulated_task import TabulatedTask, action_probabilities, assembled, parts_of
+from curricle.errors import TaskError
+from curricle.interop.tabulated_task import TabulatedTask, assembled, parts_of
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.mdp import edges_of
@@ -30,17 +30,15 @@ class Knowledge(Frozen):
 
     observations: Any  # n, stacked
     values: FloatArray  # (n,) V
-    action_values: FloatArray | None  # (n, A) Q
-    policy: FloatArray | None  # (n, A) the probability of each action
+    action_values: FloatArray  # (n, A) Q
+    policy: FloatArray  # (n, A) the probability of each action
     states: IntArray  # (n,) how many states have this observation: its values are their mean
 
     __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         for name in ("values", "action_values", "policy"):
-            column = getattr(self, name)
-            if column is not None:
-                object.__setattr__(self, name, adopted(column, np.float64))
+            object.__setattr__(self, name, adopted(getattr(self, name), np.float64))
         object.__setattr__(self, "states", adopted(self.states, np.int64))
 
     @classmethod
@@ -53,30 +51,12 @@ class Knowledge(Frozen):
         return cls._merged(observations, q.max(axis=1), q, chosen, np.ones(len(q), int))
 
     @classmethod
-    def read(cls, values: Any, observations: Any) -> Self:
-        """Return a :class:`ValueSource`'s values of the observations, of n, that it knows."""
-        pairs = values.pairs(observations) if values.of_actions else None
-        v = values.v(observations) if pairs is None else pairs.max(axis=1)
-        known = np.isfinite(v)
-        if not known.any():
-            raise PotentialError(
-                f"a potential to distil must know an observation: none of {len(v):,} is mapped"
-            )
-        seen = rows_of(observations, known)
-        if pairs is not None:
-            return cls.of(seen, pairs[known])
-        actor = actor_of(values)
-        policy = None if actor is None else action_probabilities(actor, seen)
-        return cls._merged(seen, v[known], None, policy, np.ones(int(known.sum()), int))
-
-    @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Return the knowledge of all parts, with means weighted by the parts' states."""
         seen = [parts_of(part.observations) for part in parts]
         stacked = {name: np.concatenate([leaves[name] for leaves in seen]) for name in seen[0]}
         columns: Any = zip(*(part._columns for part in parts), strict=True)
-        joint: Any = (None if column[0] is None else np.concatenate(column) for column in columns)
-        return cls._merged(assembled(stacked), *joint)
+        return cls._merged(assembled(stacked), *map(np.concatenate, columns))
 
     @property
     def alike(self) -> float:
@@ -86,8 +66,7 @@ class Knowledge(Frozen):
     def shuffled(self, seed: int) -> Self:
         """Return the same values and policies in random order over the observations."""
         order = np.random.default_rng(seed).permutation(len(self.values))
-        mixed: Any = (None if column is None else column[order] for column in self._columns)
-        return type(self)(self.observations, *mixed)
+        return type(self)(self.observations, *(column[order] for column in self._columns))
 
     @property
     def _columns(self) -> tuple[Any, ...]:
@@ -106,8 +85,6 @@ class Knowledge(Frozen):
         weight = np.bincount(group, states)
 
         def mean(column: Any) -> Any:
-            if column is None:
-                return None
             total = np.zeros((len(numbers), *column.shape[1:]))
             np.add.at(total, group, (column.T * states).T)
             return (total.T / weight).T
@@ -160,9 +137,9 @@ class Miniatures(ObservationTask):
         settings = self.resets, 1.0, self.max_states
         return tuple(SolvedMember.of(member, *settings) for member in self.tested_on)
 
-    def knowledge(self, *, potential: Any = None, seed: int = 0) -> Knowledge:
-        """Return the knowledge to distil: exact values and policies, or those of a potential."""
-        known = Knowledge.joined([member.knowledge(potential) for member in self.solved])
+    def knowledge(self, *, seed: int = 0) -> Knowledge:
+        """Return the knowledge to distil: exact values and policies of all training levels."""
+        known = Knowledge.joined([member.knowledge() for member in self.solved])
         return known.shuffled(seed) if self.shuffled else known
 
     def examined(self, values: Any) -> "tuple[Examined, ...]":
@@ -325,15 +302,12 @@ class SolvedMember:
         """Different levels among the resets."""
         return len(np.unique(self.level[self.table.mdp.start > 0]))
 
-    def knowledge(self, potential: Any = None) -> Knowledge:
-        """Return the knowledge of training levels; a potential may not know all their states."""
+    def knowledge(self) -> Knowledge:
+        """Return the knowledge of training levels."""
         assert self.table.observations is not None
         rows = np.flatnonzero(self.training)
-        seen = self.table.observations.batch(rows)
-        if potential is None:
-            q, policy = self.solution.finite_action_values, self.solution.policy
-            return Knowledge.of(seen, q[rows], policy[rows])
-        return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
+        q, policy = self.solution.finite_action_values, self.solution.policy
+        return Knowledge.of(self.table.observations.batch(rows), q[rows], policy[rows])
 
     def examined(self, values: Any) -> Examined:
         """Return a network's returns on the held-out levels, or on all if none is held out."""
