@@ -262,24 +262,26 @@ class DeepRun:
                 venv = environments(self.task, self.learner, shaping, processes=apart)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
-            if not progress.over:
-                rollout = rollout_of(model)
-                if rollout > left and hasattr(model, "rollout_buffer"):
-                    raise SettingError(
-                        f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times "
-                        f"envs: {rollout:,} steps are more than {left:,}"
+            try:
+                if not progress.over:
+                    rollout = rollout_of(model)
+                    if rollout > left and hasattr(model, "rollout_buffer"):
+                        raise SettingError(
+                            f"a budget must hold a rollout of {self.learner.algorithm}, n_steps "
+                            f"times envs: {rollout:,} steps are more than {left:,}"
+                        )
+                    callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
+                    model.learn(
+                        left - model.num_timesteps,
+                        callback=[recorder, *callbacks],
+                        reset_num_timesteps=saved is None,
+                        progress_bar=self.learner.progress_bar,
                     )
-                callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
-                model.learn(
-                    left - model.num_timesteps,
-                    callback=[recorder, *callbacks],
-                    reset_num_timesteps=saved is None,
-                    progress_bar=self.learner.progress_bar,
-                )
-                recorder.end()
-            if recorder.environments is not None:
-                recorder.environments.close()
-            model.env.close()  # its processes end
+                    recorder.end()
+            finally:
+                model.env.close()  # its processes end
+                if recorder.environments is not None:
+                    recorder.environments.close()
         return Outcome(
             progress.record,
             values,  # type: ignore[arg-type]
