@@ -418,7 +418,8 @@ def note(record, stopping, checkpoint, so_far, q, other):
     """Fill a checkpoint of a record; return 1 where the stopping rule ends the run there, else 0.
 
     `so_far` are the steps, the episodes, the number and returns of those ended since the last
-    checkpoint, the greedy return, and the source's share; `q` and `other`, (S, A), have Q as mean.
+    checkpoint, the greedy return, and the source's share; `q` and `other`, (S, A), have Q as mean;
+    or every n-th row of (n S, A).
     """
     step, episodes, ended, ended_return, value, share = so_far
     record.training_return[checkpoint] = ended_return / ended if ended > 0 else np.nan
@@ -427,8 +428,9 @@ def note(record, stopping, checkpoint, so_far, q, other):
     record.episodes[checkpoint] = episodes
     for i in range(record.snapshot_at.shape[0]):
         if record.snapshot_at[i] == checkpoint:
-            for state in range(q.shape[0]):
+            apart = q.shape[0] // record.snapshots.shape[1]
+            for state in range(record.snapshots.shape[1]):
                 for action in range(q.shape[1]):
-                    mean = 0.5 * (q[state, action] + other[state, action])
+                    mean = 0.5 * (q[apart * state, action] + other[apart * state, action])
                     record.snapshots[i, state, action] = mean
     return 1.0 if stops(stopping, record.greedy_return, checkpoint, step) else 0.0

@@ -322,7 +322,7 @@ class Run:
     def _dense(self, seed: _Seed, q: FloatTable, n: StaticInt = (None,)) -> DenseTable:
         best, greedy = np.empty(len(q), q.dtype), np.empty(len(q), np.uint16)
         key, far = np.uint64(splitmix64(seed.start)), (None,) * (q.nbytes > NEAR)
-        return DenseTable(q, best, greedy, key, n, self._width, far)
+        return DenseTable(q, best, greedy, key, n, np.uint64(len(n)), self._width, far)
 
     def _train_densely(self, seed: _Seed) -> Outcome:
         q = self._filled(seed.initial, seed.out)
@@ -345,23 +345,29 @@ class Run:
         assert shaping is not None
         assert shaping.portfolio is not None
         n, n_actions = self.shape
-        q = np.zeros((n, 4, n_actions), self.storage.dtype)
-        q[:, 0] = self._filled(seed.initial)
+        rows = np.zeros((4 * n + 3, n_actions), self.storage.dtype)
+        q = rows[: 4 * n]
+        blocks = q.reshape(n, 4, n_actions)
+        blocks[:, 0] = self._filled(seed.initial)
         for k, start in ((1, highest), (2, lowest)):
-            self._filled(None, q[:, k], start)
-        table = self._dense(seed, q.reshape(4 * n, n_actions), (None,) * 4)
+            self._filled(None, blocks[:, k], start)
+        table = self._dense(seed, q, (None,) * 4)
 
         def part(k: int) -> DenseTable:
-            arrays = {name: getattr(table, name)[k::4] for name in ("q", "row_max", "row_argmax")}
-            return table._replace(n=(None,), **arrays)
+            # Of the type of a table of its own, for which evaluation is compiled already: rows from
+            # k on, of which every fourth is read.
+            far = (None,) * (q.nbytes // 4 > NEAR)
+            best, greedy = table.row_max[k:], table.row_argmax[k:]
+            of_one = table._replace(q=rows[k : k + 4 * n], n=(None,), far=far)
+            return of_one._replace(row_max=best, row_argmax=greedy)
 
         source, learnt, tally = part(0), part(2), Tally.empty(n)
-        memory = q.reshape(n, -1), table.q.view(f"u{q.itemsize}")
+        memory = q.reshape(n, -1), q.view(f"u{q.itemsize}")
         members = Members(shaping.portfolio.kernel, tally, highest, *memory, source, learnt)
-        tables, view = (table, learnt, None, members), source.q[None, None]
-        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, view)
+        tables = table, learnt, None, members
+        steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, None])
         if seed.out is not None:
-            seed.out[...] = source.q if tally.share[0] > UNDECIDED else learnt.q
+            seed.out[...] = blocks[:, 0 if tally.share[0] > UNDECIDED else 2]
         return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
 
     def _train_sparsely(self, seed: _Seed) -> Outcome:

@@ -164,7 +164,8 @@ class DenseTable(NamedTuple):
     row_max: FloatTable  # (n S,) max_a q(s, a)
     row_argmax: npt.NDArray[np.uint16]  # (n S,) an action that attains it, flagged where several do
     key: np.uint64  # breaks the ties before learning
-    n: StaticInt
+    n: StaticInt  # as loops read it
+    apart: np.uint64  # n as evaluation reads it, which is compiled once for all n
     width: StaticInt  # A where loops along a row are to be unrolled, else 0
     far: StaticInt  # 1 where the table exceeds the nearest cache, else 0
 
@@ -230,21 +231,22 @@ def _dense_row_of(table, state, terminated):
 
 @greedy_actions.body(DenseTable)
 def _dense_greedy(view, state, bits):
-    greedy = np.uint64(view.row_argmax[state])
+    row = state * view.apart
+    greedy = np.uint64(view.row_argmax[row])
     if greedy >= TIED:
-        greedy = best_of(of_width(view.q, view.width), state, bits)[1]
+        greedy = best_of(of_width(view.q, view.width), row, bits)[1]
     return greedy
 
 
 @acting_rows.body(DenseTable)
 def _dense_acting_row(view, state, out):
     for action in range(out.shape[1]):
-        out[0, action] = view.q[state, action]
+        out[0, action] = view.q[state * view.apart, action]
 
 
 @fixed_views.body(DenseTable)
 def _dense_values(view):
-    return Values(view.q)
+    return Values(view.q, view.apart)
 
 
 # -- sparse --------------------------------------------------------------------------------------

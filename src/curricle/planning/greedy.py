@@ -84,18 +84,19 @@ greedy_actions, acting_rows = Overloaded(greedy_action), Overloaded(acting_row)
 class Values(NamedTuple):
     """Fixed values of every pair."""
 
-    values: FloatTable  # (S, A)
+    values: FloatTable  # (n S, A)
+    apart: np.uint64 = np.uint64(1)  # n, the rows from a state to the next
 
 
 @greedy_actions.body(Values)
 def _greedy_on_values(view, state, bits):
-    return best_of(view.values, state, bits)[1]
+    return best_of(view.values, state * view.apart, bits)[1]
 
 
 @acting_rows.body(Values)
 def _row_of_values(view, state, out):
     for action in range(out.shape[1]):
-        out[0, action] = view.values[state, action]
+        out[0, action] = view.values[state * view.apart, action]
 
 
 class VisitedValues(NamedTuple):

@@ -343,7 +343,7 @@ def lowered(typed: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
 
 @lowered(lambda table, row, first: table.dtype(table, row, first))
 def highest_of_lanes(context, builder, signature, args):
-    """Return the highest of up to 8 values of a row, from `first` on; no NaN, rows contiguous."""
+    """Return the highest of up to 8 values of a row, from `first` on; no NaN, (n, m) C-ordered."""
     values, inside = _vector(context, builder, signature.args[0], args)
     low = ir.Constant(values.type, [float("-inf")] * LANES)
     values, kind = builder.select(inside, values, low), values.type.element
@@ -390,12 +390,7 @@ def _vector(context: Any, builder: Any, table: Any, args: Any) -> tuple[Any, Any
     """Return 8 values of a row from an entry on, and which lie in the row; no others are read."""
     array = context.make_array(table)(context, builder, args[0])
     width, first = builder.extract_value(array.shape, 1), args[2]
-    byte = ir.IntType(8).as_pointer()
-    start = builder.mul(args[1], builder.extract_value(array.strides, 0))
-    start = builder.bitcast(
-        builder.gep(builder.bitcast(array.data, byte), [start]), array.data.type
-    )
-    start = builder.gep(start, [first])
+    start = builder.gep(array.data, [builder.add(builder.mul(args[1], width), first)])
     lanes = ir.Constant(WORDS, list(range(LANES)))
     numbers = builder.add(lanes, _spread(builder, builder.trunc(first, WORD)))
     inside = builder.icmp_unsigned("<", numbers, _spread(builder, builder.trunc(width, WORD)))
@@ -417,16 +412,15 @@ def _spread(builder: Any, value: Any) -> Any:
 
 @lowered(lambda array, width: array(array, width))
 def of_width(context, builder, signature, args):
-    """Return an (n, m) array with m known to the compiler: len(width), if not 0."""
+    """Return a C-ordered (n, m) array with m known to the compiler: len(width), if not 0."""
     array, width = signature.args
     table = context.make_array(array)(context, builder, args[0])
     if width.count > 0:
         m = ir.Constant(context.get_value_type(types.intp), width.count)
         size = context.get_abi_sizeof(context.get_data_type(array.dtype))
         table.shape = builder.insert_value(table.shape, m, 1)
-        if array.layout == "C":
-            stride = ir.Constant(m.type, width.count * size)
-            table.strides = builder.insert_value(table.strides, stride, 0)
+        stride = ir.Constant(m.type, width.count * size)
+        table.strides = builder.insert_value(table.strides, stride, 0)
     return imputils.impl_ret_borrowed(context, builder, array, table._getvalue())
 
 
