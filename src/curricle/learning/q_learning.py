@@ -26,13 +26,14 @@ from curricle.planning.policy_evaluation import SLICE, greedy_return
 from curricle.tasks.kernel import STRIDE, Overloaded, inlined, of_width, prefetch, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
+NO_ROW = np.uint64(2**64 - 1)
 BOLD, SOBER, VISITS = np.uint64(1), np.uint64(2), np.uint64(3)
 """The rows of a portfolio's state after the source's: the optimist's two, and of pairs' visits."""
 MOST_VISITS = np.uint32(2**32 - 1)
 
 
 class Beside(NamedTuple):
-    """What an optimistic learner needs, whose table of Q learns beside the one that is acted on.
+    """The table of Q of an optimistic learner, which learns beside the one that is acted on.
 
     The optimistic values start at the highest value: their greedy actions lead to pairs not tried
     yet. Q starts at the lowest; it is evaluated, kept in snapshots and transferred. Q-learning is
@@ -87,36 +88,19 @@ def update_value(q, best, row, change):
 
 
 @inlined
-def learn_step(tables, beside, members, discount, happened):
-    """Update all tables by a step that was made."""
-    (row, next_row, terminated), (action, rate, reward, bits), horizon = happened
-    table, learnt = tables[0], tables[1]
+def update_all(table, members, row, learnt):
+    """Update a row, and in a portfolio those of the optimist beside it."""
+    change, (horizon, hoped, expected) = learnt
     q, best, greedy = of_width(table.q, table.width), table.row_max, table.row_argmax
-    target = as_learnt(beside, q, reward)
-    if not terminated:
-        ahead = as_learnt(beside, q, best[next_row])
-        if beside is not None and not ahead < beside.highest:
-            ahead = beside.highest  # rewards at discount 1 could raise optimism too far
-        target += discount * ahead
-    if beside is not None:
-        expected, of_q = reward, of_width(learnt.q, learnt.width)
-        if not terminated:
-            expected += discount * np.float64(learnt.row_max[next_row])
-        update(of_q, learnt.row_max, learnt.row_argmax, row, (action, rate, expected, bits))
+    update(q, best, greedy, row, change)
     if members is not None:
-        hoped = expected = q.dtype.type(reward)
-        if not terminated:
-            ahead = best[next_row + BOLD]
-            ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
-            hoped += discount * ahead
-            expected += discount * best[next_row + SOBER]
+        action, _, _, bits = change
         visits = members.visits[row + VISITS, action]
         visits += np.uint64(visits < MOST_VISITS)
         members.visits[row + VISITS, action] = visits
-        fast = q.dtype.type(optimistic_rate(horizon, visits))
-        update(q, best, greedy, row + BOLD, (action, fast, hoped, bits))
-        update_value(q, best, row + SOBER, (action, fast, expected))
-    update(q, best, greedy, row, (action, rate, target, bits))
+        rate = q.dtype.type(optimistic_rate(horizon, visits))
+        update(q, best, greedy, row + BOLD, (action, rate, hoped, bits))
+        update_value(q, best, row + SOBER, (action, rate, expected))
 
 
 def train_q_learning(model, rule, tables, course):
@@ -134,8 +118,8 @@ def learn_fast(model, rule, tables, beside, members, course):
     """Do what :func:`train_q_learning` says."""
     # Where `beside` or `members` is None, Numba leaves out what is done with it, as an argument.
     #
-    # Rows of a far table arrive late from memory. There a step is learnt from during the next one,
-    # before anything that changes is read, so that results are the same.
+    # Rows of a far table arrive late from memory. There the update of a step is made during the
+    # next one, before anything it changes is read, so that results are the same.
     table, learnt, record = tables[0], tables[1], course.record
     if beside is not None:
         find_row_maxima(learnt)
@@ -148,8 +132,8 @@ def learn_fast(model, rule, tables, beside, members, course):
     episode_return, counter = 0.0, course.stream + STRIDE
     state, last, counter = first_state(model, splitmix64(counter)), step + limit, counter + STRIDE
     row = row_of(table, state, False)
-    waits, horizon = False, 0.0
-    happened = (row, row, False), (row, nothing, 0.0, row), horizon
+    also, change = (0.0, nothing, nothing), (np.uint64(0), nothing, nothing, np.uint64(0))
+    pending, pending_change = NO_ROW, (change, also)
     share, acting, start, begun, earned, factor = np.nan, SOURCE, state, step, 0.0, 1.0
     while True:
         if early or step == checkpoint * eval_freq:
@@ -181,25 +165,46 @@ def learn_fast(model, rule, tables, beside, members, course):
                 action = np.uint64(greedy[actor]) & ACTION
             next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
             next_row = row_of(table, next_state, terminated)
+            if is_full(table, next_row):
+                row = next_row
+                break
             if far:
                 if members is None:
                     prefetch(q, next_row)
                 else:
                     prefetch(members.blocks, next_state)
-            if waits:
-                learn_step(tables, beside, members, discount, happened)
-            if is_full(table, next_row):
-                row = next_row
-                break
+            if pending != NO_ROW:
+                update_all(table, members, pending, pending_change)
+                pending = NO_ROW
+            target = as_learnt(beside, q, reward)
             counted = row if members is None else state
             rate = as_learnt(beside, q, rate_of(rule.learning_rate, counted, action, step))
+            if not terminated:
+                ahead = as_learnt(beside, q, best[next_row])
+                if beside is not None and not ahead < beside.highest:
+                    ahead = beside.highest  # rewards at discount 1 could raise optimism too far
+                target += discount * ahead
+            change = action, rate, target, bits
+            if beside is not None:
+                target = reward
+                if not terminated:
+                    target += discount * np.float64(learnt.row_max[next_row])
+                other, of_q = (action, rate, target, bits), of_width(learnt.q, learnt.width)
+                update(of_q, learnt.row_max, learnt.row_argmax, row, other)
             if members is not None:
+                hoped = expected = q.dtype.type(reward)
+                if not terminated:
+                    ahead = best[next_row + BOLD]
+                    ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
+                    hoped += discount * ahead
+                    expected += discount * best[next_row + SOBER]
                 horizon = horizon_of(members.tally, step + 1 - begun)
-            happened = (row, next_row, terminated), (action, rate, reward, bits), horizon
+                also = horizon, hoped, expected
             ends = noted_end(record, next_state, terminated) or step + 1 == last or truncated(model)
-            waits = far and not ends and next_row != row and step + 1 < stop
-            if not waits:
-                learn_step(tables, beside, members, discount, happened)
+            if far and not ends and next_row != row:
+                pending, pending_change = row, (change, also)
+            else:
+                update_all(table, members, row, (change, also))
 
             step, episode_return = step + 1, episode_return + reward
             state, row = next_state, next_row
@@ -220,3 +225,6 @@ def learn_fast(model, rule, tables, beside, members, course):
                 row, start = row_of(table, state, False), state
                 if is_full(table, row) or has_failed(model):
                     break
+        if pending != NO_ROW:
+            update_all(table, members, pending, pending_change)
+            pending = NO_ROW
