@@ -22,7 +22,7 @@ from curricle.planning.policy_evaluation import LARGEST_EVALUATED, LARGEST_SOLVE
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
-from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
+from curricle.study.cost import Cost, costs, sweeping_seconds, total_words
 from curricle.study.results import StudyResults
 from curricle.study.running import Done, usable_units
 from curricle.study.store import StudyStore, holds_study
@@ -30,7 +30,7 @@ from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import UNBOUNDED, counted, text_table
+from curricle.text import UNBOUNDED, counted, duration, text_table
 from curricle.transfer.aggregate import COMPARED
 from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 from curricle.transfer.transfer import transfer_names

@@ -31,6 +31,7 @@ from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum, Nod
 from curricle.curriculum.result import SourceValues
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult
+from curricle.planning.rollouts import random_step_seconds
 from curricle.progress import Bars
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.live import is_live
@@ -216,6 +217,19 @@ class Plan:
         """Return the plan without some arms, their controls and constants."""
         kept = {name: arm for name, arm in self.arms.items() if not {name, arm.of} & set(arms)}
         return replace(self, arms=kept)
+
+    def live_seconds(self, seeds: Collection[int]) -> float:
+        """Return about the most seconds that steps in live tasks take, by a few random steps."""
+        # A table's update takes no time beside a step of an environment in Python.
+        seconds, paces = 0.0, dict[int, float]()
+        for unit in self.units(seeds, {}):
+            node = self.arms[unit.arm].curriculum.node(unit.task)
+            if not node.deep and is_live(node.task):
+                if id(node.task) not in paces:
+                    paces[id(node.task)] = random_step_seconds(node.task)
+                steps = node.most_steps + node.most_evaluation_steps
+                seconds += len(unit.seeds) * steps * paces[id(node.task)]
+        return seconds
 
     def units(
         self,

@@ -247,7 +247,7 @@ def tabulate(
     samples: int | None = None,
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
-    progress: bool | Callable[[str], Any] | None = False,
+    progress: bool | Callable[[str], Any] | None = None,
     cache: str | Path | None = None,
     action_masks: bool = False,
     **make_arguments: Any,

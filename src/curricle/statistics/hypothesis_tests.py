@@ -98,8 +98,8 @@ def _lower_probability(share: float, n_a: int, n_b: int, z: float) -> float:
         variance = p * (1 - p) * (1 + ((n_a + n_b) / 2 - 1) * between) / (n_a * n_b)
         return share - p - z * math.sqrt(variance)
 
-    # By bisection, as SciPy's search for a root takes half a second to import. Where the share is 1,
-    # p = 1 is a root too, but not the smallest.
+    # By bisection, as importing SciPy's search for a root takes half a second. Where the share is
+    # 1, p = 1 is a root too, but not the smallest.
     low, high = 0.0, min(share, 1 - ROUNDING)
     while low < (middle := (low + high) / 2) < high:
         low, high = (middle, high) if excess(middle) > 0 else (low, middle)
