@@ -28,7 +28,16 @@ if TYPE_CHECKING:
 
 
 class _Commands(TyperGroup):
-    """The commands, which end at once when interrupted."""
+    """The commands, which end at once when interrupted; the help shows no type of their flags."""
+
+    def get_params(self, ctx: Any) -> Any:
+        return _untyped(super().get_params(ctx))
+
+    def get_command(self, ctx: Any, name: str) -> Any:
+        command = super().get_command(ctx, name)
+        if command is not None:
+            _untyped(command.get_params(ctx))
+        return command
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -38,6 +47,14 @@ class _Commands(TyperGroup):
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(130)  # or Python would wait for units in compiled loops
+
+
+def _untyped(options: Any) -> Any:
+    """Return options of a command, its flags without the type that Typer's help shows."""
+    for option in options:
+        if getattr(option, "is_flag", False):
+            option.metavar = ""
+    return options
 
 
 app = typer.Typer(
@@ -106,6 +123,7 @@ def _announce_imports() -> None:
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())
         LOGGER.setLevel(logging.INFO)
+        LOGGER.propagate = False  # or what a module does to the root logger would say it again
 
 
 # -- The commands ----------------------------------------------------------------------------------
@@ -167,18 +185,21 @@ def check(
     seeds: Seeds = None,
     changes: Changes = None,
     arms: OnlyArms = None,
+    forecast: Annotated[
+        bool, Option("--forecast", help="Make the whole forecast, however long it takes.")
+    ] = False,
     explain: Explain = False,
 ) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training the target.
 
-    The forecast trains the sources at their budgets, if that takes seconds.
+    The forecast trains the sources at their budgets if that takes seconds, or with --forecast.
     """
     from curricle.cli.output import print_preview, print_words
     from curricle.cli.progress_bars import announce_compilation
 
     _announce_imports()
     announce_compilation()
-    print_preview(_read(file, seeds, changes, arms))
+    print_preview(_read(file, seeds, changes, arms), forecast=forecast)
     if explain:
         print_words()
 
@@ -225,7 +246,7 @@ def run(
     workers: Annotated[
         int | None, Option(min=1, help="Threads; all processors by default.")
     ] = None,
-    processes: Annotated[bool, Option(help="Processes instead of threads.")] = False,
+    processes: Annotated[bool, Option("--processes", help="Processes instead of threads.")] = False,
     on: Annotated[
         str | None, Option(help="A cluster: dask or ray, or dask://host:8786, ray://host:10001.")
     ] = None,
@@ -235,11 +256,13 @@ def run(
     track: Annotated[
         list[str] | None, Option(help="Also log curves in a tool: tensorboard.")
     ] = None,
-    resume: Annotated[bool, Option(help="Go on with the units in the folder.")] = False,
+    resume: Annotated[bool, Option("--resume", help="Go on with the units in the folder.")] = False,
     show_page: Annotated[
         bool, Option("--open", help="Open report.html, which is written anew as units end.")
     ] = False,
-    dry_run: Annotated[bool, Option(help="Print the units to train; train nothing.")] = False,
+    dry_run: Annotated[
+        bool, Option("--dry-run", help="Print the units to train; train nothing.")
+    ] = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -313,7 +336,9 @@ def schema() -> None:
 @app.command()
 def show(
     folder: Folder,
-    decisions: Annotated[bool, Option(help="Why each task went on or stopped.")] = False,
+    decisions: Annotated[
+        bool, Option("--decisions", help="Why each task went on or stopped.")
+    ] = False,
     arm: Annotated[str | None, Option(help="Only this arm.")] = None,
     task: Annotated[str | None, Option(help="Only this task.")] = None,
     seed: Annotated[int | None, Option(help="With --decisions: all of this seed's.")] = None,
@@ -338,7 +363,9 @@ def show(
 @app.command()
 def play(
     folder: Folder,
-    arm: Annotated[str | None, Option(help="The arm; needed if there are several.")] = None,
+    arm: Annotated[
+        str | None, Option(help="The arm; needed if there are several curricula.")
+    ] = None,
     task: Annotated[str | None, Option(help="The task; the target by default.")] = None,
     seed: Annotated[
         int | None, Option(min=0, help="The seed that learnt it; with --study any.")
@@ -360,7 +387,8 @@ def play(
     if changes and study is None:
         raise BadParameter(f"--set needs --study: got --set {changes[0]} alone")
     results = StudyResults(folder)
-    arms = list(results.record.arms)
+    arms, record = list(results.record.arms), results.record.arms
+    arms = [name for name in arms if not (record[name].scratch or record[name].control_of)] or arms
     if arm is None and len(arms) > 1:
         raise BadParameter(f"--arm must be one of {listed(arms)}: got none")
     arm = arms[0] if arm is None else arm
