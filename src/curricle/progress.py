@@ -6,11 +6,10 @@ line for each full bar; a function is called with each part of the work when it 
 is shown; False is silent. What runs inside another such function shows its bars among those.
 """
 
-import gc
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache
@@ -51,17 +50,12 @@ KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at
 
 
 class Compilation(event.Listener):
-    """Counts compiled loops, for the line below bars.
-
-    The commands also have it print where there are no bars: every loop in a terminal, elsewhere one
-    line.
-    """
+    """Counts compiled loops for the line below bars; commands have it print where none are."""
 
     def __init__(self) -> None:
         self.loops, self.line, self.prints = 0, "", False
         self.screens = 0  # that show the line
         self._depth = 0  # Numba compiles in one thread at a time
-        self._collects = gc.isenabled()
 
     def on_start(self, event: Any) -> None:
         """Count a loop, but not its parts."""
@@ -69,26 +63,22 @@ class Compilation(event.Listener):
         if self._depth > 1:
             return
         self.loops += 1
-        self._collects = gc.isenabled()
-        gc.disable()
         unkept = isinstance(event.data["dispatcher"]._cache, NullCache)
         self.line = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
-        if self.prints and not sys.stderr.isatty():
-            if self.loops == 1:
-                print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
-        elif self.prints and not self.screens:
-            print(f"\r{self.line}", end="", file=sys.stderr, flush=True)
+        self._write(f"\r{self.line}")
+        if self.prints and self.loops == 1 and not sys.stderr.isatty():
+            print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
 
     def on_end(self, event: Any) -> None:
         """Erase the line when a loop is compiled."""
         self._depth -= 1
-        if self._depth:
-            return
-        if self._collects:
-            gc.enable()
-        if self.prints and sys.stderr.isatty() and not self.screens:
-            print(f"\r{' ' * len(self.line)}\r", end="", file=sys.stderr, flush=True)
-        self.line = ""
+        if not self._depth:
+            self._write(f"\r{' ' * len(self.line)}\r")
+            self.line = ""
+
+    def _write(self, text: str) -> None:
+        if self.prints and not self.screens and sys.stderr.isatty():
+            print(text, end="", file=sys.stderr, flush=True)
 
 
 @cache
@@ -98,9 +88,6 @@ def compilation() -> Compilation:
     register: Any = event.register
     register(EVENT, listener)
     return listener
-
-
-# -- Bars ------------------------------------------------------------------------------------------
 
 
 class Screen(RichProgress):
@@ -235,8 +222,8 @@ class Bars:
             self.screen.parts[self.rows[f"{self.prefix}{name}"]] = part
 
     def say(self, sentence: str) -> None:
-        """Print a sentence above the bars at once, where bars are shown."""
-        if self.screen is not None:
+        """Print a sentence, if any, above the bars at once, where bars are shown."""
+        if self.screen is not None and sentence:
             self.screen.console.print(sentence, markup=False, highlight=False)
 
     def at(self, name: str, done: int, total: int | None = None) -> None:
@@ -262,7 +249,6 @@ def nothing() -> None:
     """Do nothing, in the place of a bar that nobody sees."""
 
 
-SILENT = Bars()
 _AROUND: ContextVar[Bars | None] = ContextVar("bars", default=None)
 """The bars of the function that calls, in the same thread."""
 
@@ -271,13 +257,11 @@ _AROUND: ContextVar[Bars | None] = ContextVar("bars", default=None)
 def shown(progress: Progress, line: Callable[[], str] | None = None) -> Iterator[Bars]:
     """Yield the bars that ``progress`` asks for, with `line` below them, until the block ends."""
     check_progress(progress)
-    around, rows = _AROUND.get(), set[str]()
-    inner = progress is None and around is not None
+    inner, rows = None if progress is not None else _AROUND.get(), set[str]()
     if isinstance(progress, Bars):
         bars = progress
-    elif inner:
-        assert around is not None
-        bars = around.within()
+    elif inner is not None:
+        bars = inner.within()
         rows = {*bars.rows}
     elif progress is True or (progress is None and _watched()):
         bars = Bars(Screen(line=line, delay=0.0 if progress else DELAY))
@@ -285,25 +269,20 @@ def shown(progress: Progress, line: Callable[[], str] | None = None) -> Iterator
         bars = Bars(call=progress or None)
     before = _AROUND.set(bars)
     try:
-        if bars.screen is None or inner or isinstance(progress, Bars):
+        others = inner is not None or isinstance(progress, Bars)  # somebody else shows them
+        with nullcontext() if others or bars.screen is None else bars.screen:
             yield bars
-        else:
-            with bars.screen:
-                yield bars
     finally:
         _AROUND.reset(before)
-        if inner and bars.screen is not None:
+        if inner is not None and bars.screen is not None:
             for label in bars.rows.keys() - rows:  # steps on the way, of no interest afterwards
                 bars.screen.update(bars.rows[label], visible=False)
 
 
 def _watched() -> bool:
     """Return whether somebody may watch: this is the main thread at a terminal or in a notebook."""
-    return current_thread() is main_thread() and ("ipykernel" in sys.modules or _at_terminal())
-
-
-def _at_terminal() -> bool:
-    return sys.stderr is not None and sys.stderr.isatty()
+    shows = "ipykernel" in sys.modules or (sys.stderr is not None and sys.stderr.isatty())
+    return shows and current_thread() is main_thread()
 
 
 def check_progress(progress: Any) -> None:

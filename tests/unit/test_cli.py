@@ -72,8 +72,9 @@ def test_a_shell_completes_commands_and_kinds(typed, expected):
 def test_what_compiles_says_so_once(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code = (
-        "from curricle.cli.progress_bars import announce_compilation\n"
-        "listener = announce_compilation()\n"
+        "from curricle.progress import compilation\n"
+        "listener = compilation()\n"
+        "listener.prints = True\n"
         "from tests_loops import first, second\n"
         "first(1); second(1)\n"
         "print(listener.loops)"

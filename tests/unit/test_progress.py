@@ -161,7 +161,7 @@ def terminal(monkeypatch):
     written = io.StringIO()
     console = partial(Console, file=written, force_terminal=True, width=100)
     monkeypatch.setattr(progress_module, "Console", lambda stderr: console())
-    monkeypatch.setattr(progress_module, "_at_terminal", lambda: True)
+    monkeypatch.setattr(progress_module, "_watched", lambda: True)
     monkeypatch.setattr(progress_module, "DELAY", 0.05)
     return written
 

@@ -195,10 +195,10 @@ def check(
     The forecast trains the sources at their budgets if that takes seconds, or with --forecast.
     """
     from curricle.cli.output import print_preview, print_words
-    from curricle.cli.progress_bars import announce_compilation
+    from curricle.progress import compilation
 
     _announce_imports()
-    announce_compilation()
+    compilation().prints = True
     print_preview(_read(file, seeds, changes, arms), forecast=forecast)
     if explain:
         print_words()

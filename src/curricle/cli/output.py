@@ -299,7 +299,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
         study.check_networks()
     except SettingError as error:
         print_text(str(error))
-    print_forecasts(study, arms, costing, whole=forecast)
+    print_forecasts(study, arms, costing, forecast)
 
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
@@ -362,9 +362,7 @@ ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, fr
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
-def print_forecasts(
-    study: StudyConfig, arms: Arms, costing: Sequence[Cost], *, whole: bool = False
-) -> None:
+def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], whole: bool) -> None:
     """Print a forecast for each arm with transfers into the target, the first settings of each."""
     first = dict[str, str]()
     for name in study.arms:

@@ -19,20 +19,13 @@ import typer
 from rich.console import Console
 
 from curricle.files import Place, place_at
-from curricle.progress import Bars, Compilation, compilation, shown
+from curricle.progress import Bars, compilation, shown
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.results import StudyResults
 from curricle.study.running import Pace, Progress, run_study, shown_units
 from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
-
-
-def announce_compilation() -> Compilation:
-    """Print what is compiled from now on."""
-    compilation().prints = True
-    return compilation()
-
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
 
@@ -74,7 +67,7 @@ def run_with_bars(
     **settings: Any,
 ) -> StudyResults:
     """Run a study, show its progress and, with `page`, its report so far; return its results."""
-    announce_compilation()
+    compilation().prints = True
     pace, watchers = Pace(), list[Popen[bytes]]()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
@@ -129,7 +122,7 @@ def _complain(sentence: str) -> None:
 @contextmanager
 def bars_with_words() -> Iterator[Bars]:
     """Yield bars with a line below them: the latest message, and what is being compiled."""
-    announce_compilation()
+    compilation().prints = True
     last = ""
 
     def say(part: str) -> None:

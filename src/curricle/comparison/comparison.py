@@ -68,16 +68,7 @@ from curricle.statistics.intervals import (
     mean_interval,
     seed_line,
 )
-from curricle.text import (
-    UNBOUNDED,
-    brief_repr,
-    counted,
-    duration,
-    folded,
-    or_dash,
-    shortened,
-    text_table,
-)
+from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, shortened, text_table
 from curricle.transfer.rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
@@ -737,8 +728,8 @@ def compare(
     level = threshold_before(plan, threshold)  # solving the target may fail
     failed = dict[str, Exception]()
     with shown(progress) as bars:
-        if bars.screen is not None and (seconds := plan.live_seconds(seed_tuple(seeds))):
-            bars.say(f"steps in live environments will take at most about {duration(seconds)}")
+        if bars.screen is not None:
+            bars.say(plan.live_words(seed_tuple(seeds)))
         trained = trained_arms(plan, seed_tuple(seeds), failed, memory, workers, bars)
     return comparison_of(plan, trained, level, window, failed)
 

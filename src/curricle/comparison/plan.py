@@ -36,7 +36,7 @@ from curricle.progress import Bars
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr
+from curricle.text import brief_repr, duration
 from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.transfer import Transfer, same_transfer
 
@@ -218,8 +218,8 @@ class Plan:
         kept = {name: arm for name, arm in self.arms.items() if not {name, arm.of} & set(arms)}
         return replace(self, arms=kept)
 
-    def live_seconds(self, seeds: Collection[int]) -> float:
-        """Return about the most seconds that steps in live tasks take, by a few random steps."""
+    def live_words(self, seeds: Collection[int]) -> str:
+        """Return how long steps in live tasks will take, by a few random steps; '' without any."""
         # A table's update takes no time beside a step of an environment in Python.
         seconds, paces = 0.0, dict[int, float]()
         for unit in self.units(seeds, {}):
@@ -229,7 +229,8 @@ class Plan:
                     paces[id(node.task)] = random_step_seconds(node.task)
                 steps = node.most_steps + node.most_evaluation_steps
                 seconds += len(unit.seeds) * steps * paces[id(node.task)]
-        return seconds
+        words = f"steps in live environments will take at most about {duration(seconds)}"
+        return words if seconds else ""
 
     def units(
         self,

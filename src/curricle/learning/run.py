@@ -301,10 +301,7 @@ class Run:
         snapshots: int = 0,
         begun: Callable[[Record], Any] = lambda record: None,
     ) -> Outcome:
-        """Train a seed, its random stream starting at `start`, into `out`; return its outcome.
-
-        `begun` gets the record, which fills while the seed is trained.
-        """
+        """Train a seed, its stream starting at `start`, into `out`; `begun` gets its record."""
         kept = () if self.rows else (snapshots, self.shape)
         unknown = out is not None and self.task.terminal is None
         n = self.longest // self.eval_freq + 1

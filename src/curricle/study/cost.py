@@ -49,7 +49,7 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
         if id(node.task) not in paces:
             paces[id(node.task)] = pace(node.task)
         acting = paces[id(node.task)] + FORWARD * node.deep
-        learning = acting if is_live(node.task) else SLOWER * acting
+        learning = (1.0 if is_live(node.task) else SLOWER) * acting
         learning = paces[id(node.task)] + NETWORK if node.deep else learning
         steps, evaluation = node.most_steps, node.most_evaluation_steps
         seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))

@@ -85,7 +85,7 @@ def _module(name: str, folder: Path) -> ModuleType | None:
     package, first = _package(folder), name.partition(".")[0]
     module = None
     if _exists(f"{package}.{first}"):
-        with neighbours(package):
+        with _Neighbours(package):
             module = _imported(f"{package}.{name}", name, "beside the study file")
     if module is None and (first in sys.modules or _exists(first)):
         allowed = os.environ.get(ALLOW, "").split(",")
@@ -107,7 +107,7 @@ def _module(name: str, folder: Path) -> ModuleType | None:
 
 
 class _Neighbours(MetaPathFinder, Loader):
-    """Imports the modules of a study's folder by their bare names."""
+    """Has the modules of a study's folder import each other by their bare names in its block."""
 
     def __init__(self, package: str):
         self.package, self.names = package, list[str]()
@@ -123,22 +123,16 @@ class _Neighbours(MetaPathFinder, Loader):
         spec.loader_state = module.__spec__
         return module
 
-    def exec_module(self, module: ModuleType) -> None:
+    def exec_module(self, module: Any) -> None:
         """Give the module back what says where it is from; it was run before."""
-        assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
 
+    def __enter__(self) -> None:
+        sys.meta_path.append(self)
 
-@contextmanager
-def neighbours(package: str) -> Iterator[None]:
-    """Have the modules of a study's folder import each other by their bare names in the block."""
-    finder = _Neighbours(package)
-    sys.meta_path.append(finder)
-    try:
-        yield
-    finally:
-        sys.meta_path.remove(finder)
-        for name in finder.names:  # so that another study's module of the name stays apart
+    def __exit__(self, *_: object) -> None:
+        sys.meta_path.remove(self)
+        for name in self.names:  # so that another study's module of the name stays apart
             sys.modules.pop(name, None)
 
 
