@@ -105,3 +105,10 @@ def brief_value(value: Any) -> str:
 def shortened(text: str) -> str:
     """Return a text of at most `LONGEST` characters."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as text."""
+    if seconds < 120:
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"

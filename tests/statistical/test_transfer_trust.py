@@ -14,7 +14,7 @@ import pytest
 import curricle as cr
 from curricle.paper import mazes
 from curricle.paper.trust_figure import hunts_of, tenths
-from curricle.progress import SILENT
+from curricle.progress import Bars
 from curricle.study import read_study
 
 pytestmark = pytest.mark.slow
@@ -31,7 +31,7 @@ def errors(values):
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory):
     """The paper's studies with 30 seeds."""
-    return mazes.Studies(tmp_path_factory.mktemp("studies"), 30, None, SILENT, print)
+    return mazes.Studies(tmp_path_factory.mktemp("studies"), 30, None, Bars(), print)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """The command: help, exit codes, errors as a sentence; and what ``watch`` opens."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -46,6 +47,7 @@ def test_nothing_is_cut_in_the_help_at_80_columns(command):
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"}).stdout
     assert f" {command} [OPTIONS]" in shown
     assert "…" not in shown
+    assert not re.search("<bool>|--no-", shown)
 
 
 def test_help_imports_neither_numba_nor_matplotlib():
@@ -70,8 +72,9 @@ def test_a_shell_completes_commands_and_kinds(typed, expected):
 def test_what_compiles_says_so_once(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code = (
-        "from curricle.cli.progress_bars import announce_compilation\n"
-        "listener = announce_compilation()\n"
+        "from curricle.progress import compilation\n"
+        "listener = compilation()\n"
+        "listener.prints = True\n"
         "from tests_loops import first, second\n"
         "first(1); second(1)\n"
         "print(listener.loops)"

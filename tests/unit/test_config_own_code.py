@@ -62,6 +62,26 @@ def own(tmp_path):
     return write
 
 
+def test_modules_beside_the_file_import_each_other_as_scripts_do(own):
+    for folder, length in (("a", 5), ("b", 7)):
+        place = own(folder, length)
+        (place / "own.py").write_text("import rules\nfrom rules import LONG\nline = lambda: LONG\n")
+        line = load("own:line", place)
+        assert line() == length
+        neighbour = line.__globals__["rules"]
+        assert neighbour.__spec__.name == neighbour.__name__ == f"{line.__module__[:-3]}rules"
+        assert "rules" not in sys.modules
+
+
+def test_an_import_that_fails_is_said_once(tmp_path, caplog):
+    (tmp_path / "broken.py").write_text("import not_there_at_all\n")
+    with caplog.at_level("INFO"):
+        for _ in range(2):
+            with pytest.raises(ConfigError, match="not_there_at_all"):
+                load("broken:line", tmp_path)
+    assert len(caplog.records) == 1
+
+
 def test_functions_are_found_beside_the_file(read, own):
     own(".", 8)
     before = list(sys.path)

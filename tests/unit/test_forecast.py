@@ -325,10 +325,10 @@ def check(monkeypatch, capsys, tmp_path):
     """A function: what is set -> what `curricle check` prints, and the study."""
     (tmp_path / "maze.toml").write_text(STUDY)
 
-    def run(*changes):
+    def run(*changes, flags=()):
         arguments = [part for change in changes for part in ("--set", change)]
         file = str(tmp_path / "maze.toml")
-        monkeypatch.setattr(sys, "argv", ["curricle", "check", file, *arguments])
+        monkeypatch.setattr(sys, "argv", ["curricle", "check", file, *arguments, *flags])
         with pytest.raises(SystemExit) as ended:
             main()
         assert not ended.value.code
@@ -369,6 +369,14 @@ def test_a_budget_too_long_for_a_look_is_not_trained(check, monkeypatch):
     assert str(cr.forecast(study.curriculum("transfer"), perfect=True)) in out
     assert "if corner were learnt perfectly: optimum" in text
     assert "seeds of" not in text
+
+
+def test_the_flag_makes_a_forecast_that_takes_long(check, monkeypatch):
+    monkeypatch.setattr("curricle.study.cost.pace", lambda _: 1.0)
+    monkeypatch.setattr(output, "LONGEST_COMPARING", 0.0)
+    out, study = check(flags=["--forecast"])
+    plan, opponents = study.curriculum("transfer"), study.played
+    assert str(cr.forecast(plan, trial=True, opponents=opponents)) in out
 
 
 def test_one_seed_where_three_would_be_slow(check, monkeypatch):

@@ -43,6 +43,19 @@ def test_a_stored_episode_is_a_gif(play, finished, tmp_path):
         assert picture.n_frames == steps + 1
 
 
+def test_the_only_curriculum_needs_no_name(play, monkeypatch, finished):
+    begun = StudyResults.__init__
+
+    def opened(results, *arguments):
+        begun(results, *arguments)
+        arms = {name: results.record.arms[name] for name in ("scratch", "chain")}
+        results.record = results.record.model_copy(update={"arms": arms})
+
+    monkeypatch.setattr(StudyResults, "__init__", opened)
+    _, out, _ = play(finished)
+    assert out.startswith("chain: maze, learnt by seed 0\n")
+
+
 def test_the_stored_episode_is_that_of_the_last_snapshot(finished, study_file):
     results = StudyResults(finished)
     seed, episode = stored_episode(results, "chain", "maze")
@@ -120,7 +133,7 @@ def hall(folder):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        ([], 2, "--arm must be one of scratch, chain, state, calibrated: got none"),
+        ([], 2, "--arm must be one of chain, state, calibrated: got none"),
         (["--set", "tasks.maze.budget=5", "--arm", "chain"], 2, "--set needs --study"),
         (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),

@@ -3,6 +3,7 @@
 import io
 from functools import partial
 from itertools import count
+from time import sleep
 
 import numpy as np
 import pytest
@@ -147,11 +148,55 @@ def test_a_notebook_shows_bars_in_one_place_that_is_empty_in_the_end(notebook):
     plan().train(3, progress=True)
     (place,) = notebook
     *pictures, last = place.shown
-    assert "corner" in pictures[0]["text/html"]
-    assert "0/3" in pictures[0]["text/html"]
+    corner = next(picture for picture in pictures if "corner" in picture["text/html"])
+    assert "0/3" in corner["text/html"]
     assert "maze" in pictures[-1]["text/plain"]
     assert "3/3" in pictures[-1]["text/plain"]
     assert set(last.values()) == {""}
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """What a terminal shows where nobody asked for bars; they come after 0.05 seconds."""
+    written = io.StringIO()
+    console = partial(Console, file=written, force_terminal=True, width=100)
+    monkeypatch.setattr(progress_module, "Console", lambda stderr: console())
+    monkeypatch.setattr(progress_module, "_watched", lambda: True)
+    monkeypatch.setattr(progress_module, "DELAY", 0.05)
+    return written
+
+
+def test_a_long_function_shows_by_itself_how_far_it_is(terminal):
+    with shown(None) as bars:
+        grow = bars.bar("outer", 2)
+        bars.partly("outer", lambda: 0.5)
+        grow()
+        bars.say("about an hour")
+        with shown(None) as inner:  # as of a function that this one calls
+            inner.bar("inner", 3)
+            sleep(0.3)
+        sleep(0.3)
+        assert bars.screen.tasks[0].completed == 1.5
+        grow()
+        assert bars.screen.tasks[0].completed == 2
+    seen = terminal.getvalue()
+    assert "about an hour" in seen
+    assert seen.count("outer") > seen.count("inner") > 0  # the inner bar ends as its function does
+
+
+def test_a_short_function_shows_nothing(terminal, monkeypatch):
+    monkeypatch.setattr(progress_module, "DELAY", 60.0)
+    cr.learn(MAZE, budget=500, seeds=2)
+    cr.learn(MAZE, budget=500, seeds=2, progress=False)
+    assert terminal.getvalue() == ""
+
+
+@pytest.mark.parametrize("asked", [False, lambda part: None])
+def test_what_runs_inside_a_silent_function_is_silent(terminal, asked):
+    with shown(asked), shown(None) as inner:
+        inner.bar("inner", 3)
+        sleep(0.2)
+    assert terminal.getvalue() == ""
 
 
 def test_bars_end_with_an_error(notebook):

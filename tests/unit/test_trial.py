@@ -255,7 +255,10 @@ def test_a_long_trial_is_made_only_if_it_is_asked_for(monkeypatch):
     monkeypatch.setattr(trials, "QUICK", 0.0)
     assert affordable(tried) == ([], 0)
     foreseen = cr.forecast(plan, seeds=1)
-    assert foreseen.basis == "no trial: it would take long; trial=True makes it"
+    assert (
+        foreseen.basis
+        == "no trial: it would take long; trial=True or curricle check --forecast makes it"
+    )
     assert cr.forecast(plan, seeds=1, trial=True).trial.comparison.seeds == trials.SEEDS
 
 

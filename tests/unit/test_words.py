@@ -16,7 +16,7 @@ from curricle.errors import StoreError
 from curricle.show.findings import signed
 from curricle.show.style import rounded, without_seeds
 from curricle.statistics import Interval
-from curricle.study.cost import duration, total_words
+from curricle.study.cost import total_words
 from curricle.study.results import parquet_of
 from curricle.study.store import StoredUnit, place_of
 from curricle.study.tuning import short
@@ -25,6 +25,7 @@ from curricle.study_file.schema import unknown
 from curricle.study_file.vary import short_names, value_text, varied_in
 from curricle.tasks.observation_task import made_by
 from curricle.tasks.spaces import action_name, state_name
+from curricle.text import duration
 
 NONE = float("nan")
 LOSS = Interval(-1.5, -2.0, 1.0, 0.95, 30)

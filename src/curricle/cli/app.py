@@ -4,12 +4,14 @@ A command imports the library when it is called, so that a shell that completes 
 help does not wait for it. The help ends with the exit codes.
 """
 
+import gc
 import json
 import os
 import sys
 import traceback
 from collections import Counter
 from importlib.metadata import version
+from importlib.resources import files
 from io import TextIOWrapper
 from pathlib import Path
 from shlex import quote
@@ -26,7 +28,16 @@ if TYPE_CHECKING:
 
 
 class _Commands(TyperGroup):
-    """The commands, which end at once when interrupted."""
+    """The commands, which end at once when interrupted; the help shows no type of their flags."""
+
+    def get_params(self, ctx: Any) -> Any:
+        return _untyped(super().get_params(ctx))
+
+    def get_command(self, ctx: Any, name: str) -> Any:
+        command = super().get_command(ctx, name)
+        if command is not None:
+            _untyped(command.get_params(ctx))
+        return command
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -36,6 +47,14 @@ class _Commands(TyperGroup):
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(130)  # or Python would wait for units in compiled loops
+
+
+def _untyped(options: Any) -> Any:
+    """Return options of a command, its flags without the type that Typer's help shows."""
+    for option in options:
+        if getattr(option, "is_flag", False):
+            option.metavar = ""
+    return options
 
 
 app = typer.Typer(
@@ -104,6 +123,7 @@ def _announce_imports() -> None:
     if not LOGGER.handlers:
         LOGGER.addHandler(logging.StreamHandler())
         LOGGER.setLevel(logging.INFO)
+        LOGGER.propagate = False  # or what a module does to the root logger would say it again
 
 
 # -- The commands ----------------------------------------------------------------------------------
@@ -129,12 +149,13 @@ def new(
 
     An environment is played, tabulated if that takes seconds, and tried with easier arguments.
     """
-    from curricle.cli.output import line_width
     from curricle.errors import StoreError
-    from curricle.study import templates
-    from curricle.text import text_table
 
     if kind is None:
+        from curricle.cli.output import line_width
+        from curricle.study import templates
+        from curricle.text import text_table
+
         environments = (
             "or the id of an environment of Gymnasium's registry: FrozenLake-v1, CartPole-v1, "
             "MiniGrid-DoorKey-5x5-v0"
@@ -143,9 +164,16 @@ def new(
         rows = [*templates.KINDS.items(), ("ID", environments), ("module:Class", own)]
         echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), prose=True)))
         return
-    if ":" in kind:
-        _announce_imports()
-    name, text, notes = templates.new_study(kind, Path() if file is None else file.parent)
+    notes = list[str]()
+    if kind in KINDS:  # these need no more of the library than their text, and are there at once
+        name = f"{kind}.toml"
+        text = files("curricle.study").joinpath("templates", name).read_text(encoding="utf-8")
+    else:
+        from curricle.study import templates
+
+        if ":" in kind:
+            _announce_imports()
+        name, text, notes = templates.new_study(kind, Path() if file is None else file.parent)
     path = file or Path(name)
     try:
         with path.open("x", encoding="utf-8") as written:
@@ -166,18 +194,21 @@ def check(
     seeds: Seeds = None,
     changes: Changes = None,
     arms: OnlyArms = None,
+    forecast: Annotated[
+        bool, Option("--forecast", help="Make the whole forecast, however long it takes.")
+    ] = False,
     explain: Explain = False,
 ) -> None:
     """Validate a study; print its tasks, its cost and a forecast, without training the target.
 
-    The forecast trains the sources at their budgets, if that takes seconds.
+    The forecast trains the sources at their budgets if that takes seconds, or with --forecast.
     """
     from curricle.cli.output import print_preview, print_words
-    from curricle.cli.progress_bars import announce_compilation
+    from curricle.progress import compilation
 
     _announce_imports()
-    announce_compilation()
-    print_preview(_read(file, seeds, changes, arms))
+    compilation().prints = True
+    print_preview(_read(file, seeds, changes, arms), forecast=forecast)
     if explain:
         print_words()
 
@@ -224,7 +255,7 @@ def run(
     workers: Annotated[
         int | None, Option(min=1, help="Threads; all processors by default.")
     ] = None,
-    processes: Annotated[bool, Option(help="Processes instead of threads.")] = False,
+    processes: Annotated[bool, Option("--processes", help="Processes instead of threads.")] = False,
     on: Annotated[
         str | None, Option(help="A cluster: dask or ray, or dask://host:8786, ray://host:10001.")
     ] = None,
@@ -234,11 +265,13 @@ def run(
     track: Annotated[
         list[str] | None, Option(help="Also log curves in a tool: tensorboard.")
     ] = None,
-    resume: Annotated[bool, Option(help="Go on with the units in the folder.")] = False,
+    resume: Annotated[bool, Option("--resume", help="Go on with the units in the folder.")] = False,
     show_page: Annotated[
         bool, Option("--open", help="Open report.html, which is written anew as units end.")
     ] = False,
-    dry_run: Annotated[bool, Option(help="Print the units to train; train nothing.")] = False,
+    dry_run: Annotated[
+        bool, Option("--dry-run", help="Print the units to train; train nothing.")
+    ] = False,
 ) -> None:
     """Run a study into a folder; an interrupted run goes on with --resume.
 
@@ -312,7 +345,9 @@ def schema() -> None:
 @app.command()
 def show(
     folder: Folder,
-    decisions: Annotated[bool, Option(help="Why each task went on or stopped.")] = False,
+    decisions: Annotated[
+        bool, Option("--decisions", help="Why each task went on or stopped.")
+    ] = False,
     arm: Annotated[str | None, Option(help="Only this arm.")] = None,
     task: Annotated[str | None, Option(help="Only this task.")] = None,
     seed: Annotated[int | None, Option(help="With --decisions: all of this seed's.")] = None,
@@ -337,7 +372,9 @@ def show(
 @app.command()
 def play(
     folder: Folder,
-    arm: Annotated[str | None, Option(help="The arm; needed if there are several.")] = None,
+    arm: Annotated[
+        str | None, Option(help="The arm; needed if there are several curricula.")
+    ] = None,
     task: Annotated[str | None, Option(help="The task; the target by default.")] = None,
     seed: Annotated[
         int | None, Option(min=0, help="The seed that learnt it; with --study any.")
@@ -359,7 +396,8 @@ def play(
     if changes and study is None:
         raise BadParameter(f"--set needs --study: got --set {changes[0]} alone")
     results = StudyResults(folder)
-    arms = list(results.record.arms)
+    arms, record = list(results.record.arms), results.record.arms
+    arms = [name for name in arms if not (record[name].scratch or record[name].control_of)] or arms
     if arm is None and len(arms) > 1:
         raise BadParameter(f"--arm must be one of {listed(arms)}: got none")
     arm = arms[0] if arm is None else arm
@@ -443,6 +481,7 @@ def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
+    gc.set_threshold(50_000, 20, 50)  # what imports make stays: to search it takes a tenth of them
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # ? for signs that an encoding lacks

@@ -13,6 +13,7 @@ from curricle.checks import one_of
 from curricle.comparison.comparison import ARM_MEASURES
 from curricle.comparison.forecasting import JudgedPotentials, forecast
 from curricle.comparison.plan import numbered_seeds
+from curricle.comparison.trial import hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
@@ -22,7 +23,7 @@ from curricle.planning.policy_evaluation import LARGEST_EVALUATED, LARGEST_SOLVE
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
-from curricle.study.cost import Cost, costs, duration, sweeping_seconds, total_words
+from curricle.study.cost import Cost, costs, sweeping_seconds, total_words
 from curricle.study.results import StudyResults
 from curricle.study.running import Done, usable_units
 from curricle.study.store import StudyStore, holds_study
@@ -30,7 +31,7 @@ from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import UNBOUNDED, counted, text_table
+from curricle.text import UNBOUNDED, counted, duration, text_table
 from curricle.transfer.aggregate import COMPARED
 from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 from curricle.transfer.transfer import transfer_names
@@ -244,8 +245,8 @@ def _mean_and_deviation(returns: FloatArray) -> str:
 # -- Before a study is run: its tasks, its cost, and what is left to do ----------------------------
 
 
-def print_preview(study: StudyConfig) -> None:
-    """Print each arm's graph, cost and forecast; forecasts train the sources."""
+def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
+    """Print each arm's graph, cost and forecast, the whole of it with `forecast`."""
     arms = Arms.of(study)
     units = len(units_of(study, arms, {}))
     numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
@@ -298,7 +299,7 @@ def print_preview(study: StudyConfig) -> None:
         study.check_networks()
     except SettingError as error:
         print_text(str(error))
-    print_forecasts(study, arms, costing)
+    print_forecasts(study, arms, costing, forecast)
 
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
@@ -363,7 +364,7 @@ ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, fr
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
-def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> None:
+def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], whole: bool) -> None:
     """Print a forecast for each arm with transfers into the target, the first settings of each."""
     first = dict[str, str]()
     for name in study.arms:
@@ -382,25 +383,29 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
             continue
         print(f"\narm {name}")
         most = min(SEEDS, len(study.seeds))
-        if (comparing := most * _comparing_seconds(curriculum, a_step)) > LONGEST_COMPARING:
+        comparing = most * _comparing_seconds(curriculum, a_step)
+        if comparing > LONGEST_COMPARING and not whole:
             print_text(
                 f"no forecast: to compare the potentials in {arms.target} could take "
-                f"{duration(comparing)}; curricle.forecast does it, also with fewer episodes"
+                f"{duration(comparing)}; curricle check --forecast does it, and curricle.forecast "
+                "also with fewer episodes"
             )
             continue
         keys = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
         distilled = any(curriculum.node(source).distilled for source in keys)
         a_seed = sum(by_key[key] for key in {*keys.values()})
-        longest = LONGEST_DISTILLED if distilled else LONGEST
+        longest = np.inf if whole else LONGEST_DISTILLED if distilled else LONGEST
         seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
         there = {source: known[key, seeds] for source, key in keys.items() if (key, seeds) in known}
         how: Any = {"seeds": seeds, "trained": there, "threshold": study.threshold}
         how |= rivals(study)
+        if whole and not hindrance(curriculum):
+            how["trial"] = True
         if not seeds:
             how = {"perfect": True}
             print_text(
                 f"training {', '.join(keys)} for one seed would take about {duration(a_seed)}, so "
-                "this forecast is for sources learnt perfectly; curricle.forecast trains them"
+                "this forecast is for sources learnt perfectly; --forecast trains them"
             )
         elif untrained := [source for source in keys if source not in there]:
             took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained))

@@ -3,14 +3,12 @@
 Without a terminal it prints a line for each unit, or at most a line a second on their pace.
 """
 
-import gc
 import os
 import sys
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from subprocess import Popen
 from tempfile import mkdtemp
@@ -18,69 +16,16 @@ from threading import Thread
 from typing import Any
 
 import typer
-from numba.core import event
-from numba.core.caching import NullCache
 from rich.console import Console
 
 from curricle.files import Place, place_at
-from curricle.progress import Bars, shown
+from curricle.progress import Bars, compilation, shown
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.results import StudyResults
 from curricle.study.running import Pace, Progress, run_study, shown_units
 from curricle.study.tuning import with_trials
 from curricle.study.workers import WorkerProcesses
-
-# -- Saying that loops are compiled, which happens once for each kind of task and learner ----------
-
-EVENT = "numba:compile"
-ONCE, EACH_TIME = "compiling, once", "compiling what is not kept on disk, at each start"
-KEPT = f"curricle: {ONCE}; what is compiled is kept, so that later runs start at once"
-
-
-class Compilation(event.Listener):
-    """Prints compiled loops to standard error: every loop in a terminal, elsewhere one line."""
-
-    def __init__(self) -> None:
-        self.loops, self.line, self.silent = 0, "", False
-        self._depth = 0  # Numba compiles in one thread at a time
-        self._collects = gc.isenabled()
-
-    def on_start(self, event: Any) -> None:
-        """Count a loop, but not its parts."""
-        self._depth += 1
-        if self._depth > 1:
-            return
-        self.loops += 1
-        gc.disable()
-        unkept = isinstance(event.data["dispatcher"]._cache, NullCache)
-        self.line = f"{EACH_TIME if unkept else ONCE}: {self.loops}"
-        if not sys.stderr.isatty():
-            if self.loops == 1:
-                print(f"curricle: {EACH_TIME}" if unkept else KEPT, file=sys.stderr, flush=True)
-        elif not self.silent:
-            print(f"\r{self.line}", end="", file=sys.stderr, flush=True)
-
-    def on_end(self, event: Any) -> None:
-        """Erase the line when a loop is compiled."""
-        self._depth -= 1
-        if self._depth:
-            return
-        if self._collects:
-            gc.enable()
-        if sys.stderr.isatty() and not self.silent:
-            print(f"\r{' ' * len(self.line)}\r", end="", file=sys.stderr, flush=True)
-        self.line = ""
-
-
-@cache
-def announce_compilation() -> Compilation:
-    """Print what is compiled from now on."""
-    listener = Compilation()
-    register: Any = event.register
-    register(EVENT, listener)
-    return listener
-
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
 
@@ -122,10 +67,11 @@ def run_with_bars(
     **settings: Any,
 ) -> StudyResults:
     """Run a study, show its progress and, with `page`, its report so far; return its results."""
+    compilation().prints = True
     pace, watchers = Pace(), list[Popen[bytes]]()
     progress = True if Console(stderr=True).is_terminal else Lines(pace).show
     with ExitStack() as ending:
-        show_units = ending.enter_context(shown_units(progress, pace, and_compilation(pace.line)))
+        show_units = ending.enter_context(shown_units(progress, pace, pace.line))
 
         def show(progress: Progress) -> None:
             show_units(progress)
@@ -176,18 +122,12 @@ def _complain(sentence: str) -> None:
 @contextmanager
 def bars_with_words() -> Iterator[Bars]:
     """Yield bars with a line below them: the latest message, and what is being compiled."""
+    compilation().prints = True
     last = ""
 
     def say(part: str) -> None:
         nonlocal last
         last = part
 
-    with shown(True, and_compilation(lambda: last)) as bars:
+    with shown(True, lambda: last) as bars:
         yield replace(bars, call=say)
-
-
-def and_compilation(line: Callable[[], str]) -> Callable[[], str]:
-    """Return the line below the bars, with what is compiled, as nothing else shows it then."""
-    compilation = announce_compilation()
-    compilation.silent = Console(stderr=True).is_terminal
-    return lambda: ", ".join(filter(None, [line(), compilation.line]))

@@ -815,6 +815,8 @@ def compare(
         threshold = number("threshold", threshold, SettingError)
     reference = Reference.before(plan.target_node, threshold)  # solving the target may fail
     with shown(progress) as bars:
+        if bars.screen is not None:
+            bars.say(plan.live_words(seed_tuple(seeds)))
         how = memory, workers, bars
         return trained_comparison(plan, seed_tuple(seeds), reference, window, *how)
 

@@ -722,7 +722,11 @@ def _planned_trial(
     if trial:
         return candidates, SEEDS, ""
     tried, seeds = affordable(candidates)
-    return tried, seeds, "" if seeds else "it would take long; trial=True makes it"
+    return (
+        tried,
+        seeds,
+        "" if seeds else "it would take long; trial=True or curricle check --forecast makes it",
+    )
 
 
 def _solved_sources(

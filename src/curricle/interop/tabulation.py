@@ -247,7 +247,7 @@ def tabulate(
     samples: int | None = None,
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
-    progress: bool | Callable[[str], Any] | None = False,
+    progress: bool | Callable[[str], Any] | None = None,
     cache: str | Path | None = None,
     action_masks: bool = False,
     **make_arguments: Any,
@@ -287,7 +287,8 @@ def tabulate(
     max_states, max_seconds : int, float
         Most states and seconds that the tabulation may take.
     progress : bool or callable, optional
-        True shows the progress; a function is called with a sentence on it from time to time.
+        Bars by default, after two seconds; True shows them at once, False never; a function is
+        called with a sentence on the progress from time to time.
     cache : str or Path, optional
         A file that the tables are read from, or written to if it does not exist. Tables of another
         environment, content after a reset, setting or version are refused. The environment's code

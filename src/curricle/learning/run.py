@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -229,14 +230,27 @@ def train_all(
     if save and not run.rows:
         values = np.empty((len(settings), *run.shape), run.storage.dtype)
 
+    records = dict[int, Record]()  # of the seeds that are not counted yet
+
     def train(k: int) -> Outcome:
         out = None if values is None else values[k]
         start = stream_start(settings[k].seed, stream)
-        return run.train(settings[k], start, out, 0 if k else snapshots)
+        begun = partial(records.__setitem__, k)
+        return run.train(settings[k], start, out, 0 if k else snapshots, begun)
 
-    grow = bars.bar(stream or "learning", len(settings))
+    def part() -> float:
+        """Return the share of its checkpoints that the next seed to be counted has noted."""
+        under_way = dict(records)
+        return float(
+            np.isfinite(under_way[min(under_way)].greedy_return).mean() if under_way else 0
+        )
+
+    name = stream or "learning"
+    grow = bars.bar(name, len(settings))
+    bars.partly(name, part)
 
     def ended(k: int) -> None:
+        records.pop(k, None)
         grow()
         bars.tell(settings[k].seed)
 
@@ -280,14 +294,20 @@ class Run:
     bounds: tuple[float, float] | None  # of values, where portfolios have an optimist
 
     def train(
-        self, settings: SeedSettings, start: int, out: FloatTable | None, snapshots: int = 0
+        self,
+        settings: SeedSettings,
+        start: int,
+        out: FloatTable | None,
+        snapshots: int = 0,
+        begun: Callable[[Record], Any] = lambda record: None,
     ) -> Outcome:
-        """Train a seed, its random stream starting at `start`, into `out`; return its outcome."""
+        """Train a seed, its stream starting at `start`, into `out`; `begun` gets its record."""
         kept = () if self.rows else (snapshots, self.shape)
         unknown = out is not None and self.task.terminal is None
         n = self.longest // self.eval_freq + 1
         record = Record.empty(n, *kept, unknown_ends=unknown)
         used = settings.warm_up.write(record, self.eval_freq)
+        begun(record)
         seed = _Seed(start, settings, out, record, used, self.evaluation.for_run(start))
         if self.plain(settings.shaping):
             return self._train_sparsely(seed) if self.rows else self._train_densely(seed)

@@ -4,6 +4,8 @@ All rollouts draw from their random stream in the same order: one draw for the s
 for each step, for the action and (mixed once more) for its outcome.
 """
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -189,6 +191,28 @@ def simulate(
     n = int(ends.lengths.sum())
     taken = record.states[:n].copy(), record.actions[:n].copy(), record.rewards[:n].copy()
     return StepRecord(*taken), ends
+
+
+ROLLOUTS, LENGTH = 100, 200  # random rollouts that measure a task's speed; one in a live task
+MOST_PAIRS = 100_000_000  # table entries for rollouts: memory is reserved, little of it used
+
+
+def random_step_seconds(task: Any) -> float:
+    """Return the seconds that a random step of a task with states takes."""
+    generative = generative_model(task)
+    shape = generative.states.size, generative.actions.size
+    stream = np.zeros(1, np.uint64)
+    # With equal values every action is greedy. This also compiles the loop for a report's episodes.
+    policy = (
+        GreedyPolicy(Values(frozen(np.zeros(shape))))
+        if math.prod(shape) <= MOST_PAIRS
+        else UniformPolicy(np.uint64(shape[1]))
+    )
+    with open_model(generative, 0) as model:
+        simulate(model, policy, stream, episodes=1, limit=1)  # compiles
+        started, episodes = time.perf_counter(), 1 if is_live(task) else ROLLOUTS
+        steps, _ = simulate(model, policy, stream, episodes=episodes, limit=LENGTH)
+        return (time.perf_counter() - started) / max(1, len(steps.states))
 
 
 # -- a single episode, and random ones -------------------------------------------------------------

@@ -92,15 +92,18 @@ def probability_of_improvement(
 
 def _lower_probability(share: float, n_a: int, n_b: int, z: float) -> float:
     """Return the smallest p from which a share is z standard errors away (Newcombe 2006)."""
-    from scipy.optimize import brentq  # takes time, and few need it
 
     def excess(p: float) -> float:
         between = (1 - p) / (2 - p) + p / (1 + p)
         variance = p * (1 - p) * (1 + ((n_a + n_b) / 2 - 1) * between) / (n_a * n_b)
         return share - p - z * math.sqrt(variance)
 
-    # Where the share is 1, p = 1 is a root too, but not the smallest.
-    return float(brentq(excess, 0.0, min(share, 1 - ROUNDING))) if share > 0 else 0.0
+    # By bisection, as importing SciPy's search for a root takes half a second. Where the share is
+    # 1, p = 1 is a root too, but not the smallest.
+    low, high = 0.0, min(share, 1 - ROUNDING)
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return low
 
 
 def sign_flip_test(differences: npt.ArrayLike, *, resamples: int = 10_000, seed: int = 0) -> float:

@@ -1,34 +1,27 @@
 """An estimate of the cost of a study, before anything is trained."""
 
-import math
 import time
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from curricle.arrays import frozen
 from curricle.curriculum.curriculum import Node
-from curricle.planning.greedy import Values
 from curricle.planning.policy_evaluation import LARGEST_SOLVED
-from curricle.planning.rollouts import GreedyPolicy, UniformPolicy, simulate
+from curricle.planning.rollouts import random_step_seconds
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig
-from curricle.tasks.live import open_model
+from curricle.tasks.live import is_live
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import counted
 
-ROLLOUTS, LENGTH = 100, 200  # random rollouts that measure a task's speed
-MOST_PAIRS = 100_000_000  # table entries for rollouts: memory is reserved, little of it used
 STEPS = 200  # random steps that measure the speed of an observation task
 NETWORK = 1e-3  # about the seconds in which a small network learns from a step, on one processor
 FORWARD = 2e-4  # about the seconds in which a small network chooses an action
 DISTILLING = 12.0  # about the seconds in which a network is fitted to exact answers
 OUTCOME = 8e-9  # about the seconds of one outcome in one sweep over a task's tables
 MOST_SWEEPS = 1000  # after so many sweeps most values no longer change
-SLOWER = 3.0  # about the time of a step of learning in a table, in random steps
+SLOWER = 3.0  # about the time of a step of learning in a table, in random steps of a model
 
 
 @dataclass(frozen=True)
@@ -56,7 +49,8 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
         if id(node.task) not in paces:
             paces[id(node.task)] = pace(node.task)
         acting = paces[id(node.task)] + FORWARD * node.deep
-        learning = paces[id(node.task)] + NETWORK if node.deep else SLOWER * acting
+        learning = (1.0 if is_live(node.task) else SLOWER) * acting
+        learning = paces[id(node.task)] + NETWORK if node.deep else learning
         learning = paces[id(node.task)] if node.distilled else learning
         steps, evaluation = node.most_steps, node.most_evaluation_steps
         seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))
@@ -79,20 +73,7 @@ def pace(task: Any) -> float:
         taken = (time.perf_counter() - started) / STEPS
         environment.close()
         return taken
-    generative = generative_model(task)
-    shape = generative.states.size, generative.actions.size
-    stream = np.zeros(1, np.uint64)
-    # With equal values every action is greedy. This also compiles the loop for a report's episodes.
-    policy = (
-        GreedyPolicy(Values(frozen(np.zeros(shape))))
-        if math.prod(shape) <= MOST_PAIRS
-        else UniformPolicy(np.uint64(shape[1]))
-    )
-    with open_model(generative, 0) as model:
-        simulate(model, policy, stream, episodes=1, limit=1)  # compiles
-        started = time.perf_counter()
-        steps, _ = simulate(model, policy, stream, episodes=ROLLOUTS, limit=LENGTH)
-        return (time.perf_counter() - started) / max(1, len(steps.states))
+    return random_step_seconds(task)
 
 
 def _exact_seconds(node: Node) -> float:
@@ -121,10 +102,3 @@ def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources
     spent = f"every arm spends {counted(total, 'step')}"
     why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
     return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
-
-
-def duration(seconds: float) -> str:
-    """Return a duration as text."""
-    if seconds < 120:
-        return f"{max(1, round(seconds))} s"
-    return f"{seconds / 60:,.0f} min" if seconds < 7200 else f"{seconds / 3600:,.1f} h"

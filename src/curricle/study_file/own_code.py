@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import lru_cache
 from hashlib import blake2b, sha256
-from importlib.machinery import all_suffixes
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec, all_suffixes
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -24,9 +25,10 @@ from curricle.errors import ConfigError, CurricleError
 # -- Functions that a study file names as ``module:function`` --------------------------------------
 #
 # A module beside the study file has precedence over a module on ``sys.path`` and belongs to its
-# folder: modules of one name in two folders stay apart, and import their neighbours relatively
-# (``from .rules import slip``). A module on ``sys.path`` must belong to a package that the user
-# allows, so that a stranger's study file cannot run code that the user did not choose.
+# folder: modules of one name in two folders stay apart. While they are imported, they import their
+# neighbours as a script would (``from rules import slip``), unless something else is called so, or
+# relatively (``from .rules import slip``). A module on ``sys.path`` must belong to a package that
+# the user allows, so that a stranger's study file cannot run code that the user did not choose.
 
 ALLOW = "CURRICLE_ALLOW"  # environment variable: the installed packages that study files may name
 SAFE = {"curricle.deep", "torch.nn", "torch.optim"}  # always allowed: they run no commands
@@ -83,7 +85,8 @@ def _module(name: str, folder: Path) -> ModuleType | None:
     package, first = _package(folder), name.partition(".")[0]
     module = None
     if _exists(f"{package}.{first}"):
-        module = _imported(f"{package}.{name}", name, "beside the study file")
+        with _Neighbours(package):
+            module = _imported(f"{package}.{name}", name, "beside the study file")
     if module is None and (first in sys.modules or _exists(first)):
         allowed = os.environ.get(ALLOW, "").split(",")
         if first in sys.stdlib_module_names:
@@ -103,8 +106,42 @@ def _module(name: str, folder: Path) -> ModuleType | None:
     return module
 
 
+class _Neighbours(MetaPathFinder, Loader):
+    """Has the modules of a study's folder import each other by their bare names in its block."""
+
+    def __init__(self, package: str):
+        self.package, self.names = package, list[str]()
+
+    def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
+        """Return how a module of the folder is imported; nothing of packages, or of elsewhere."""
+        return ModuleSpec(name, self) if not path and _exists(f"{self.package}.{name}") else None
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """Return the module of the folder."""
+        self.names.append(spec.name)
+        module = importlib.import_module(f"{self.package}.{spec.name}")
+        spec.loader_state = module.__spec__
+        return module
+
+    def exec_module(self, module: Any) -> None:
+        """Give the module back what says where it is from; it was run before."""
+        module.__spec__ = module.__spec__.loader_state
+
+    def __enter__(self) -> None:
+        sys.meta_path.append(self)
+
+    def __exit__(self, *_: object) -> None:
+        sys.meta_path.remove(self)
+        for name in self.names:  # so that another study's module of the name stays apart
+            sys.modules.pop(name, None)
+
+
+ANNOUNCED = set[str]()  # modules whose import was said
+
+
 def _imported(path: str, name: str, place: str) -> ModuleType | None:
-    if path not in sys.modules:
+    if path not in sys.modules and path not in ANNOUNCED:  # once, also where the import fails
+        ANNOUNCED.add(path)
         LOGGER.info("importing the study's module %s, %s", name, place)
     return importlib.import_module(path) if _exists(path) else None
 
@@ -123,6 +160,7 @@ def _package(folder: Path) -> str:
     if any(module in IMPORTED and IMPORTED[module] != _stamp(module) for module in imported):
         for module in imported:
             del sys.modules[module]
+            ANNOUNCED.discard(module)
             IMPORTED.pop(module, None)
         importlib.invalidate_caches()
     package = ModuleType(name, f"The modules in {path}.")

@@ -499,6 +499,11 @@ def _rank_correlation(phi: FloatArray, truth: FloatArray, seed: int) -> float:
         phi, truth = phi[drawn], truth[drawn]
     if not (np.ptp(phi) > 0 and np.ptp(truth) > 0):
         return NAN
-    from scipy.stats import rankdata  # its import takes half a second
+    return float(np.corrcoef(_ranks(phi), _ranks(truth))[0, 1])
 
-    return float(np.corrcoef(rankdata(phi), rankdata(truth))[0, 1])
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Return the rank of each value from 1 on, the mean of their ranks for equal values."""
+    # SciPy's rankdata is the same, but importing scipy.stats takes half a second.
+    _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[which])
