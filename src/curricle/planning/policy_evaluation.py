@@ -263,7 +263,9 @@ class GreedyEvaluation:
         """Return the discount of the evaluation in a task: the task's own, or 1."""
         networks = is_observation_task(task)
         discounted = not networks if self.discounted is None else self.discounted
-        return float(task.discount) if discounted else 1.0
+        if not discounted:
+            return 1.0
+        return float(task.discount if networks else generative_model(task).discount)
 
     def rollouts(self, task: Any) -> int:
         """Return the episodes that rollouts take the mean of, in a task of any kind."""

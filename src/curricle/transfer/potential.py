@@ -172,6 +172,13 @@ def combined_potential(
     mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
     if mapped is not None:
         return mapped
+    pairs = generative_model(task).states.size * generative_model(task).actions.size
+    if pairs > LARGEST_INDEX and ((known := built_in(function)) is None or known.code is None):
+        raise CurriculumError(
+            f"an aggregate must be one of {', '.join(BUILT_IN)} for a target of more than "
+            f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "
+            f"{getattr(function, '__name__', repr(function))} and {pairs:,} pairs"
+        )
     phis = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
     return StateActionPotential(task, aggregate(function, np.stack(phis), unknown_value))
 
@@ -189,13 +196,6 @@ def mapped_potential(
     offsets = [parts for parts in (mapping.lookups() for mapping in by_name) if parts is not None]
     known = built_in(function)
     if known is None or known.code is None:
-        pairs = generative_model(task).states.size * generative_model(task).actions.size
-        if by_name and pairs > LARGEST_INDEX:
-            raise CurriculumError(
-                f"an aggregate must be one of {', '.join(BUILT_IN)} for a target of more than "
-                f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "
-                f"{getattr(function, '__name__', repr(function))} and {pairs:,} pairs"
-            )
         return None
     if len(offsets) < len(transfers) or len(transfers) > MOST_SOURCES:
         return None
