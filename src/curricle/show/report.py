@@ -48,6 +48,7 @@ from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
+from curricle.study.audit import PROTOCOL, Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import in_use
@@ -269,6 +270,35 @@ def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, 
     for arm, task, content in rows:
         alike.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
     return list(alike.values())
+
+
+# -- an audit's page --------------------------------------------------------------------------
+
+
+def write_audit(audit: Audit, path: Path) -> Path:
+    """Write the page of an audit, which stands alone, and return its path."""
+    sides = {"as configured": audit.configured, "fair": audit.fair}
+    pages = {}
+    for number, (name, study) in enumerate(sides.items()):
+        curves = draw_learning_curves(study.comparison, width=8.6, height=4.0, most=300)[1]
+        label = f"Greedy return of each arm over all steps, {name}"
+        pages[name] = (inline_svg(curves, f"audit-{number}", label), study.comparison.text())
+    last, tuned = audit.fair.runs[-1], audit.fair.record.tuned
+    facts = {"seeds": seed_ranges(audit.fair.seeds), "tuned on": "nothing"}
+    if tuned is not None:
+        facts["tuned on"] = numbered_seeds(tuned.seeds)
+    facts |= {"commit": last.commit or "none", "file": last.file, **last.versions}
+    page = render(
+        "audit.html",
+        name=audit.fair.record.name,
+        sentence=audit.sentence,
+        protocol=PROTOCOL,
+        arms={arm: audit.rows(arm) for arm in audit.fair.comparison.verdicts},
+        best=findings.tuning_rows(tuned),
+        sides=pages,
+        facts=facts,
+    )
+    return write_page(page, path)
 
 
 # -- figures as SVG --------------------------------------------------------------------------------

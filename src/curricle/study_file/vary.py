@@ -259,31 +259,68 @@ def varied_arms(
             made = {label: of for label, of in made.items() if of.make(of.study) not in plans}
         swept |= made
 
-    def fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
-        plans = {label: variant.make(variant.study) for label, variant in variants.items()}
-        return {
-            "arms": {label: plan for label, plan in plans.items() if label not in alone},
-            "scratches": {label: plan for label, plan in plans.items() if label in alone},
-            "variants": {
-                label: {"arm": variant.arm, "values": variant.values}
-                for label, variant in variants.items()
-            },
-        }
-
     alone = [label for label, variant in swept.items() if variant.arm in scratches]
-    configuration, trials = fields(swept, alone), dict[str, Variant]()
+    configuration, trials = _fields(swept, alone), dict[str, Variant]()
     if "tune" in study:
         tuning = TuneTable.model_validate(study["tune"])
         for label, variant in swept.items():
             trials |= _tried(variant._replace(arm=label), tuning)
         of_scratch = [label for label, trial in trials.items() if trial.arm in alone]
-        configuration["tune"] = {"seeds": tuning.seeds, **fields(trials, of_scratch)}
+        configuration["tune"] = {"seeds": tuning.seeds, **_fields(trials, of_scratch)}
     varied = {
         (is_trial, label): (variant.arm if variant.arm in complete else first, variant.settings)
         for is_trial, variants in ((False, swept), (True, trials))
         for label, variant in variants.items()
     }
     return configuration, varied
+
+
+def _fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
+    """Return a configuration's fields for variants, of which those in `alone` have no sources."""
+    plans = {label: variant.make(variant.study) for label, variant in variants.items()}
+    return {
+        "arms": {label: plan for label, plan in plans.items() if label not in alone},
+        "scratches": {label: plan for label, plan in plans.items() if label in alone},
+        "variants": {
+            label: {"arm": variant.arm, "values": variant.values}
+            for label, variant in variants.items()
+        },
+    }
+
+
+def all_tuned(
+    arms: Mapping[str, Raw], scratches: Mapping[str, Raw], tuning: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a configuration's fields in which complete arms are tuned over their own settings.
+
+    The space holds keys of learners, which apply also where an arm or a task sets them itself. The
+    first trial of every arm has its own settings.
+    """
+    table_of = TuneTable.model_validate(tuning)
+    plans, trials = {**scratches, **arms}, dict[str, Variant]()
+    own = {
+        arm: Variant(arm, partial(_relearnt, plan), {"tune": tuning}, {})
+        for arm, plan in plans.items()
+    }
+    for arm, variant in own.items():
+        tried = [made for made in _tried(variant, table_of).values() if made.values]
+        trials |= {arm: variant} | {f"{arm}, trial {n}": made for n, made in enumerate(tried, 2)}
+    of_scratch = [label for label, trial in trials.items() if trial.arm in scratches]
+    return {
+        **_fields(own, scratches),
+        "tune": {"seeds": table_of.seeds, **_fields(trials, of_scratch)},
+    }
+
+
+def _relearnt(plan: Raw, study: Raw) -> dict[str, Any]:
+    """Return a complete plan with a study's values of settings that its learners have."""
+    tasks, stated = dict(plan["tasks"]), table(study.get("tasks"))
+    for name, task in tasks.items():
+        said = merged(table(study.get("learner")), table(table(stated.get(name)).get("learner")))
+        known = table(task.get("learner"))
+        values = {key: value for key, value in said.items() if key in known}
+        tasks[name] = {**task, "learner": {**known, **values}} if values else task
+    return {**plan, "tasks": tasks}
 
 
 def _learnt_by(learner: str, alone: Make, study: Raw) -> dict[str, Any]:

@@ -1,0 +1,129 @@
+"""Audits: as configured, then fair; equal trials for every arm, and one sentence."""
+
+import pytest
+
+import curricle as cr
+from curricle.errors import ConfigError
+from curricle.show.report import write_audit
+from curricle.study import Audit, audit, read_study
+from curricle.study.audit import as_configured, as_fair
+
+STUDY = """
+name = "line"
+seeds = 8
+budget = 1_500
+eval_freq = 50
+[tasks.line]
+type = "maze"
+map = "S......T"
+[tasks.end]
+type = "crop"
+of = "line"
+columns = [4, 8]
+rows = [0, 1]
+start = "uniform"
+budget = 100
+learner.learning_rate = 0.7
+[[transfers]]
+source = "end"
+target = "line"
+mapping = "same_position"
+[arms.near]
+[arms.quick]
+tasks.line.learner.learning_rate = 0.9
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("audit") / "line.toml"
+    path.write_text(STUDY)
+    return path
+
+
+@pytest.fixture(scope="module")
+def audited(file, tmp_path_factory):
+    return audit(file, tmp_path_factory.mktemp("out"), trials=3, progress=False)
+
+
+def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
+    study = as_fair(read_study(file), 3)
+    of_arm = dict.fromkeys(study.variants, ())
+    for trial, variant in study.tune.variants.items():
+        of_arm[variant.arm] += (trial,)
+    assert {arm: len(trials) for arm, trials in of_arm.items()} == dict.fromkeys(
+        ("scratch", "near", "quick"), 4
+    )
+    own = read_study(file)
+    assert all(study.tune.arms[arm] == own.arms[arm] for arm in own.arms)
+    rates = {
+        arm: [study.tune.arms[trial].tasks["line"].learner.learning_rate for trial in trials]
+        for arm, trials in of_arm.items()
+        if arm in own.arms
+    }
+    # also where an arm or a source sets the rate itself; the points are the same for all
+    assert rates["near"][0] == 0.1
+    assert rates["quick"][0] == 0.9
+    assert rates["near"][1:] == rates["quick"][1:]
+    assert len({*rates["near"]}) == 4
+    second = study.tune.arms[of_arm["near"][1]].tasks
+    assert second["end"].learner.learning_rate == second["line"].learner.learning_rate
+    assert second["end"].learner.initial_value == 0.0 != second["line"].learner.initial_value
+
+
+def test_scratch_is_tuned_at_the_points_of_the_arms(file):
+    tune = as_fair(read_study(file), 2).tune
+    plans = {**tune.arms, **tune.scratches}
+    by_arm = {
+        arm: [plans[t].tasks["line"].learner for t, v in tune.variants.items() if v.arm == arm][1:]
+        for arm in ("scratch", "near")
+    }
+    assert by_arm["scratch"] == by_arm["near"]
+
+
+def test_opponents_and_controls(file):
+    own, fair = as_configured(read_study(file)), as_fair(read_study(file))
+    assert own.played == ()
+    assert own.controls is None
+    assert fair.played == ("constant", "bounds", "optimistic")
+    assert fair.controls == ("placebo",)
+
+
+def test_both_are_run_and_said(audited, tmp_path):
+    assert isinstance(audited, Audit)
+    assert audited.configured.comparison.scratches == ("scratch",)
+    assert "scratch, OptimisticQLearning" in audited.fair.comparison.scratches
+    assert audited.sentence.startswith("As configured ")
+    text = str(audited)
+    for part in ("near", "quick", "as configured", "fair", "verdict"):
+        assert part in text
+    page = write_audit(audited, tmp_path / "audit.html").read_text()
+    assert audited.sentence in page
+    assert page.count("<svg") == 2
+    assert "near" in page
+
+
+def test_a_stopped_audit_goes_on(file, audited):
+    trained = []
+    again = audit(
+        file,
+        audited.fair.store.path.parent,
+        trials=3,
+        progress=lambda now: trained.extend(now.units),
+    )
+    assert str(again) == str(audited)
+    assert not trained
+
+
+@pytest.mark.parametrize(
+    "change", ["scratch=false", "compared=false", "tune={space={learner.epsilon=[0.1,0.2]}}"]
+)
+def test_what_cannot_be_audited(file, change):
+    with pytest.raises(ConfigError, match="an audit tunes every arm itself"):
+        as_configured(read_study(file, set=[change]))
+
+
+def test_too_few_seeds_say_nothing(file, tmp_path):
+    study = read_study(file, set=["seeds=2"])
+    made = cr.study.audit(study, tmp_path, trials=1, progress=False)
+    assert made.sentence.startswith("Nothing can be said of what survives: too few seeds")
