@@ -3,14 +3,14 @@
 Both are studies in subfolders, which can be resumed as any study. The module states the protocol.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from curricle.checks import listed, whole_number
 from curricle.comparison.comparison import short
-from curricle.comparison.opponents import OPPONENTS
+from curricle.comparison.opponents import OPPONENTS, starts_anywhere
 from curricle.errors import ConfigError, SettingError
 from curricle.planning.solution import evaluate, solve
 from curricle.statistics.curves import SCRATCH
@@ -109,12 +109,13 @@ def _column(results: StudyResults, arm: str) -> list[str]:
     """Return the measures of an arm in one of the studies, as text."""
     comparison = results.comparison
     rows = {row["arm"]: row for row in comparison.rows()}
-    rival: str = comparison.best_opponent(arm)
+    rival = comparison.best_opponent(arm)
     contrast, knows = comparison.contrasts[arm], comparison.knowledge_verdicts.get(arm)
 
     def steps(name: str) -> str:
         missed = rows[name]["reached"] < comparison.seeds
-        return "> " * missed + f"{rows[name]['steps_to_threshold']:,.0f}"
+        text = f"{rows[name]['steps_to_threshold']:,.0f}"
+        return f"> {text}" if missed else text
 
     return [
         short(comparison.weak_gain(arm, SCRATCH)),
@@ -127,11 +128,11 @@ def _column(results: StudyResults, arm: str) -> list[str]:
     ]
 
 
-def levels(task: Any) -> dict[str, float] | None:
-    """Return the range of the levels of Q that are tried; None of a task without tables.
+def levels(task: Any, own: Sequence[float] = ()) -> dict[str, float] | None:
+    """Return the range of the levels of Q that are tried; None for a task that is not solved.
 
-    It runs from the lowest value of the random policy, or of the optimum, to the highest optimal
-    value; 0 is in it.
+    It runs from the random policy's value, or the lowest optimal value, to the highest optimal
+    value, and has 0 and the levels of the file, `own`, in it.
 
     Examples
     --------
@@ -142,9 +143,12 @@ def levels(task: Any) -> dict[str, float] | None:
     if not has_tables(task):
         return None
     mdp = tables(task)
-    best = solve(mdp).action_values[~mdp.terminal]
-    start = evaluate(mdp, mdp.random_policy).values @ mdp.start
-    low, high = min(0.0, start, best.min()), max(0.0, best.max())
+    try:
+        best, start = solve(mdp), evaluate(mdp, mdp.random_policy).start_value
+    except SettingError:  # without a discount values can be too large for an error bound
+        return None
+    values = best.action_values[~mdp.terminal]
+    low, high = min(0.0, start, values.min(), *own), max(0.0, values.max(), *own)
     return {"low": float(low), "high": float(high)} if low < high else None
 
 
@@ -165,7 +169,9 @@ def as_fair(study: StudyConfig, trials: int = TRIALS) -> StudyConfig:
     """Return the study against fair opponents, to be tuned first."""
     data, first = study.to_data(), next(iter(study.curricula.values()))
     space: dict[str, Any] = {"learner": {"learning_rate": RATES}}
-    if range_ := levels(first.tasks[first.target]):
+    learners = [arm.setting("learner", first.target) for arm in study.curricula.values()]
+    own = [learner.initial_value for learner in learners if starts_anywhere(learner)]
+    if range_ := levels(first.tasks[first.target], own):
         space["tasks"] = {first.target: {"learner": {"initial_value": range_}}}
     number = whole_number("trials of an audit", trials, 1, SettingError)
     tuning = {"trials": number, "space": space}
