@@ -3,6 +3,7 @@
     python -m benchmarks.published play published-results             # goes on after a kill
     python -m benchmarks.published play published-results office --seeds 20
     python -m benchmarks.published table published-results
+    python -m benchmarks.published rewards                            # of the office, as published
 
 Every study file here is a claim, and its audit is a folder of that name. Gains are of the mean
 return over all steps, as shares of the way from the random policy's return to the optimum.
@@ -15,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from curricle.show.report import write_audit
-from curricle.statistics import Interval
+from curricle.statistics import Interval, mean_interval
 from curricle.statistics.curves import SCRATCH
 from curricle.study import Audit, StudyResults, audit, read_study
-from curricle.study.audit import CONFIGURED, FAIR
+from curricle.study.auditing import CONFIGURED, FAIR
 
 CLAIMS = {file.stem: file for file in sorted(Path(__file__).parent.glob("*.toml"))}
 TRIALS = 60  # of every arm, besides its own settings
@@ -90,19 +91,34 @@ def markdown(heads: tuple[str, ...], lines: Iterator[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, ruled, *lines))
 
 
+def rewards() -> Iterator[tuple[str, ...]]:
+    """Yield the rewards of the office in 100,000 steps of training, as the published logs count."""
+    changes = ["tasks.office.evaluation.discounted=false", "seeds=60"]
+    study = read_study(CLAIMS["office"], set=changes)
+    arms = {**study.scratch_curricula(), **study.curricula}
+    for arm in (SCRATCH, *study.arms):
+        result = arms[arm].train(study.seeds)["office"]
+        ended = np.diff(result.episodes, axis=1, prepend=0)
+        paid = (np.nan_to_num(result.training_return) * ended).sum(axis=1)
+        yield arm, f"{mean_interval(paid)}"
+
+
 def main() -> None:
     """Play, or print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("what", choices=["play", "table"])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("what", choices=["play", "table", "rewards"])
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("published-results"))
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seeds")
     parser.add_argument("--workers", type=int)
     given = parser.parse_args()
     if given.what == "play":
         play(given.folder, given.names, given.seeds, given.workers)
+        return
+    if given.what == "rewards":
+        print(markdown(("arm", "rewards"), rewards()))
         return
     audits = played(given.folder)
     print(markdown(HEADS, rows(audits)))

@@ -105,7 +105,9 @@ def half_distance(values: FloatArray) -> FloatArray:
 # -- Toro Icarte et al. 2022: the office -----------------------------------------------------------
 #
 # Nine rooms of 3 x 3 cells; coffee f, mail e, the office g, plants n that break. The task is the
-# third of their four, mail and coffee to the office, which they also play alone.
+# third of their four, mail and coffee to the office, which they also play alone. In the program all
+# states that end are one, so that with mail and coffee a plant pays 1, as the office does: the
+# shortest way is 23 steps, as in the published logs, and 29 as the text has it.
 
 EVENTS = {"e": [(4, 7)], "f": [(6, 8), (2, 3)], "g": [(4, 4)]}
 EVENTS["n"] = [(7, 4), (7, 7), (1, 4), (1, 7), (4, 1), (4, 10)]
@@ -116,12 +118,12 @@ EDGES = [
     ("mail", "f", "both"),
     ("coffee", "e", "both"),
     ("both", "g", "home", 1.0),
-    *((state, "n", "broken") for state in ("neither", "mail", "coffee", "both")),
+    *((state, "n", "broken") for state in ("neither", "mail", "coffee")),
 ]
 
 
-def office() -> Any:
-    """Return their office with the automaton of mail and coffee."""
+def office(*, as_run: bool = True) -> Any:
+    """Return their office with the automaton of mail and coffee, as it was run or as described."""
     doors = {((r, c), "right") for r in (1, 7) for c in (2, 5, 8)}
     doors |= {((r, c + 1), "left") for (r, c), _ in [*doors]}
     upward = {((3, c), "up") for c in (1, 4, 7, 10)} | {((6, c), "up") for c in (1, 10)}
@@ -147,7 +149,8 @@ def office() -> Any:
             names[tuple(np.transpose(cells))] = name
         return names[after["row"], after["column"]]
 
-    return with_automaton(plan, Automaton(EDGES, event, terminal=["home", "broken"]))
+    broken = ("both", "n", "home", 1.0) if as_run else ("both", "n", "broken")
+    return with_automaton(plan, Automaton([*EDGES, broken], event, terminal=["home", "broken"]))
 
 
 def machine_values(values: FloatArray) -> FloatArray:

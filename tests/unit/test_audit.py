@@ -6,7 +6,7 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.show.report import write_audit
 from curricle.study import Audit, audit, read_study
-from curricle.study.audit import as_configured, as_fair
+from curricle.study.auditing import as_configured, as_fair
 
 STUDY = """
 name = "line"

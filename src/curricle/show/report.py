@@ -48,7 +48,7 @@ from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
-from curricle.study.audit import PROTOCOL, Audit
+from curricle.study.auditing import PROTOCOL, Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import in_use
