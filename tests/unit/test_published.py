@@ -47,10 +47,7 @@ def test_the_office_of_toro_icarte():
     states = office.automaton.states
     potentials = worlds.machine_values(np.zeros((1, office.states.size, 4)))
     of_state = office.states.decode()["automaton"]
-    by_name = {
-        name: float(potentials[of_state == n].max())
-        for n, name in enumerate(office.automaton.states)
-    }
+    by_name = {name: float(potentials[of_state == n].max()) for n, name in enumerate(states)}
     assert by_name == {
         "neither": -0.9**2, "mail": -0.9, "coffee": -0.9, "both": -1.0, "home": 0.0, "broken": 0.0,
     }  # fmt: skip
