@@ -6,7 +6,7 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.show.report import write_audit
 from curricle.study import Audit, audit, read_study
-from curricle.study.auditing import as_configured, as_fair
+from curricle.study.auditing import as_configured, as_fair, levels
 
 STUDY = """
 name = "line"
@@ -81,6 +81,15 @@ def test_scratch_is_tuned_at_the_points_of_the_arms(file):
     assert by_arm["scratch"] == by_arm["near"]
 
 
+def test_levels_run_from_the_random_policy_to_the_optimum():
+    line = cr.GridWorld("S..T", rewards=cr.Rewards(step=-1.0, treasure=0.0), discount=0.5)
+    assert levels(line) == {"low": pytest.approx(-1.96, abs=0.05), "high": 0.0}
+    assert levels(line, [-9.0, 2.0]) == {"low": -9.0, "high": 2.0}
+    endless = cr.GridWorld("S..T", rewards=cr.Rewards(step=-1.0), discount=1.0)
+    assert levels(cr.tasks.LiveMDP) is None
+    assert levels(endless) is None or levels(endless)["low"] < 0
+
+
 def test_opponents_and_controls(file):
     own, fair = as_configured(read_study(file)), as_fair(read_study(file))
     assert own.played == ()
@@ -93,13 +102,13 @@ def test_both_are_run_and_said(audited, tmp_path):
     assert isinstance(audited, Audit)
     assert audited.configured.comparison.scratches == ("scratch",)
     assert "scratch, OptimisticQLearning" in audited.fair.comparison.scratches
-    assert audited.sentence.startswith("As configured ")
+    assert audited.sentence.startswith("Shown to pay as configured: ")
     text = str(audited)
     for part in ("near", "quick", "as configured", "fair", "verdict"):
         assert part in text
     page = write_audit(audited, tmp_path / "audit.html").read_text()
     assert audited.sentence in page
-    assert page.count("<svg") == 2
+    assert "What survives?" in page
     assert "near" in page
 
 
@@ -126,4 +135,4 @@ def test_what_cannot_be_audited(file, change):
 def test_too_few_seeds_say_nothing(file, tmp_path):
     study = read_study(file, set=["seeds=2"])
     made = cr.study.audit(study, tmp_path, trials=1, progress=False)
-    assert made.sentence.startswith("Nothing can be said of what survives: too few seeds")
+    assert made.sentence.startswith("Nothing is shown: too few seeds")

@@ -75,7 +75,7 @@ def test_two_automata_need_two_names():
         ({"edges": [("a", "key", "b", "x")]}, "the reward of edge"),
         ({"edges": [*EDGES, ("before", "key", "home")]}, "one edge at most in a state"),
         ({"edges": [*EDGES, ("home", "key", "before")]}, "must not leave a terminal state"),
-        ({"edges": [], "terminal": []}, "needs a start state"),
+        ({"edges": [], "terminal": []}, "the start of an automaton must be text"),
         ({"terminal": ["before"], "edges": EDGES[1:], "start": "before"}, "not the start"),
         ({"terminal": ["nowhere"]}, "must be states of edges"),
         ({"terminal": "home"}, "terminal of an automaton must be a list"),

@@ -267,20 +267,15 @@ def run(
 @app.command()
 def audit(
     file: File,
-    out: Annotated[
-        str | None, Option(help="Folder for both studies and the page; FILE-audit by default.")
-    ] = None,
+    out: Annotated[str | None, Option(help="Folder of the results; FILE-audit by default.")] = None,
     seeds: Seeds = None,
     changes: Changes = None,
     trials: Annotated[int, Option(min=1, help="Trials of every arm, also scratch.")] = 20,
-    workers: Annotated[
-        int | None, Option(min=1, help="Threads; all processors by default.")
-    ] = None,
 ) -> None:
     """Run a study as configured, then against fair opponents, and say what of it survives.
 
-    Fair: the learning rate and the level of Q are tuned for every arm by equally many trials; an
-    optimistic learner and constants are opponents; sources are charged. A stopped audit goes on.
+    Fair: the learning rate and the level of Q are tuned for every arm by equally many trials, and
+    all opponents and placebos play. An audit that was stopped goes on.
     """
     from curricle.cli.output import table_width
     from curricle.cli.progress_bars import run_with_bars
@@ -290,7 +285,7 @@ def audit(
     _announce_imports()
     study = _read(file, seeds, changes)
     folder = out or f"{Path(study.file).stem}-audit"
-    made = audited(study, folder, trials=trials, run=run_with_bars, workers=workers)
+    made = audited(study, folder, trials=trials, run=run_with_bars)
     print(made.text(table_width()))
     echo(f"Open {write_audit(made, Path(folder) / 'audit.html')}")
 

@@ -48,7 +48,7 @@ from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import mean_interval
-from curricle.study.auditing import PROTOCOL, Audit
+from curricle.study.auditing import Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import in_use
@@ -155,6 +155,11 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     return write_page(page_of(study), path)
 
 
+def write_audit(audit: Audit, path: Path) -> Path:
+    """Write the page of an audit, the report of its fair study with both columns; return it."""
+    return write_page(page_of(audit.fair, audit=audit), path)
+
+
 def default_page(place: Place) -> Path:
     """Return where the report of a folder is written by default."""
     return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
@@ -164,7 +169,7 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
 
 
-def page_of(study: StudyResults, banner: str = "") -> str:
+def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -> str:
     """Return the page of a study, an interim page with a `banner`; StoreError without arms."""
     comparison, analysis = study.comparison, study.analysis
     if not comparison.contrasts:
@@ -225,6 +230,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         styles=styles,
         graphs=graphs(curricula, learnt, reasons),
         with_scratch=SCRATCH in learnt,
+        audited=audit and (audit.sentence, {arm: audit.rows(arm) for arm in comparison.verdicts}),
         curves=curves,
         curve_data=curve_data(comparison, styles, panels),
         most_seeds=MOST_SEEDS,
@@ -270,35 +276,6 @@ def _shared(rows: Iterable[tuple[str, str, Any]]) -> list[tuple[list[str], str, 
     for arm, task, content in rows:
         alike.setdefault(repr((task, content)), ([], task, content))[0].append(arm)
     return list(alike.values())
-
-
-# -- an audit's page --------------------------------------------------------------------------
-
-
-def write_audit(audit: Audit, path: Path) -> Path:
-    """Write the page of an audit, which stands alone, and return its path."""
-    sides = {"as configured": audit.configured, "fair": audit.fair}
-    pages = {}
-    for number, (name, study) in enumerate(sides.items()):
-        curves = draw_learning_curves(study.comparison, width=8.6, height=4.0, most=300)[1]
-        label = f"Greedy return of each arm over all steps, {name}"
-        pages[name] = (inline_svg(curves, f"audit-{number}", label), study.comparison.text())
-    last, tuned = audit.fair.runs[-1], audit.fair.record.tuned
-    facts = {"seeds": seed_ranges(audit.fair.seeds), "tuned on": "nothing"}
-    if tuned is not None:
-        facts["tuned on"] = numbered_seeds(tuned.seeds)
-    facts |= {"commit": last.commit or "none", "file": last.file, **last.versions}
-    page = render(
-        "audit.html",
-        name=audit.fair.record.name,
-        sentence=audit.sentence,
-        protocol=PROTOCOL,
-        arms={arm: audit.rows(arm) for arm in audit.fair.comparison.verdicts},
-        best=findings.tuning_rows(tuned),
-        sides=pages,
-        facts=facts,
-    )
-    return write_page(page, path)
 
 
 # -- figures as SVG --------------------------------------------------------------------------------

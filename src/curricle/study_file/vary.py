@@ -291,25 +291,18 @@ def _fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str
 def all_tuned(
     arms: Mapping[str, Raw], scratches: Mapping[str, Raw], tuning: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return a configuration's fields in which complete arms are tuned over their own settings.
+    """Return a configuration's fields in which complete arms are tuned, also where they set a key.
 
-    The space holds keys of learners, which apply also where an arm or a task sets them itself. The
-    first trial of every arm has its own settings.
+    The space has keys of learners. The first trial of every arm has its own settings.
     """
-    table_of = TuneTable.model_validate(tuning)
-    plans, trials = {**scratches, **arms}, dict[str, Variant]()
-    own = {
-        arm: Variant(arm, partial(_relearnt, plan), {"tune": tuning}, {})
-        for arm, plan in plans.items()
-    }
-    for arm, variant in own.items():
-        tried = [made for made in _tried(variant, table_of).values() if made.values]
-        trials |= {arm: variant} | {f"{arm}, trial {n}": made for n, made in enumerate(tried, 2)}
+    tune, trials = TuneTable.model_validate(tuning), dict[str, Variant]()
+    for arm, plan in {**scratches, **arms}.items():
+        trials[arm] = Variant(arm, partial(_relearnt, plan), {"tune": tuning}, {})
+        tried = [made for made in _tried(trials[arm], tune).values() if made.values]
+        trials |= {f"{arm}, trial {n}": made for n, made in enumerate(tried, 2)}
+    own = {arm: trials[arm] for arm in (*scratches, *arms)}
     of_scratch = [label for label, trial in trials.items() if trial.arm in scratches]
-    return {
-        **_fields(own, scratches),
-        "tune": {"seeds": table_of.seeds, **_fields(trials, of_scratch)},
-    }
+    return {**_fields(own, scratches), "tune": {"seeds": tune.seeds, **_fields(trials, of_scratch)}}
 
 
 def _relearnt(plan: Raw, study: Raw) -> dict[str, Any]:

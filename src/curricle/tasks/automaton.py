@@ -21,7 +21,6 @@ from curricle.errors import TaskError
 from curricle.tasks.domain import GridLayout
 from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.spaces import Component, Decoded, Space
-from curricle.text import counted
 
 
 @dataclass(frozen=True)
@@ -72,10 +71,9 @@ class Automaton:
             raise TaskError(f"event of an automaton must be a function: got {self.event!r}")
         edges = list[tuple[str, str, str, float]]()
         for edge in self.edges:
-            if isinstance(edge, str) or not isinstance(edge, Sequence) or len(edge) not in (3, 4):
+            if not isinstance(edge, tuple | list) or len(edge) not in (3, 4):
                 raise TaskError(
-                    "an edge must be (state, event, next_state) or (state, event, next_state, "
-                    f"reward): got {edge!r}"
+                    f"an edge must be (state, event, next_state), or with a reward: got {edge!r}"
                 )
             state, event, next_state, reward = (*edge, 0.0)[:4]
             for part in (state, event, next_state):
@@ -86,13 +84,11 @@ class Automaton:
                 raise TaskError(f"an edge must not leave a terminal state: got {edge}")
             paid = number(f"the reward of edge {edge}", reward, TaskError)
             edges.append((state, event, next_state, paid))
-        if self.start is None and not edges:
-            raise TaskError("an automaton without edges needs a start state: got none")
-        start = edges[0][0] if self.start is None else self.start
+        start = edges[0][0] if self.start is None and edges else self.start
         text("the start of an automaton", start, TaskError)
-        for name, value in {"edges": edges, "terminal": self.terminal}.items():
-            object.__setattr__(self, name, tuple(value))
-        object.__setattr__(self, "start", start)
+        fields = {"edges": (*edges,), "terminal": (*self.terminal,), "start": start}
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
         for state in self.terminal:
             if state == start or state not in self.states:
                 raise TaskError(
@@ -106,24 +102,6 @@ class Automaton:
         ends = [end for edge in self.edges for end in (edge[0], edge[2])]
         return tuple(dict.fromkeys([str(self.start), *ends]))
 
-    @property
-    def events(self) -> tuple[str, ...]:
-        """The E events of its edges."""
-        return tuple(dict.fromkeys(edge[1] for edge in self.edges))
-
-    def tables(self) -> tuple[IntArray, FloatArray]:
-        """Return the next state and the reward of each state and event, (U, E + 1).
-
-        The last event is any other event, or none.
-        """
-        states, events = self.states, self.events
-        follows = np.tile(np.arange(len(states))[:, None], len(events) + 1)
-        paid = np.zeros(follows.shape)
-        for state, event, next_state, reward in self.edges:
-            place = states.index(state), events.index(event)
-            follows[place], paid[place] = states.index(next_state), reward
-        return follows, paid
-
 
 @dataclass(frozen=True, repr=False)
 class TaskWithAutomaton(Frozen):
@@ -136,16 +114,15 @@ class TaskWithAutomaton(Frozen):
     def mdp(self) -> FiniteMDP:
         """The tables of the product: the state of number s U + u is s and u."""
         mdp, automaton = tables(self.task), self.automaton
-        event, row = _events(mdp, automaton), mdp.outcome_row
-        follows, paid = automaton.tables()
-        n_automaton = len(follows)
+        follows, paid = _moves(mdp, automaton)
+        row, n_automaton = mdp.outcome_row, len(automaton.states)
         labels, points = Component(automaton.name, n_automaton, labels=automaton.states), None
         if mdp.states.points is not None:
             values = np.tile(np.arange(n_automaton), mdp.states.size)[:, None]
             points = np.hstack([np.repeat(mdp.states.points, n_automaton, axis=0), values])
         # The product's pairs in the order (S, U, A), outcomes last.
-        after = mdp.next_state[row][:, None] * n_automaton + follows[:, event].swapaxes(0, 1)
-        reward = mdp.reward[row][:, None] + paid[:, event].swapaxes(0, 1)
+        after = mdp.next_state[row][:, None] * n_automaton + follows.swapaxes(0, 1)
+        reward = mdp.reward[row][:, None] + paid.swapaxes(0, 1)
         chance = np.broadcast_to(mdp.probability[row][:, None], after.shape)
         shape = mdp.states.size * n_automaton, mdp.actions.size, after.shape[-1]
         start = mdp.start[:, None] * (np.arange(n_automaton) == 0)
@@ -176,8 +153,7 @@ class TaskWithAutomaton(Frozen):
         return replace(layout, cells=np.repeat(layout.cells, times, axis=0), markers=markers)
 
     def __repr__(self) -> str:
-        states = counted(len(self.automaton.states), "state")
-        return f"TaskWithAutomaton({self.task!r}, {states})"
+        return f"TaskWithAutomaton({self.task!r}, {len(self.automaton.states)} states)"
 
 
 def with_automaton(task: Any, automaton: Automaton) -> TaskWithAutomaton:
@@ -216,30 +192,32 @@ def with_automaton(task: Any, automaton: Automaton) -> TaskWithAutomaton:
     return made
 
 
-def _events(mdp: FiniteMDP, automaton: Automaton) -> IntArray:
-    """Return the number of the event of each outcome of each pair, (S, A, O); E for no event."""
-    names, row = automaton.events, mdp.outcome_row
+def _moves(mdp: FiniteMDP, automaton: Automaton) -> tuple[IntArray, FloatArray]:
+    """Return the automaton's next state, and what its edge pays, at each outcome, (U, S, A, O)."""
+    states, row = automaton.states, mdp.outcome_row
     possible = (mdp.probability[row] > 0) & ~mdp.terminal[:, None, None]
     state, action, _ = np.nonzero(possible)
-    after = mdp.next_state[row][possible]
-    happened = np.asarray(
-        automaton.event(
-            mdp.states.decode(state), mdp.actions.decode(action), mdp.states.decode(after)
-        )
-    )
+    after, decoded = mdp.next_state[row][possible], mdp.states.decode
+    event = automaton.event(decoded(state), mdp.actions.decode(action), decoded(after))
+    happened = np.asarray(event)
     if happened.shape != after.shape or happened.dtype.kind != "U":
         raise TaskError(
             f"event must return an array of text of shape {after.shape}: got {happened.dtype} of "
             f"shape {happened.shape}"
         )
-    numbers = {name: n for n, name in enumerate(names)}
-    kinds, inverse = np.unique(happened, return_inverse=True)
-    if names and not {*names} & {*kinds.tolist()}:
-        seen = ", ".join(filter(None, kinds.tolist())) or "none"
+    kinds, number_of = np.unique(happened, return_inverse=True)
+    names = {edge[1]: None for edge in automaton.edges}
+    if names and names.keys().isdisjoint(kinds.tolist()):
         raise TaskError(
             f"an automaton needs an event that can happen: its edges have {', '.join(names)}, the "
-            f"task {seen}"
+            f"task has {', '.join(filter(None, kinds.tolist())) or 'none'}"
         )
-    events = np.full(possible.shape, len(names))
-    events[possible] = np.array([numbers.get(kind, len(names)) for kind in kinds.tolist()])[inverse]
-    return events
+    follows = np.tile(np.arange(len(states))[:, None], len(kinds))
+    paid = np.zeros(follows.shape)
+    for at, name, next_state, reward in automaton.edges:
+        place = states.index(at), kinds == name
+        follows[place], paid[place] = states.index(next_state), reward
+    shape = len(states), *possible.shape
+    moves = np.zeros(shape, np.int64), np.zeros(shape)
+    moves[0][:, possible], moves[1][:, possible] = follows[:, number_of], paid[:, number_of]
+    return moves
