@@ -71,6 +71,17 @@ def test_every_arm_is_tuned_by_equal_trials_its_own_settings_first(file):
     assert second["end"].learner.initial_value == 0.0 != second["line"].learner.initial_value
 
 
+def test_further_learners_and_the_arms_of_a_sweep_are_tuned_too(file):
+    changes = ["scratch_learners.bold.initial_value=5.0", "sweep.tasks.end.budget=[50,100]"]
+    study = as_fair(read_study(file, set=changes), 2)
+    trials = [variant.arm for variant in study.tune.variants.values()]
+    arms = {*study.arms, "scratch", "scratch, bold"}
+    assert {arm: trials.count(arm) for arm in trials} == dict.fromkeys(arms, 3)
+    assert len(study.arms) == 4
+    bold = study.tune.scratches["scratch, bold"].tasks["line"].learner
+    assert bold.initial_value == 5.0
+
+
 def test_scratch_is_tuned_at_the_points_of_the_arms(file):
     tune = as_fair(read_study(file), 2).tune
     plans = {**tune.arms, **tune.scratches}
