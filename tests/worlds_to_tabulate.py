@@ -44,6 +44,34 @@ class Counting(Corridor):
         return super().step(action)
 
 
+class Toggles(Corridor):
+    """Counts how often the lamp was switched, for ever."""
+
+    def reset(self, *, seed=None, options=None):
+        self.switched = 0
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        self.switched += action == 2
+        return super().step(action)
+
+
+class Unseeded(Corridor):
+    """A reset draws from Python's generator."""
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.place = random.randrange(self.cells - 1)
+        return self.seen(), {}
+
+
+class OldReset(Corridor):
+    """A reset takes no seed, as it did before Gymnasium."""
+
+    def reset(self):
+        return super().reset()
+
+
 class OldStep(Corridor):
     """Steps return what they did before Gymnasium: four parts."""
 

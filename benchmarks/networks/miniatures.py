@@ -1,12 +1,14 @@
-"""The study of miniatures on seven targets that no setting was chosen on, and four for choosing.
+"""The study of miniatures on ten targets that no setting was chosen on, and four for choosing.
 
     python -m benchmarks.networks.miniatures [--targets ...] [--seeds 5] [--workers 2] [--out DIR]
 
 Each target's results are a study's: a stopped run goes on, and `curricle show` reads them. Printed
-here are the steps and seconds that the miniatures take (`--price`), or for every arm
+here are the steps and seconds that the miniatures take (`--price`: these alone), and for every arm
 
 - start: the target's return before its first step there;
-- area: the mean return over the 60,000 steps, source steps charged; end: the last return.
+- area: the mean return over all steps, 60,000 and those of the miniatures' models, which come
+  before the first return; and that over 60,000 steps with the models' steps free;
+- end: the last return.
 
 Brackets are 95 % intervals over seeds; returns are undiscounted. Actions of actor-critics are drawn
 from their policy where observations hide a part of the state, DQN's are greedy.
@@ -18,35 +20,36 @@ from pathlib import Path
 
 import numpy as np
 
-from curricle import read_study, run_study
-from curricle.statistics import mean_interval, mean_return
+from curricle import GreedyEvaluation, read_study, run_study
+from curricle.statistics import Curve, mean_interval, mean_return
 from curricle.study import StudyConfig, StudyResults, WorkerProcesses
 
 FILE = Path(__file__).with_suffix(".toml")
-STEPS = 'arms."weights of steps".tasks.small'
+TIMED = 4_096  # steps of PPO
 
 
 def level(target: str, *members: str, seen: str) -> list[str]:
     """Return the changes of the study for a level of MiniGrid and smaller levels."""
     ids = [f"minigrid:MiniGrid-{name}" for name in (target, *members)]
-    encoded = [f"{task}.encode=levels:{seen}" for task in ("tasks.small", "tasks.target", STEPS)]
-    small = [f"tasks.small.members={ids[1:]}", f"{STEPS}.arguments.id={ids[-1]}"]
-    return [f"tasks.target.id={ids[0]}", *small, *encoded]
+    encoded = [f"{task}.encode=levels:{seen}" for task in ("tasks.small", "tasks.target")]
+    return [f"tasks.target.id={ids[0]}", f"tasks.small.members={ids[1:]}", *encoded]
 
 
-def control(name: str, points: int, held: int) -> list[str]:
+# What RL Baselines3 Zoo has for these, where it is not what it has for MiniGrid.
+CAR = ["envs=16", *(f"settings.{x}" for x in ("n_steps=16", "n_epochs=4", "gae_lambda=0.98"))]
+SWING = [f"settings.{x}" for x in ("normalize=false", "n_steps=1_024", "learning_rate=1e-3")]
+
+
+def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
     """Return the changes for an environment of classic control, whose miniature is a grid."""
     arguments = f'{{ id = "{name}", points = {points}, held = {held} }}'
-    encoded = [f"{task}.encode=levels:as_it_is" for task in ("tasks.small", "tasks.target", STEPS)]
     return [
         f"tasks.target.id={name}",
+        "tasks.target.encode=levels:numbered",
         "tasks.target.evaluation.sampled=false",  # nothing is hidden
         f'tasks.small.members=[{{ factory = "levels:Grid", arguments = {arguments} }}]',
-        f"{STEPS}.factory=levels:Grid",
-        f"{STEPS}.arguments.id={name}",
-        f"{STEPS}.arguments.points={points}",
-        f"{STEPS}.arguments.held={held}",
-        *encoded,
+        "tasks.small.encode=levels:numbered",
+        *(f"scratch_learners.zoo.{setting}" for setting in zoo),
     ]
 
 
@@ -58,31 +61,37 @@ TARGETS = {
     "lava": level("LavaCrossingS9N3-v0", "LavaCrossingS9N1-v0", seen="walk"),
     "rooms": [
         *level("MultiRoom-N4-S5-v1", "MultiRoom-N2-S4-v0", seen="opens"),
-        *(ROOMS, f"{STEPS}.arguments.maxRoomSize=5"),
+        ROOMS,
     ],
     "door": level("DoorKey-8x8-v0", "DoorKey-5x5-v0", "DoorKey-6x6-v0", seen="fetch"),
     "corridor": level("KeyCorridorS3R2-v0", "KeyCorridorS3R1-v0", seen="carry"),
-    "car": control("MountainCar-v0", 150, 2),
+    "car": control("MountainCar-v0", 150, 2, CAR),
+    "go to door": level("GoToDoor-8x8-v0", "GoToDoor-5x5-v0", "GoToDoor-6x6-v0", seen="go_to"),
+    "things": level("Fetch-8x8-N3-v0", "Fetch-5x5-N2-v0", "Fetch-6x6-N2-v0", seen="pick_up"),
+    "swing": control("Pendulum-v1", 101, 4, SWING),
 }
 """What is reported."""
 DEVELOPMENT = {
     "crossing 2": level("SimpleCrossingS9N2-v0", "SimpleCrossingS9N1-v0", seen="walk"),
     "gap": level("LavaGapS7-v0", "LavaGapS5-v0", "LavaGapS6-v0", seen="walk"),
     "small door": level("DoorKey-6x6-v0", "DoorKey-5x5-v0", seen="fetch"),
-    "acrobot": control("Acrobot-v1", 15, 5),
+    "acrobot": control("Acrobot-v1", 15, 5, []),
 }
 """What settings are chosen on."""
 ALL = {**TARGETS, **DEVELOPMENT}
 
 
 def table(results: StudyResults) -> None:
-    """Print the start, the area and the end of each arm over the seeds that all have finished."""
+    """Print the start, the areas and the end of each arm over the seeds that all have finished."""
     comparison = results.comparison
-    print(f"{'arm':<28}{'start':>8}{'area':>24}{'end':>24}")
+    print(f"{'arm':<28}{'start':>8}{'area':>24}{'model steps free':>24}{'end':>24}")
+    n = comparison.budget // results.record.eval_freq + 1
     for name, arm in comparison.arms.items():
-        charged = arm.charged(comparison.scratch)
-        area, end = mean_return(charged), charged.values[:, -1]
-        print(f"{name:<28}{arm.curve.values[:, 0].mean():>8.2f}{shown(area):>24}{shown(end):>24}")
+        charged, free = arm.charged(comparison.scratch), arm.curve
+        free = Curve(free.steps[:n], free.values[:, :n])
+        areas = [shown(mean_return(curve)) for curve in (charged, free)]
+        end = shown(charged.values[:, -1])
+        print(f"{name:<28}{free.values[:, 0].mean():>8.2f}{areas[0]:>24}{areas[1]:>24}{end:>24}")
 
 
 def shown(values: np.ndarray) -> str:
@@ -93,19 +102,25 @@ def shown(values: np.ndarray) -> str:
 
 
 def price(study: StudyConfig) -> str:
-    """Return what the miniatures of a target cost."""
-    from curricle.deep.distillation import distil  # torch, which the study alone does not need
+    """Return what the miniatures of a target cost, in steps and in seconds of one processor."""
+    from curricle.deep import learn_deep  # torch, which the study alone does not need
+    from curricle.deep.distillation import distil
 
     curriculum, began = study.curriculum("distilled"), time.process_time()
-    small = curriculum.tasks["small"]
+    small, target = curriculum.tasks["small"], curriculum.tasks["target"]
+    learner = curriculum.setting("learner", "target")
     known = small.knowledge()
     solved = time.process_time() - began
-    values = distil(known, curriculum.tasks["target"], curriculum.setting("learner", "target"))
+    values = distil(known, target, learner)
     fitted = time.process_time() - began - solved
+    began = time.process_time()
+    learn_deep(target, learner, TIMED, evaluation=GreedyEvaluation(method="off"))
+    a_step = (time.process_time() - began) / TIMED
     held_out = [f"{part.regained:.0%} of {part.levels} levels" for part in small.examined(values)]
     return (
         f"{known.states.sum():,} states, {known.alike:.0%} look alike; {small.transitions:,} steps "
-        f"of models, {solved:.0f} s; distilled in {fitted:.0f} s; regains on held-out levels "
+        f"of models, {solved:.0f} s; distilled in {fitted:.0f} s; together as long as "
+        f"{(solved + fitted) / a_step:,.0f} steps of PPO; regains on held-out levels "
         f"{', '.join(held_out)}"
     )
 
@@ -126,6 +141,7 @@ def main() -> None:
             continue
         with WorkerProcesses(chosen.workers) as executor:
             table(run_study(study, chosen.out / target, executor=executor, resume=True))
+        print(price(study), flush=True)
 
 
 if __name__ == "__main__":

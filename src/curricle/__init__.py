@@ -12,7 +12,9 @@ The public names are those of ``__init__.pyi``; each is imported when first used
 Gymnasium.
 """
 
+from pathlib import Path
 from pkgutil import iter_modules
+from re import findall
 
 import lazy_loader
 
@@ -20,9 +22,31 @@ from curricle.interop import register
 
 __version__ = "0.3.0.dev0"
 
-__getattr__, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
+_attribute, __dir__, _offered = lazy_loader.attach_stub(__name__, __file__)
 # Packages are attributes (`curricle.statistics`) and not exported.
 _packages = {module.name for module in iter_modules(__path__)}
 __all__ = [name for name in _offered if name not in _packages]
+
+
+def __getattr__(name):
+    try:
+        return _attribute(name)
+    except AttributeError:
+        said = f"curricle has no {name}{_meant(name)}"
+        raise AttributeError(said, name=name, obj=None) from None  # or Python would add its guess
+
+
+def _meant(name):
+    """Return ``: did you mean NAME?`` for an unknown name, which may be in a package; or ""."""
+    from difflib import get_close_matches
+
+    names = {known.lower(): known for known in __all__}
+    for stub in Path(__file__).parent.glob("*/__init__.pyi"):
+        for known in findall(r" as (\w+)", stub.read_text("utf-8")):
+            names.setdefault(known.lower(), f"{stub.parent.name}.{known}")
+    word = name.lower().replace("ucb", "optimistic")
+    near = get_close_matches(word, names, 1) if name[0] != "_" else []
+    return "".join(f": did you mean {names[known]}?" for known in near)
+
 
 register()

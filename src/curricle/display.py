@@ -6,6 +6,7 @@ not escaped again. The HTML loads nothing from outside the notebook.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -84,6 +85,13 @@ def beside(parts: Mapping[str, Markup]) -> Markup:
 def printed(result: Any) -> str:
     """Return the printed lines of a result as HTML; serves a class as ``_repr_html_``."""
     return block(type(result).__name__, Markup("<pre>{}</pre>").format(str(result)))
+
+
+def pictured(task: Any) -> str | None:
+    """Return a picture of a task whose states lie on a grid; serves a class as ``_repr_html_``."""
+    # By its name: what draws tasks imports them.
+    html: str | None = import_module("curricle.show.scenes").in_a_notebook(task)
+    return html
 
 
 def table(

@@ -25,6 +25,11 @@ def studies():
     for name, (title, plan) in (plans | {"chain": (ODD, chain_plan(ODD))}).items():
         study = record(title, {f"{title} arm": plan}, 3, moments=3)
         found[name] = study.comparison, page_of(study)
+    many = {
+        f"{letter}, with a long_name_that_has_no_space_in_it": maze_plan(3) for letter in "abcdef"
+    }
+    study = record("many", many, 2)
+    found["many"] = study.comparison, page_of(study)
     return found
 
 

@@ -74,7 +74,7 @@ def test_hovered_values_are_those_of_the_data(visit, studies, panel, viewport):
         for arm, numbers in values.items():
             curve, _ = shown_curve(comparison, arm, strong=panel == "strong")
             (place,) = np.flatnonzero(curve.steps == wanted)
-            band = mean_interval(curve.filled()[:, place])
+            band = mean_interval(curve.filled()[:, place]).within(comparison.within)
             expected = [x for x in (band.estimate, band.low, band.high) if not np.isnan(x)]
             assert numbers == pytest.approx(expected, abs=0.51 * 10**-digits)
     page.mouse.move(1, 1)
@@ -96,6 +96,28 @@ def test_an_arm_is_turned_off_and_on_by_its_name_and_seeds_are_thin_lines(visit)
     page.get_by_label("each seed as a thin line").check()
     assert page.locator("#chart .seed").count() == 3 * 3
     assert page.locator("#chart .band").count() == 0
+
+
+def test_of_many_arms_only_the_line_under_the_pointer_has_a_band(visit):
+    page = visit("many")
+    shown = "all => all.filter(e => e.getAttribute('display') !== 'none').map(e => e.dataset.arm)"
+
+    def bands():
+        return page.eval_on_selector_all("#chart .band", shown)
+
+    assert len(means(page)) > 6
+    assert bands() == []
+    point_at(page, 1500)
+    (arm,) = bands()
+    assert page.locator("#arms .nearest").get_attribute("data-arm") == arm
+    page.locator("#arms li").last.hover()
+    assert bands() == [page.locator("#arms li").last.get_attribute("data-arm")]
+    page.mouse.move(1, 1)
+    assert bands() == []
+    assert page.locator("#arms .nearest").count() == 0
+    for button in page.locator("#arms button").all()[6:]:
+        button.click()
+    assert len(bands()) == len(means(page)) == 6  # the others have room for their bands
 
 
 def test_a_drag_zooms_and_a_double_click_resets(visit):

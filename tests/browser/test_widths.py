@@ -5,7 +5,7 @@ import pytest
 from curricle.display import block, table
 
 WIDTHS = [{"width": 360, "height": 740}, {"width": 1300, "height": 900}]
-PAGES = ["hunt", "maze", "chain", "paper"]
+PAGES = ["hunt", "maze", "chain", "many", "paper"]
 
 # What lies in a box that scrolls, or in a picture, may reach further than the page.
 WIDER = """() => [...document.querySelectorAll("body *")].filter(e => {

@@ -57,16 +57,6 @@ def test_a_q_network_is_fitted_to_action_values(algorithm):
     assert all((online[name] == other[name]).all() for name in online)
 
 
-def test_a_network_without_a_policy_to_learn_keeps_its_actor():
-    _, observed, known, *_ = solved_maze()
-    critic = Knowledge(known.observations, known.values, None, None, known.states)
-    first, last = (
-        distil(critic, observed, DeepLearner("PPO", settings=SMALL), Distillation(updates=n))
-        for n in (1, 50)
-    )
-    assert (first.policy.action_net.weight == last.policy.action_net.weight).all()
-
-
 def test_the_same_seed_gives_the_same_bits_and_another_does_not():
     _, observed, known, *_ = solved_maze()
     settings = DeepLearner("PPO"), Distillation(updates=20)
@@ -112,25 +102,8 @@ def test_shuffled_answers_are_the_same_answers_of_others():
     assert sorted(mixed_pairs) == sorted(pairs)
 
 
-@pytest.mark.parametrize("algorithm", ["DQN", "A2C"])
-def test_a_network_can_be_distilled_into_another(algorithm):
-    _, observed, known, *_ = solved_maze()
-    source = distil(known, observed, DeepLearner(algorithm, settings=SMALL), WELL)
-    potential = cr.transfer.ObservationPotential.of(observed, source)
-    read = Knowledge.read(potential, known.observations)
-    assert np.asarray(read.policy).sum(axis=1) == pytest.approx(1.0)
-    other = distil(read, observed, DeepLearner("PPO", settings=SMALL), WELL)
-    assert agreement(other, known) == 1
-    assert other.v(known.observations) == pytest.approx(
-        source.v(known.observations), abs=0.2 * known.values.std()
-    )
-
-
 def test_knowledge_of_other_actions_or_learners_is_refused():
     _, observed, known, *_ = solved_maze()
     few = Knowledge.of(known.observations, np.asarray(known.action_values)[:, :2])
     with pytest.raises(cr.errors.SettingError, match=r"actions, Discrete\(4\): got 2"):
         distil(few, observed, DeepLearner("PPO"))
-    without = Knowledge(known.observations, known.values, None, None, known.states)
-    with pytest.raises(cr.errors.SettingError, match="where action values are known"):
-        distil(without, observed, DeepLearner("DQN"))

@@ -108,53 +108,47 @@ def test_what_is_distilled_is_exact():
     assert known.values == pytest.approx(0.9 ** (steps - 1))
 
 
-def test_it_takes_no_steps_and_its_network_acts_well_on_other_levels():
-    small = miniatures(room(), resets=40, tested_on=[room(6)])
+@pytest.mark.parametrize("charged", [True, False])
+def test_its_models_are_charged_and_its_network_acts_well_on_other_levels(charged):
+    small = miniatures(room(), resets=40, tested_on=[room(6)], charged=charged)
     result = plan(PolicyReuse(), small=small).train(seeds=2)
-    assert result.source_steps("large").tolist() == [0, 0]
-    assert small.transitions > 0
+    (member,) = small.solved
+    states = int((~member.table.mdp.terminal).sum())
+    assert small.transitions == states * 4
+    assert result.source_steps("large").tolist() == [charged * states * 4] * 2
     assert (result["small"].greedy_return > 0.5).all()
     exam, _ = small.examined(result["small"].values[0])
     assert exam.optimal >= exam.greedy > exam.random
     assert 0.5 < exam.regained <= 1.0 + 1e-9
 
 
-def test_a_comparison_charges_no_steps_and_has_a_placebo():
-    comparison = cr.compare(
-        plan(PolicyReuse()), seeds=3, controls=["placebo"], threshold=0.3, window=1
-    )
+@pytest.mark.parametrize("charged", [True, False])
+def test_a_comparison_charges_the_models_once_and_has_a_placebo(charged):
+    small = miniatures(room(), resets=6, charged=charged)
+    with_placebo = {"controls": ["placebo"], "threshold": 0.3, "window": 1}
+    comparison = cr.compare(plan(PolicyReuse(), small=small), seeds=3, **with_placebo)
     assert list(comparison.arms) == ["scratch", "transfer", "transfer, placebo"]
-    assert comparison.total == 192
-    assert all((arm.curve.source_steps == 0).all() for arm in comparison.arms.values())
+    spent = small.transitions * charged
+    assert comparison.total == 192 + -(-spent // 64) * 64
+    for name, arm in comparison.arms.items():
+        assert (arm.curve.source_steps == spent * (name != "scratch")).all()
+        x, alone = arm.curve.steps, comparison.scratch.curve.values
+        late = [np.interp(x - spent * (name != "scratch"), x, row) for row in arm.curve.values]
+        begun = x >= arm.curve.source_steps[0]  # its first return comes after the models' steps
+        values = arm.charged(comparison.scratch).values
+        assert values[:, begun] == pytest.approx(np.array(late)[:, begun])
+        assert (values[:, ~begun] <= alone[:, :1]).all()
     assert comparison.arms["transfer, placebo"].control
 
 
-def through_a_table(steps, budget, **settings):
-    """A table, what it knows distilled into miniatures' network, and the target of that."""
-    lake = cr.tabulate(room(3).environment, discount=0.9)
-    small = miniatures(room(3), resets=1)
-    transfer = cr.Transfer("table", "small", cr.transfer.ObservationMapping(small, lake, lake.many))
-    return cr.Curriculum(
-        {"table": lake, "small": small, "large": room(5)},
-        [transfer, cr.Transfer("small", "large")], learner={"small": PPO, "large": PPO},
-        budget={"table": cr.StoppingRule(steps), "large": budget}, eval_freq={"large": 64},
-        evaluation={"large": ROLLOUTS}, **settings,
-    )  # fmt: skip
+def test_equal_members_are_tabulated_once():
+    def lakes(resets):
+        return miniatures(cr.observation_task("FrozenLake-v1", is_slippery=False), resets=resets)
 
-
-def test_what_a_source_of_miniatures_learnt_is_distilled(tmp_path):
-    curriculum = through_a_table(4_000, 64, shaping={"large": PolicyReuse()})
-    lake, small = curriculum.tasks["table"], curriculum.tasks["small"]
-    result = curriculum.train(seeds=1)
-    assert result.source_steps("large").tolist() == [4_000]
-    q = result["table"].values[0]
-    knowledge = small.knowledge(potential=result.potentials["small"][0])
-    live = ~lake.mdp.terminal
-    assert sorted(knowledge.values) == pytest.approx(sorted(q[live].max(axis=1)))
-    assert not np.allclose(sorted(knowledge.values), sorted(small.knowledge().values), atol=1e-9)
-    loaded = cr.curriculum.CurriculumResult.load(result.save(tmp_path / "plan"), curriculum)
-    seen = knowledge.observations
-    assert np.array_equal(loaded["small"].values[0].v(seen), result["small"].values[0].v(seen))
+    small, other, more = lakes(6), lakes(6), lakes(7)
+    placebo = replace(small, shuffled=True)
+    assert small.solved[0] is not more.solved[0]
+    assert all(made.solved[0] is small.solved[0] for made in (other, placebo))
 
 
 def test_a_forecast_says_what_holds_on_held_out_levels():
@@ -264,28 +258,29 @@ def test_a_study_distils_and_is_stored(tmp_path):
     assert not results.failed
     for arm in ("scratch", "distilled", "placebo"):
         assert np.isfinite(results.result(arm, "large").greedy_return).all()
-        assert results.result(arm, "large").steps[-1] == 128
+    assert results.comparison.budget == 128 < results.result("distilled", "large").steps_used
     small = results.result("distilled", "small", values=True)
-    assert small.steps_used.tolist() == [0]
+    spent = plan.tasks["small"].transitions
+    assert small.steps_used.tolist() == [spent] == results.source_steps("distilled").tolist()
     alone = plan.train([0], only="small")["small"]
     for stored, trained in zip(small.values, alone.values, strict=True):
         parameters = trained.parameters()
         assert all((stored[name] == parameters[name]).all() for name in parameters)
-    assert (results.source_steps("distilled") == 0).all()
+    assert results.source_steps("placebo").tolist() == [spent]
 
 
 def short_of(shaping, learner):
     return plan(shaping, learner=learner, budget=cr.Episodes(3))
 
 
-def calibrated_miniatures():
-    curriculum = through_a_table(500, 640)
-    distilled, edge = curriculum.transfers
-    return replace(curriculum, transfers=[replace(distilled, calibrate=True), edge])
+def with_a_source():
+    whole = plan(None)
+    chain = [cr.Transfer("first", "small"), *whole.transfers]
+    return replace(whole, tasks={"first": miniatures(room(3)), **whole.tasks}, transfers=chain)
 
 
 BAD = {
-    "which miniatures never do": calibrated_miniatures,
+    "solved and need no source: .*'first'": with_a_source,
     "at least one member": miniatures,
     "one space": lambda: miniatures(room(), cr.observation_task("CartPole-v1")),
     "numbered actions": lambda: miniatures(cr.observation_task("Pendulum-v1")),

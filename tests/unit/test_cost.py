@@ -49,13 +49,14 @@ large = { type = "observation_task", id = "FrozenLake-v1", shaping = "PolicyReus
 """
 
 
-def test_a_distillation_takes_seconds_and_no_steps(tmp_path):
+def test_a_distillation_takes_seconds_and_the_steps_of_its_models(tmp_path, monkeypatch):
+    monkeypatch.setattr(cost, "pace", lambda task: PACE)
     file = tmp_path / "carts.toml"
     file.write_text(DISTILLED)
     study = read_study(file)
     (row,) = (row for row in cost.costs(study, Arms.of(study)) if row.task == "small")
-    assert row.steps == 0
-    assert row.seconds == len(study.seeds) * cost.DISTILLING
+    assert row.steps == 44  # four actions in each of the lake's eleven squares
+    assert row.seconds == pytest.approx(len(study.seeds) * (cost.DISTILLING + 44 * PACE))
 
 
 def test_tables_too_large_to_be_solved_are_not_built(monkeypatch):

@@ -61,10 +61,13 @@ def test_a_gif_shows_each_moment_in_its_colours(episode, tmp_path):
         assert (picture.format, picture.n_frames) == ("GIF", 4)
         for place, frame in enumerate(episode.frames):
             picture.seek(place)
-            shown = np.asarray(picture.convert("RGB")).astype(int)
+            shown = np.asarray(picture.convert("RGB")).astype(int)[: len(frame), : len(frame[0])]
             assert abs(shown - frame).max() < 48
             assert abs(shown - frame).mean() < 1
             assert picture.info["duration"] == (1000 if place == 3 else 200)
+            said = np.asarray(picture.convert("L"))[len(frame) :]  # the step, reward and return
+            assert said.shape[0] > 16
+            assert np.ptp(said) > 150
     assert file.read_bytes() == episode.save(tmp_path / "again.gif", fps=5).read_bytes()
 
 

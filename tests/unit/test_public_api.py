@@ -60,6 +60,21 @@ def test_dir_lists_the_public_names_and_unknown_ones_fail():
         _ = curricle.no_such_name
 
 
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("Qlearning", "QLearning"),
+        ("UCBQLearning", "learning.OptimisticQLearning"),
+        ("Bins", "interop.Bins"),
+        ("nothing_like_it", ""),
+    ],
+)
+def test_an_unknown_name_suggests_what_was_meant(name, meant):
+    with pytest.raises(AttributeError) as caught:
+        getattr(curricle, name)
+    assert str(caught.value) == f"curricle has no {name}" + f": did you mean {meant}?" * bool(meant)
+
+
 @pytest.mark.parametrize("heavy", ["numba", "matplotlib", "pyarrow"])
 def test_import_alone_loads_nothing_heavy(heavy):
     code = f"import sys, curricle; sys.exit({heavy!r} in sys.modules)"

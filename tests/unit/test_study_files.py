@@ -61,13 +61,12 @@ def test_it_reads_and_comes_back_equal(path):
 @pytest.mark.filterwarnings("ignore:.* take their potential as it is")
 def test_it_is_trained(path):
     study = read_study(path, set=reduced(path))
-    solved = '"distilled"' in json.dumps(study.to_data())  # by no step
     if '"deep"' in json.dumps(study.to_data()):
         pytest.importorskip("stable_baselines3")
     for arm in study.curricula.values():
         result = arm.train(study.seeds[:1])
         assert (result[arm.target].steps_used == STEPS).all()
-        assert (result.source_steps(arm.target) == 0).all() == solved
+        assert (result.source_steps(arm.target) > 0).all()
 
 
 def test_there_are_examples_of_each_kind_of_task():

@@ -117,15 +117,18 @@ def new(
     kind: Annotated[
         str | None,
         Argument(
-            help="maze, pursuit, gymnasium or deep; or any id of Gymnasium's registry. "
-            "Left out, they are listed.",
+            help="maze, pursuit, gymnasium or deep; any id of Gymnasium's registry; or a class of "
+            "yours, module:Class. Left out, they are listed.",
             autocompletion=lambda: list(KINDS),
             show_default=False,
         ),
     ] = None,
     file: Annotated[Path | None, Argument(help="The file; KIND.toml by default.")] = None,
 ) -> None:
-    """Write a commented study to start from, which runs as it is."""
+    """Write a commented study to start from, which runs as it is.
+
+    An environment is played, tabulated if that takes seconds, and tried with easier arguments.
+    """
     from curricle.cli.output import line_width
     from curricle.errors import StoreError
     from curricle.study import templates
@@ -136,10 +139,13 @@ def new(
             "or the id of an environment of Gymnasium's registry: FrozenLake-v1, CartPole-v1, "
             "MiniGrid-DoorKey-5x5-v0"
         )
-        rows = [*templates.KINDS.items(), ("ID", environments)]
+        own = "or an environment of your own: the class, or a function that makes it"
+        rows = [*templates.KINDS.items(), ("ID", environments), ("module:Class", own)]
         echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), prose=True)))
         return
-    name, text = templates.new_study(kind)
+    if ":" in kind:
+        _announce_imports()
+    name, text, notes = templates.new_study(kind, Path() if file is None else file.parent)
     path = file or Path(name)
     try:
         with path.open("x", encoding="utf-8") as written:
@@ -148,6 +154,8 @@ def new(
         raise StoreError(f"a new study needs a new file: {path} is there already") from None
     except OSError as error:
         raise StoreError(f"a study cannot be written to {path}: {error.strerror}") from None
+    for note in notes:
+        echo(note)
     typed = quote(str(path))
     echo(f"Wrote {path}: curricle check {typed}, then curricle run {typed}")
 

@@ -317,7 +317,9 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
             task, learner = node.task.shapes, node.learner.algorithm
         else:
             task, learner = " x ".join(node.sizes), type(node.learner).__name__
-        steps = "no steps, by exact answers" if node.takes_no_steps else node.budget_text
+        steps = node.budget_text
+        if node.distilled:
+            steps = f"exact answers, {counted(node.most_steps, 'step')} charged"
         yield wrapped(f"{name}: {task}; {learner}; {steps}", 2)
         edges = curriculum.in_edges(name)
         for label, edge in zip(transfer_names(edges), edges, strict=True):
@@ -387,7 +389,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost]) -> 
             )
             continue
         keys = {source: arms.keys[name, source] for source in curriculum.ancestors(arms.target)}
-        distilled = any(curriculum.node(source).takes_no_steps for source in keys)
+        distilled = any(curriculum.node(source).distilled for source in keys)
         a_seed = sum(by_key[key] for key in {*keys.values()})
         longest = LONGEST_DISTILLED if distilled else LONGEST
         seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())

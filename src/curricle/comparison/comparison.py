@@ -48,10 +48,10 @@ from curricle.comparison.verdicts import (
 from curricle.curriculum.curriculum import Curriculum, Node
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
 from curricle.errors import CurriculumError, SettingError, in_words
-from curricle.learning.result import LearningResult
+from curricle.learning.result import GREEDY_RETURN, LearningResult
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.policy_evaluation import Target, possible_returns
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import (
     ROUNDING,
@@ -71,6 +71,7 @@ from curricle.statistics.hypothesis_tests import probability_of_improvement
 from curricle.statistics.intervals import (
     Interval,
     clusters,
+    extremes,
     interquartile_interval,
     mean_interval,
     seed_line,
@@ -110,6 +111,7 @@ class Reference:
     threshold_from: str = ""
     random_return: float | None = None
     optimum: float | None = None
+    possible: tuple[float, float] | None = None  # lowest and highest of an episode, if known
 
     @classmethod
     def of(cls, target: Target | ObservationTarget, stated: float | None = None) -> Self:
@@ -126,9 +128,10 @@ class Reference:
     @classmethod
     def before(cls, node: Node, stated: float | None) -> Self:
         """Return :meth:`of` a task, which is not solved where the threshold is stated."""
+        possible = possible_returns(node.task, node.evaluation.discount(node.task))
         if stated is not None:
-            return cls(stated, STATED)
-        return cls.of(target_of(node.task, node.evaluation))
+            return cls(stated, STATED, possible=possible)
+        return replace(cls.of(target_of(node.task, node.evaluation)), possible=possible)
 
     def after(self, scratch: Curve) -> Self:
         """Return the reference after training: midway up scratch's curve without a threshold."""
@@ -461,7 +464,18 @@ class Comparison:
 
     def mean_return(self, name: str) -> Interval:
         """Return the mean over seeds of the normalised area under an arm's strong curve."""
-        return mean_interval(self.returns[name])
+        return self.interval(self.returns[name])
+
+    @cached_property
+    def within(self) -> tuple[float, float]:
+        """The lowest and the highest return that an interval of a mean return may have."""
+        if self.reference.possible is not None:
+            return self.reference.possible
+        return extremes([arm.curve.values for arm in self.arms.values()])
+
+    def interval(self, returns: FloatArray) -> Interval:
+        """Return the mean over seeds of returns, (K,) or (K, T), with its interval."""
+        return mean_interval(returns).within(self.within)
 
     @cached_property
     def contrasts(self) -> dict[str, Contrast]:
@@ -568,7 +582,7 @@ class Comparison:
         """Return the charged curves, the table, and sentences below it."""
         return block(
             self._title,
-            curves(_lines(self), "target and source steps", "greedy return"),
+            curves(_lines(self), "target and source steps", GREEDY_RETURN),
             table(HEADS, [self._cells(name) for name in self.shown], wide=[HEADS[-1]]),
             *self._below,
         )
@@ -721,6 +735,7 @@ def _lines(comparison: Comparison) -> list[Any]:
                 curve.filled(),
                 colour,
                 dashed=arm.control or (arm.scratch and name != SCRATCH),
+                within=comparison.within,
             )
         )
     return lines

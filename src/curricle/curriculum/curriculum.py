@@ -115,15 +115,15 @@ class Node:
     @property
     def most_steps(self) -> int:
         """The most steps that training takes."""
-        if self.takes_no_steps:
-            return 0
+        if self.distilled:
+            return self.task.cost  # type: ignore[no-any-return]
         limit = self.task.longest if self.deep else generative_model(self.task).time_limit
         return longest_run(limit, self.budget, self.eval_freq)
 
     @property
     def most_evaluation_steps(self) -> int:
         """The most steps that a seed's greedy evaluations take; 0 if they are exact or off."""
-        if self.evaluation.method == "off" or self.takes_no_steps:
+        if self.evaluation.method == "off" or self.distilled:
             return 0
         if not (self.deep or isinstance(self.evaluation.kernel(self.task), RolloutEvaluation)):
             return 0
@@ -147,7 +147,7 @@ class Node:
         return is_observation_task(self.task)
 
     @property
-    def takes_no_steps(self) -> bool:
+    def distilled(self) -> bool:
         """Whether a network learns the task from exact answers instead of steps."""
         return isinstance(self.task, Miniatures)
 
@@ -171,12 +171,11 @@ class Node:
         progress: Progress = None,
     ) -> LearningResult:
         """Return the result of K seeds in the task, with K potentials and calibrations or none."""
-        if self.takes_no_steps:
+        if self.distilled:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
 
-            how: Any = {"eval_freq": self.eval_freq, "progress": progress}
-            return learn_miniatures(self.task, self.learner, seeds, potentials, **how)
+            return learn_miniatures(self.task, self.learner, seeds, progress=progress)
         common: dict[str, Any] = {
             "shaping": [self.shaping.with_potential(phi) for phi in potentials] or None,
             "seeds": seeds,
@@ -200,7 +199,7 @@ class Node:
 
     def decisions(self, result: LearningResult) -> Decisions:
         """Return the stopping rule's decisions at each seed's checkpoints."""
-        if not isinstance(self.budget, StoppingRule) or self.takes_no_steps:
+        if not isinstance(self.budget, StoppingRule) or self.distilled:
             return Decisions([[] for _ in result.seeds], result.seeds)
         level, floor = levels(self.budget, self.task, self.evaluation, target_of)
         totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
@@ -320,6 +319,11 @@ class Curriculum:
             instance("each of transfers", transfer, Transfer, CurriculumError)
             for role in ("source", "target"):
                 one_of(f"a transfer's {role}", getattr(transfer, role), self.tasks, CurriculumError)
+            if isinstance(self.tasks[transfer.target], Miniatures):
+                raise CurriculumError(
+                    "miniatures are solved and need no source: a transfer must lead from "
+                    f"{transfer.source!r} into another task than {transfer.target!r}"
+                )
         mapped = (
             with_mapping(
                 transfer,
@@ -403,13 +407,7 @@ class Curriculum:
                 "all transfers into a task must have the same calibration: those into "
                 f"{name!r} differ"
             )
-        calibration = settings.pop() if settings else None
-        if calibration is not None and isinstance(self.tasks[name], Miniatures):
-            raise CurriculumError(
-                "a calibration takes steps in its task, which miniatures never do: a transfer into "
-                f"{name!r} has calibrate={calibration}"
-            )
-        return calibration
+        return settings.pop() if settings else None
 
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that are trained before `name`, in training order."""
@@ -617,7 +615,7 @@ class Curriculum:
     def _check_network(self, name: str) -> None:
         node = self.node(name)
         if node.deep:
-            node.check_network(shaped=bool(self.in_edges(name)) and not node.takes_no_steps)
+            node.check_network(shaped=bool(self.in_edges(name)))
 
     def spent(self, name: str, sources: Mapping[str, Learnt], seeds: int) -> IntArray:
         """Return the steps of each of K seeds in all tasks on which a task builds, (K,) int64."""

@@ -379,11 +379,7 @@ def source_values(curriculum: Any, sources: Mapping[str, SourceValues]) -> dict[
             node.learner.algorithm_class()  # raises an ImportError that names what to install
             from curricle.deep.models import network_values  # needs PyTorch
 
-            # A distilled network computes its values without its task's sources.
-            shapings = [
-                None if node.takes_no_steps else node.shaping.with_potential(potential)
-                for potential in potentials or [None] * len(stored.seeds)
-            ]
+            shapings = map(node.shaping.with_potential, potentials or [None] * len(stored.seeds))
             values = tuple(map(partial(network_values, node.task, node.learner), shapings, values))
         learnt[name] = replace(stored, task=node.task, values=values)
     return learnt

@@ -13,7 +13,7 @@ from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.learning import DeepResult
 from curricle.deep.miniature import Knowledge, Miniatures, rows_of
 from curricle.deep.models import isolated, model_for
-from curricle.deep.networks import NetworkValues
+from curricle.deep.networks import NetworkValues, Standardized
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
@@ -75,7 +75,7 @@ def _fit(
     """Fit a policy to values of mean 0 and spread 1, then rescale the layer of its values."""
     for name in ("policy", "action_values"):
         known = getattr(knowledge, name)
-        if known is not None and known.shape[1] != task.n_actions:
+        if known.shape[1] != task.n_actions:
             raise SettingError(
                 f"knowledge to distil must be of the task's actions, {task.actions}: got "
                 f"{known.shape[1]} actions; a mapping's actions= maps them"
@@ -85,13 +85,13 @@ def _fit(
     wanted: Any = knowledge.action_values if q_nets else knowledge.values
     if hasattr(policy, "value_net") and task.n_actions is not None and not needs_of(policy):
         last = policy.value_net
-    elif q_nets and wanted is not None:
+    elif q_nets:
         network = getattr(policy, q_nets[0])
         last = getattr(network, q_nets[0])[-1]
     else:
         raise SettingError(
             "the learner of a distilled task must be an actor-critic with numbered actions, "
-            "without memory or masks, or DQN or QR-DQN where action values are known: got "
+            "without memory or masks, or DQN or QR-DQN: got "
             f"{type(policy).__name__}"
         )
 
@@ -110,7 +110,7 @@ def _fit(
             values = values if values.dim() == 2 else values.mean(dim=1)  # QR-DQN's quantiles
         error = values - tensor((wanted[rows] - mean) / spread)
         losses = error.square().reshape(len(rows), -1).mean(dim=1)
-        if network is None and knowledge.policy is not None:
+        if network is None:
             probabilities = tensor(knowledge.policy[rows])
             smooth = (1 - settings.smoothing) * probabilities
             smooth = smooth + settings.smoothing / probabilities.shape[1]
@@ -118,6 +118,8 @@ def _fit(
             losses = losses + functional.cross_entropy(logits, smooth, reduction="none")
         return (losses * weight[rows]).mean()
 
+    for part in Standardized.of(policy):
+        part.see(policy, knowledge.observations)
     policy.set_training_mode(True)
     parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
     optimizer = torch.optim.Adam(parameters, settings.learning_rate)
@@ -137,18 +139,15 @@ def learn_miniatures(
     task: Miniatures,
     learner: DeepLearner,
     seeds: Sequence[int],
-    potentials: Sequence[Any] = (),
     *,
-    eval_freq: int = 1,
     progress: Progress = None,
 ) -> DeepResult:
-    """Return a network for each seed, fitted to miniatures or to its potential without a step."""
+    """Return a network for each seed, fitted to miniatures."""
     outcomes = []
     with shown(progress) as bars:
         grow = bars.bar("distilling", len(seeds))
-        for k, seed in enumerate(seeds):
-            known = task.knowledge(potential=potentials[k] if potentials else None, seed=seed)
-            network: Any = distil(known, task, learner, seed=seed)
+        for seed in seeds:
+            network: Any = distil(task.knowledge(seed=seed), task, learner, seed=seed)
             examined = task.examined(network)[: len(task.members)]
             record = Record.empty(1)
             record.greedy_return[0] = np.mean([member.best for member in examined])
@@ -160,9 +159,13 @@ def learn_miniatures(
                     f"held-out levels if there are any: it goes {regained:.0%} of the way from "
                     f"the random policy to the optimum of {task}"
                 )
-            outcomes.append(Outcome(record, network, 0, 0, out_of_memory=False, evaluation_steps=0))
+            used = task.cost, 0  # steps and episodes
+            outcomes.append(
+                Outcome(record, network, *used, out_of_memory=False, evaluation_steps=0)
+            )
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)
-    result = learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq)  # type: ignore[arg-type]
+    numbers, only_once = tuple(seeds), task.cost + 1  # evaluated
+    result = learning_result(task, learner, numbers, values, outcomes, only_once)  # type: ignore[arg-type]
     return DeepResult.of(result)

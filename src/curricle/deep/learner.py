@@ -1,6 +1,8 @@
 """Deep learners: algorithms of Stable-Baselines3, their spaces, and transfers of networks."""
 
+import ast
 import inspect
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -10,7 +12,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
 
-from curricle.checks import instance, number, whole_number
+from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
 from curricle.tasks.observation_task import ObservationTask, stable_text
@@ -38,13 +40,18 @@ class DeepLearner:
         Number of sub-environments, over all of which steps are counted.
     settings : dict
         Other arguments of the algorithm, such as ``learning_rate``, ``buffer_size`` or
-        ``policy_kwargs``. gamma is the task's discount.
+        ``policy_kwargs``; or what a file of RL Baselines3 Zoo says of an environment: ``normalize``
+        standardises observations and rewards as ``VecNormalize`` does, but in the network, which
+        keeps the statistics; ``n_timesteps``, ``env_wrapper`` and ``frame_stack`` are the budget's
+        and the task's, so that they are left out with a warning; ``gamma`` must be its discount.
     callbacks : callable, optional
         Returns new callbacks (``BaseCallback``) for each seed.
     progress_bar : bool
         Whether Stable-Baselines3 shows its progress bar.
     threads : int
         Threads of torch; more than 1 helps large networks only.
+    processes : bool
+        Whether each sub-environment runs in a process (``SubprocVecEnv``), for slow environments.
 
     Raises
     ------
@@ -64,14 +71,21 @@ class DeepLearner:
     callbacks: Callable[[], Sequence[Any]] | None = field(default=None, compare=False)
     progress_bar: bool = field(default=False, compare=False)
     threads: int = 1
+    processes: bool = False
 
     def __post_init__(self) -> None:
+        instance("settings of a deep learner", self.settings, Mapping, SettingError)
+        settings = read_zoo(self.settings)
+        for name, stated in {"policy": "policy", "envs": "n_envs"}.items():
+            if stated in settings:
+                object.__setattr__(self, name, settings.pop(stated))
+        object.__setattr__(self, "settings", settings)
         for name in ("algorithm", "policy"):
             instance(f"{name} of a deep learner", getattr(self, name), str, SettingError)
         for name in ("envs", "threads"):
             whole_number(f"{name} of a deep learner", getattr(self, name), 1, SettingError)
-        instance("settings of a deep learner", self.settings, Mapping, SettingError)
-        taken = {"env", "policy", "seed", "gamma"} & set(self.settings)
+        instance("processes of a deep learner", self.processes, bool, SettingError)
+        taken = {"env", "seed"} & set(settings)
         if taken:
             raise SettingError(
                 "a deep learner's settings must leave out what Curricle sets itself: got "
@@ -80,11 +94,10 @@ class DeepLearner:
         for name in ("policy_kwargs", "replay_buffer_kwargs"):
             if self.settings.get(name) is not None:
                 instance(f"{name} of a deep learner", self.settings[name], Mapping, SettingError)
-        object.__setattr__(self, "settings", dict(self.settings))
 
     def __repr__(self) -> str:
         settings = [f"{name}={_text(value)}" for name, value in self.settings.items()]
-        envs = [f"envs={self.envs}"] if self.envs > 1 else []
+        envs = [f"envs={self.envs}"] * (self.envs > 1) + ["processes"] * self.processes
         return f"DeepLearner({', '.join([self.algorithm, self.policy, *envs, *settings])})"
 
     @property
@@ -97,6 +110,11 @@ class DeepLearner:
         """Whether a setting may change over the budget; an algorithm of the user's always may."""
         values = (value for value in self.settings.values() if not isinstance(value, type))
         return ":" in self.algorithm or self.algorithm in EXPLORING or any(map(callable, values))
+
+    def normalizes(self, what: str) -> bool:
+        """Return whether it normalises observations (``norm_obs``) or rewards (``norm_reward``)."""
+        stated = self.settings.get("normalize")
+        return bool(stated.get(what, True) if isinstance(stated, Mapping) else stated)
 
     def algorithm_class(self) -> Any:
         """Return the algorithm's class; ImportError without Stable-Baselines3."""
@@ -123,6 +141,77 @@ class DeepLearner:
         )
 
 
+# -- settings as RL Baselines3 Zoo writes them (its utils.py and exp_manager.py) -------------------
+
+LEFT_OUT = {"n_timesteps": "the budget", "env_wrapper": "encode of the task",
+            "frame_stack": "encode of the task"}  # fmt: skip
+NOT_ARGUMENTS = ("gamma", "normalize", "noise_type", "noise_std")  # of algorithms
+NORMAL = {"norm_obs", "norm_reward", "clip_reward", "epsilon"}  # arguments of VecNormalize
+NOISE = {"normal": "NormalActionNoise", "ornstein-uhlenbeck": "OrnsteinUhlenbeckActionNoise"}
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A schedule that falls from its start to 0 over the budget."""
+
+    start: float
+
+    def __call__(self, progress_remaining: float) -> float:
+        """Return the value with this share of the budget left."""
+        return progress_remaining * self.start
+
+
+def read_zoo(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with the texts of RL Baselines3 Zoo read, and without what it does itself."""
+    settings = {name: value for name, value in stated.items() if name not in LEFT_OUT}
+    if left := {name: LEFT_OUT[name] for name in stated if name in LEFT_OUT}:
+        whose = ", ".join(f"{name} ({owner} sets it)" for name, owner in left.items())
+        warnings.warn(f"a deep learner leaves out {whose}", stacklevel=4)
+    for name, value in settings.items():
+        if isinstance(value, str) and name in ("learning_rate", "clip_range", "clip_range_vf"):
+            kind, _, start = value.rpartition("_")
+            try:
+                settings[name] = {"lin": Linear, "": float}[kind](float(start))
+            except (KeyError, ValueError):
+                raise SettingError(
+                    f"{name} as text must be a number or lin_NUMBER: got {value!r}"
+                ) from None
+        elif isinstance(value, str) and (name.endswith("_kwargs") or name == "normalize"):
+            try:
+                settings[name] = _literal(ast.parse(value.strip(), mode="eval").body)
+            except (ImportError, SyntaxError, TypeError, ValueError, AttributeError) as error:
+                raise SettingError(
+                    f"{name} as text must be dict(...) of plain values and classes of nn, such as "
+                    f"nn.ReLU: got {value!r}"
+                ) from error
+    one_of(
+        "noise_type of a deep learner", settings.get("noise_type", "normal"), NOISE, SettingError
+    )
+    how = settings.get("normalize")
+    if not (
+        how is None or isinstance(how, bool) or (isinstance(how, Mapping) and {*how} <= NORMAL)
+    ):
+        raise SettingError(
+            "normalize of a deep learner must be true, false or a dict of "
+            f"{', '.join(sorted(NORMAL))}: got {how!r}"
+        )
+    return settings
+
+
+def _literal(node: ast.expr) -> Any:
+    """Return what an expression means, dict(...) and nn.X included; nothing is evaluated."""
+    match node:
+        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=pairs):
+            return {pair.arg: _literal(pair.value) for pair in pairs}
+        case ast.Dict(keys=keys, values=values):
+            return {ast.literal_eval(k): _literal(v) for k, v in zip(keys, values, strict=True)}  # type: ignore[arg-type]
+        case ast.List(elts=parts):
+            return [*map(_literal, parts)]
+        case ast.Attribute(value=ast.Name(id="nn"), attr=name):
+            return getattr(import_module("torch.nn"), name)
+    return ast.literal_eval(node)
+
+
 def _text(value: Any) -> str:
     """Return a setting as text that is the same in every process."""
     if isinstance(value, Mapping):
@@ -135,6 +224,11 @@ def _text(value: Any) -> str:
 
 def check_spaces(task: ObservationTask, learner: DeepLearner) -> None:
     """Raise SettingError unless a learner's policy takes a task's observations and actions."""
+    if learner.settings.get("gamma", task.discount) != task.discount:
+        raise SettingError(
+            f"gamma of a deep learner must be its task's discount: got {learner.settings['gamma']} "
+            f"and {task.discount}; discount= of the task sets both"
+        )
     space, policy = task.observations, learner.policy
     if not isinstance(task.actions, LEAVES):
         raise SettingError(

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self
 
@@ -245,6 +246,12 @@ def policies_of(
         model.env.close()
         model.env = None
         model.policy.load_state_dict(network.policy.state_dict())
+        for name in model._get_torch_save_params()[
+            0
+        ]:  # "policy.optimizer", of SAC "actor.optimizer"
+            if name.endswith(".optimizer"):
+                reads = attrgetter(name.removeprefix("policy."))
+                reads(model.policy).load_state_dict(reads(network.policy).state_dict())
         model.policy.set_training_mode(False)
         model.num_timesteps = steps
         policies.append(TrainedPolicy(task, model))

@@ -1,17 +1,18 @@
 """Miniatures: small relatives of a task, which are solved exactly and distilled into networks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
 from typing import Any, NamedTuple, Self
+from weakref import WeakSet
 
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import instance, number, whole_number
-from curricle.errors import PotentialError, TaskError
-from curricle.interop.tabulated_task import TabulatedTask, action_probabilities, assembled, parts_of
+from curricle.errors import TaskError
+from curricle.interop.tabulated_task import TabulatedTask, assembled, parts_of
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
 from curricle.tasks.mdp import edges_of
@@ -29,17 +30,15 @@ class Knowledge(Frozen):
 
     observations: Any  # n, stacked
     values: FloatArray  # (n,) V
-    action_values: FloatArray | None  # (n, A) Q
-    policy: FloatArray | None  # (n, A) the probability of each action
+    action_values: FloatArray  # (n, A) Q
+    policy: FloatArray  # (n, A) the probability of each action
     states: IntArray  # (n,) how many states have this observation: its values are their mean
 
     __repr__ = brief_repr
 
     def __post_init__(self) -> None:
         for name in ("values", "action_values", "policy"):
-            column = getattr(self, name)
-            if column is not None:
-                object.__setattr__(self, name, adopted(column, np.float64))
+            object.__setattr__(self, name, adopted(getattr(self, name), np.float64))
         object.__setattr__(self, "states", adopted(self.states, np.int64))
 
     @classmethod
@@ -52,30 +51,12 @@ class Knowledge(Frozen):
         return cls._merged(observations, q.max(axis=1), q, chosen, np.ones(len(q), int))
 
     @classmethod
-    def read(cls, values: Any, observations: Any) -> Self:
-        """Return a :class:`ValueSource`'s values of the observations, of n, that it knows."""
-        pairs = values.pairs(observations) if values.of_actions else None
-        v = values.v(observations) if pairs is None else pairs.max(axis=1)
-        known = np.isfinite(v)
-        if not known.any():
-            raise PotentialError(
-                f"a potential to distil must know an observation: none of {len(v):,} is mapped"
-            )
-        seen = rows_of(observations, known)
-        if pairs is not None:
-            return cls.of(seen, pairs[known])
-        actor = actor_of(values)
-        policy = None if actor is None else action_probabilities(actor, seen)
-        return cls._merged(seen, v[known], None, policy, np.ones(int(known.sum()), int))
-
-    @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Return the knowledge of all parts, with means weighted by the parts' states."""
         seen = [parts_of(part.observations) for part in parts]
         stacked = {name: np.concatenate([leaves[name] for leaves in seen]) for name in seen[0]}
         columns: Any = zip(*(part._columns for part in parts), strict=True)
-        joint: Any = (None if column[0] is None else np.concatenate(column) for column in columns)
-        return cls._merged(assembled(stacked), *joint)
+        return cls._merged(assembled(stacked), *map(np.concatenate, columns))
 
     @property
     def alike(self) -> float:
@@ -85,8 +66,7 @@ class Knowledge(Frozen):
     def shuffled(self, seed: int) -> Self:
         """Return the same values and policies in random order over the observations."""
         order = np.random.default_rng(seed).permutation(len(self.values))
-        mixed: Any = (None if column is None else column[order] for column in self._columns)
-        return type(self)(self.observations, *mixed)
+        return type(self)(self.observations, *(column[order] for column in self._columns))
 
     @property
     def _columns(self) -> tuple[Any, ...]:
@@ -105,8 +85,6 @@ class Knowledge(Frozen):
         weight = np.bincount(group, states)
 
         def mean(column: Any) -> Any:
-            if column is None:
-                return None
             total = np.zeros((len(numbers), *column.shape[1:]))
             np.add.at(total, group, (column.T * states).T)
             return (total.T / weight).T
@@ -139,12 +117,13 @@ class Miniatures(ObservationTask):
     resets: int = RESETS
     held_out: float = HELD_OUT
     max_states: int = MOST_STATES
+    charged: bool = True  # whether an arm pays for the steps in the models
     shuffled: bool = False  # whether each observation has the answer of another: a placebo
 
     def __repr__(self) -> str:
         names = ", ".join(made_by(member.make) for member in self.members)
-        placebo = ", shuffled" if self.shuffled else ""
-        return f"Miniatures({names}; {self.resets} resets{placebo}, {self.shapes})"
+        kind = ", not charged" * (not self.charged) + ", shuffled" * self.shuffled
+        return f"Miniatures({names}; {self.resets} resets{kind}, {self.shapes})"
 
     @cached_property
     def solved(self) -> "tuple[SolvedMember, ...]":
@@ -158,9 +137,9 @@ class Miniatures(ObservationTask):
         settings = self.resets, 1.0, self.max_states
         return tuple(SolvedMember.of(member, *settings) for member in self.tested_on)
 
-    def knowledge(self, *, potential: Any = None, seed: int = 0) -> Knowledge:
-        """Return the knowledge to distil: exact values and policies, or those of a potential."""
-        known = Knowledge.joined([member.knowledge(potential) for member in self.solved])
+    def knowledge(self, *, seed: int = 0) -> Knowledge:
+        """Return the knowledge to distil: exact values and policies of all training levels."""
+        known = Knowledge.joined([member.knowledge() for member in self.solved])
         return known.shuffled(seed) if self.shuffled else known
 
     def examined(self, values: Any) -> "tuple[Examined, ...]":
@@ -169,8 +148,13 @@ class Miniatures(ObservationTask):
 
     @property
     def transitions(self) -> int:
-        """Steps in the small models, each action in each state; no arm is charged with them."""
+        """Steps in the small models, each action in each state once."""
         return sum(member.table.record.transitions for member in self.solved)
+
+    @property
+    def cost(self) -> int:
+        """The steps that an arm is charged: all `transitions`, or 0 if `charged` is false."""
+        return self.transitions if self.charged else 0
 
 
 def miniatures(
@@ -178,9 +162,10 @@ def miniatures(
     resets: int = RESETS,
     held_out: float = HELD_OUT,
     max_states: int = MOST_STATES,
+    charged: bool = True,
     tested_on: Sequence[ObservationTask] = (),
 ) -> Miniatures:
-    """Return small relatives of a task as a source that takes no steps.
+    """Return small relatives of a task as a source that takes no steps in an environment.
 
     Each member is tabulated (:func:`tabulate`) from its resets and solved. A level is the set of
     states that can be reached from a reset. A share of the levels is held out, to test the network.
@@ -193,6 +178,9 @@ def miniatures(
         Resets and most states of each member.
     held_out : float
         Share of levels to hold out, up to 0.9; at least one level of each member is not held out.
+    charged : bool
+        Whether each action in each state counts as a step of the source, once however many seeds
+        are distilled from it: :func:`compare` then charges it as it charges learning.
     tested_on : sequence of ObservationTask
         Relatives for tests only, best in the order of their size.
 
@@ -200,8 +188,8 @@ def miniatures(
     -------
     ObservationTask
         ``solved`` are its members with tables and optima, ``knowledge()`` is distilled,
-        ``transitions`` are the steps in the models, ``examined(values)`` are the returns of a
-        network on held-out levels.
+        ``transitions`` are the steps in the models, to which those of `tested_on` do not belong,
+        ``examined(values)`` are the returns of a network on held-out levels.
 
     Raises
     ------
@@ -236,8 +224,9 @@ def miniatures(
     whole_number("resets of miniatures", resets, 1, TaskError)
     whole_number("max_states of miniatures", max_states, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
-    task = first.make, first.discount, first.time_limit
-    return Miniatures(*task, tuple(members), tuple(tested_on), resets, held_out, max_states)
+    instance("charged of miniatures", charged, bool, TaskError)
+    task, settings = (first.make, first.discount, first.time_limit), (resets, held_out, max_states)
+    return Miniatures(*task, tuple(members), tuple(tested_on), *settings, charged)
 
 
 class Examined(NamedTuple):
@@ -270,6 +259,7 @@ class SolvedMember:
     """A member's tables, their levels, and the optimum."""
 
     member: ObservationTask
+    settings: tuple[int, float, int]  # resets, share held out, most states
     table: TabulatedTask
     level: IntArray  # (S,): of each state
     training: BoolArray  # (S,): whether the level is not held out; False for ends
@@ -279,6 +269,10 @@ class SolvedMember:
         cls, member: ObservationTask, resets: int, held_out: float, max_states: int
     ) -> "SolvedMember":
         """Return a member solved, with a share of its levels held out."""
+        settings = resets, held_out, max_states
+        for solved in list(IN_USE):
+            if solved.settings == settings and solved.member == member:
+                return solved
         try:
             table = tabulate(
                 member.environment, discount=member.discount, seeds=resets, max_states=max_states
@@ -294,7 +288,9 @@ class SolvedMember:
             n_held = min(n_held, len(levels) - 1)  # one is left to be distilled
         held = np.random.default_rng(0).permutation(levels)[:n_held]
         apart = np.isin(level, held)
-        return cls(member, table, level, ~apart & ~table.mdp.terminal)
+        made = cls(member, settings, table, level, ~apart & ~table.mdp.terminal)
+        IN_USE.add(made)
+        return made
 
     @cached_property
     def solution(self) -> Solution:
@@ -306,15 +302,12 @@ class SolvedMember:
         """Different levels among the resets."""
         return len(np.unique(self.level[self.table.mdp.start > 0]))
 
-    def knowledge(self, potential: Any = None) -> Knowledge:
-        """Return the knowledge of training levels; a potential may not know all their states."""
+    def knowledge(self) -> Knowledge:
+        """Return the knowledge of training levels."""
         assert self.table.observations is not None
         rows = np.flatnonzero(self.training)
-        seen = self.table.observations.batch(rows)
-        if potential is None:
-            q, policy = self.solution.finite_action_values, self.solution.policy
-            return Knowledge.of(seen, q[rows], policy[rows])
-        return Knowledge.read(replace(potential, unknown_value=np.nan), seen)
+        q, policy = self.solution.finite_action_values, self.solution.policy
+        return Knowledge.of(self.table.observations.batch(rows), q[rows], policy[rows])
 
     def examined(self, values: Any) -> Examined:
         """Return a network's returns on the held-out levels, or on all if none is held out."""
@@ -338,6 +331,10 @@ class SolvedMember:
             greedy=worth(self.table.policy(values.policy)),
             sampled=sampled,
         )
+
+
+IN_USE: WeakSet[SolvedMember] = WeakSet()
+"""Members that some miniatures hold: arms and placebos with equal members share their tables."""
 
 
 def levels_of(table: TabulatedTask) -> IntArray:

@@ -17,13 +17,22 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from stable_baselines3 import A2C, PPO
+from stable_baselines3.common import noise as action_noise
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from curricle.deep.learner import SAVES, DeepLearner, PolicyReuse, WeightTransfer, residual_policy
-from curricle.deep.networks import NetworkValues, acting
-from curricle.deep.vec_env import ShapedVecEnv
+from curricle.deep.learner import (
+    NOISE,
+    NOT_ARGUMENTS,
+    SAVES,
+    DeepLearner,
+    PolicyReuse,
+    WeightTransfer,
+    residual_policy,
+)
+from curricle.deep.networks import NetworkValues, Standardized, acting
+from curricle.deep.vec_env import NormalizedRewards, ShapedVecEnv
 from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, LostStoreError, SettingError, StoreError, reason
 from curricle.files import Place, RemotePath, opened_regular, write_whole
@@ -47,12 +56,25 @@ def model_for(
     *,
     seed: int = 0,
     steps: int | None = None,
+    processes: bool = False,
 ) -> Any:
     """Return a model with its shaping that is ready to learn; `seed` is below 2^32."""
     if shaping is not None and shaping.potential is None:
         shaping = None  # nothing is added
     check_learner(learner, shaping)
     algorithm, settings = learner.algorithm_class(), dict(learner.settings)
+    if "noise_std" in settings:
+        noise = getattr(action_noise, NOISE[settings.get("noise_type", "normal")])
+        mean = np.zeros(task.actions.shape or ())
+        settings["action_noise"] = noise(mean, mean + settings["noise_std"])
+    for name in NOT_ARGUMENTS:
+        settings.pop(name, None)
+    if learner.normalizes("norm_obs"):
+        kwargs = dict(settings.get("policy_kwargs") or {})
+        of_kind = {"features_extractor_class", "features_extractor_kwargs"}
+        inner = {name.removeprefix("features_"): kwargs.pop(name) for name in of_kind & {*kwargs}}
+        kwargs |= {"features_extractor_class": Standardized, "features_extractor_kwargs": inner}
+        settings["policy_kwargs"] = kwargs
     policy: Any = learner.policy
     off_policy, kl = "buffer_size" in learner.takes, getattr(shaping, "kl", 0.0)
     if off_policy and steps is not None:
@@ -67,7 +89,7 @@ def model_for(
         guide, algorithm = shaping.potential, reusing(algorithm)
     if kl > 0:
         algorithm, policy = kickstarted(algorithm, policy)
-    venv = environments(task, learner, shaping)
+    venv = environments(task, learner, shaping, processes=processes)
     try:
         model = algorithm(policy, venv, gamma=task.discount, seed=seed, **settings)
     except CurricleError:
@@ -93,11 +115,23 @@ def model_for(
     return model
 
 
-def environments(task: ObservationTask, learner: DeepLearner, shaping: Shaping | None) -> VecEnv:
+def environments(
+    task: ObservationTask,
+    learner: DeepLearner,
+    shaping: Shaping | None,
+    *,
+    processes: bool = False,
+) -> VecEnv:
     """Return new sub-environments, with their rewards shaped where the shaping does so."""
-    venv = DummyVecEnv([lambda: Monitor(task.environment())] * learner.envs)
+    makers = [lambda: Monitor(task.environment())] * learner.envs
+    venv: VecEnv = SubprocVecEnv(makers) if processes else DummyVecEnv(makers)
     phi = subtracted(shaping)
-    return venv if phi is None else ShapedVecEnv(venv, phi)
+    venv = venv if phi is None else ShapedVecEnv(venv, phi)
+    if not learner.normalizes("norm_reward"):
+        return venv
+    stated = learner.settings["normalize"]
+    options = {**stated} if isinstance(stated, Mapping) else {}
+    return NormalizedRewards(venv, **{**options, "norm_obs": False, "gamma": task.discount})
 
 
 def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
@@ -111,7 +145,7 @@ def check_learner(
     """Raise SettingError unless an algorithm takes its settings, and shaping by tabular sources."""
     algorithm, known = learner.algorithm_class(), learner.takes
     for name in learner.settings:
-        if name not in known:
+        if name not in (*known, *NOT_ARGUMENTS):
             meant = get_close_matches(name, known, n=1)
             raise SettingError(
                 f"a setting of {learner.algorithm} must be one of {', '.join(known)}: got {name!r}"
@@ -125,6 +159,11 @@ def check_learner(
         )
     if shaping.starts_at_potential:
         residual_policy(algorithm, learner.policy)
+        if learner.normalizes("norm_reward"):
+            raise SettingError(
+                f"{shaping.name} needs rewards as they are, in which its potential is: got "
+                "normalize; normalize = { norm_reward = false } standardises observations alone"
+            )
     if getattr(shaping, "kl", 0.0) > 0 and not issubclass(algorithm, (PPO, A2C)):
         raise SettingError(
             "kl above 0 needs an actor-critic that learns on-policy, PPO or A2C: got "
@@ -208,7 +247,8 @@ class DeepRun:
             if saved is None:
                 small = splitmix64(start) >> 33
                 progress = Progress.begun(self, warm_up)
-                model = model_for(self.task, self.learner, shaping, seed=small, steps=left)
+                sizes: Any = {"steps": left, "processes": self.learner.processes}
+                model = model_for(self.task, self.learner, shaping, seed=small, **sizes)
             else:
                 kind, held = saved.model
                 model, progress = object.__new__(kind), saved.progress
@@ -218,26 +258,30 @@ class DeepRun:
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if model.env is None:  # it could not be pickled: a new episode begins
-                venv = environments(self.task, self.learner, shaping)
+                apart = self.learner.processes
+                venv = environments(self.task, self.learner, shaping, processes=apart)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
-            if not progress.over:
-                rollout = rollout_of(model)
-                if rollout > left and hasattr(model, "rollout_buffer"):
-                    raise SettingError(
-                        f"a budget must hold a rollout of {self.learner.algorithm}, n_steps times "
-                        f"envs: {rollout:,} steps are more than {left:,}"
+            try:
+                if not progress.over:
+                    rollout = rollout_of(model)
+                    if rollout > left and hasattr(model, "rollout_buffer"):
+                        raise SettingError(
+                            f"a budget must hold a rollout of {self.learner.algorithm}, n_steps "
+                            f"times envs: {rollout:,} steps are more than {left:,}"
+                        )
+                    callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
+                    model.learn(
+                        left - model.num_timesteps,
+                        callback=[recorder, *callbacks],
+                        reset_num_timesteps=saved is None,
+                        progress_bar=self.learner.progress_bar,
                     )
-                callbacks = [] if self.learner.callbacks is None else self.learner.callbacks()
-                model.learn(
-                    left - model.num_timesteps,
-                    callback=[recorder, *callbacks],
-                    reset_num_timesteps=saved is None,
-                    progress_bar=self.learner.progress_bar,
-                )
-                recorder.end()
-            if recorder.environments is not None:
-                recorder.environments.close()
+                    recorder.end()
+            finally:
+                model.env.close()  # its processes end
+                if recorder.environments is not None:
+                    recorder.environments.close()
         return Outcome(
             progress.record,
             values,  # type: ignore[arg-type]
@@ -302,6 +346,7 @@ class Recorder(BaseCallback):
 
     def _on_training_start(self) -> None:
         progress = self.progress
+        self._standardized = [*Standardized.of(self.model.policy)]
         if not progress.begun_learning:
             greedy = self._evaluation(0)
             progress.record.greedy_return[: progress.checkpoint] = greedy
@@ -316,6 +361,8 @@ class Recorder(BaseCallback):
     def _on_step(self) -> bool:
         progress = self.progress
         progress.steps = progress.warm_up + self.num_timesteps
+        for part in self._standardized:
+            part.see(self.model.policy, self.locals["new_obs"], self.training_env)
         for info in self.locals["infos"]:
             if "episode" in info:  # as Monitor reports the end of one
                 progress.episodes += 1

@@ -1,13 +1,13 @@
 """Values of networks of Stable-Baselines3, which NumPy computes where it is quicker; SmallCNN."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box, Dict, Space
 
 from curricle.arrays import FloatArray
 from curricle.checks import whole_number
@@ -20,11 +20,15 @@ from curricle.transfer.rollouts import Policy
 try:
     import torch
     from stable_baselines3.common.policies import ActorCriticPolicy
+    from stable_baselines3.common.preprocessing import is_image_space, preprocess_obs
     from stable_baselines3.common.torch_layers import (
         BaseFeaturesExtractor,
+        CombinedExtractor,
         FlattenExtractor,
         MlpExtractor,
+        NatureCNN,
     )
+    from stable_baselines3.common.vec_env import unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: SmallCNN raises ImportError
     BaseFeaturesExtractor = object
 
@@ -147,6 +151,8 @@ class NetworkValues:
         return np.asarray(np.stack(values).min(axis=0))
 
     def _with_offset(self, values: FloatArray, observations: Any) -> FloatArray:
+        # Of normalised rewards; DQN's networks all have one spread.
+        values = values * next((float(x.running_reward) for x in Standardized.of(self.policy)), 1.0)
         if self.values_offset is None:
             return values
         phi = self.values_offset.v(observations)
@@ -252,6 +258,65 @@ def plain_layers(
         else:
             return None
     return PlainNetwork(tuple(layers)) if layers and type(extractor) is FlattenExtractor else None
+
+
+class Standardized(BaseFeaturesExtractor):
+    """Standardises boxes of numbers by their mean and spread so far, for another extractor.
+
+    It does inside a network what ``VecNormalize`` does before it, so that whoever reads the network
+    needs no statistics beside it. It also holds the spread by which rewards were divided.
+    """
+
+    def __init__(
+        self,
+        observation_space: Any,
+        extractor_class: Any = None,
+        extractor_kwargs: Mapping[str, Any] | None = None,
+    ):
+        whole = isinstance(observation_space, Dict)
+        usual = NatureCNN if is_image_space(observation_space) else FlattenExtractor
+        inner = (extractor_class or (CombinedExtractor if whole else usual))(
+            observation_space, **(extractor_kwargs or {})
+        )
+        super().__init__(observation_space, inner.features_dim)
+        parts = observation_space.spaces if whole else {"": observation_space}
+        boxes = (key for key, part in parts.items() if isinstance(part, Box))
+        self.inner, self.numbers = inner, {key: f"running_{i}" for i, key in enumerate(boxes)}
+        for key, name in self.numbers.items():
+            self.register_buffer(f"{name}_mean", torch.zeros(parts[key].shape))
+            self.register_buffer(f"{name}_var", torch.ones(parts[key].shape))
+        self.register_buffer("running_count", torch.tensor(1e-4))
+        self.register_buffer("running_reward", torch.ones(()))
+
+    @staticmethod
+    def of(policy: Any) -> "Iterator[Standardized]":
+        """Yield those of a policy."""
+        return (part for part in policy.modules() if isinstance(part, Standardized))
+
+    def see(self, policy: Any, observations: Any, venv: Any = None) -> None:
+        """Count n observations in, and take over the spread of a ``VecNormalize``'s returns."""
+        seen = policy.obs_to_tensor(observations)[0]
+        seen = preprocess_obs(seen, self._observation_space, policy.normalize_images)
+        count: Any = self.running_count
+        for key, name in self.numbers.items():
+            part = seen[key] if key else seen
+            mean, var = getattr(self, f"{name}_mean"), getattr(self, f"{name}_var")
+            weight, shift = len(part) / (count + len(part)), part.mean(0) - mean
+            mean.add_(shift * weight)
+            var.add_((part.var(0, correction=0) - var + shift.square() * (1 - weight)) * weight)
+        count.add_(len(part))
+        normalized = None if venv is None else unwrap_vec_normalize(venv)
+        if normalized is not None:
+            spread = float(np.sqrt(normalized.ret_rms.var + normalized.epsilon))
+            self.running_reward.fill_(spread)
+
+    def forward(self, observations: Any) -> Any:
+        """Return the features of n observations, (n, features_dim)."""
+        scaled = dict(observations) if isinstance(observations, Mapping) else {"": observations}
+        for key, name in self.numbers.items():
+            shift, var = getattr(self, f"{name}_mean"), getattr(self, f"{name}_var")
+            scaled[key] = ((scaled[key] - shift) / torch.sqrt(var + 1e-8)).clamp(-10, 10)
+        return self.inner(scaled if isinstance(observations, Mapping) else scaled[""])
 
 
 class SmallCNN(BaseFeaturesExtractor):

@@ -21,12 +21,33 @@ from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregate import Aggregate
 
 try:
-    from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
+    from stable_baselines3.common.vec_env import (
+        VecEnv,
+        VecEnvWrapper,
+        VecNormalize,
+        unwrap_vec_normalize,
+    )
 except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
-    VecEnv = VecEnvWrapper = object
+    VecEnv = VecEnvWrapper = VecNormalize = object
 
 
-class ShapedVecEnv(Shaped, VecEnvWrapper):
+class _Whole:
+    """Pickles a wrapper with all that it wraps."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = self.__dict__.copy()
+        del state["class_attributes"]  # the class's members, of which some cannot be pickled
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, class_attributes=dict(inspect.getmembers(type(self))))
+
+
+class NormalizedRewards(_Whole, VecNormalize):
+    """``VecNormalize`` with its environments in a checkpoint, which that leaves out."""
+
+
+class ShapedVecEnv(_Whole, Shaped, VecEnvWrapper):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
     It is :class:`PotentialShaping` for Stable-Baselines3, with the entries of its ``info``;
@@ -131,11 +152,3 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
                 "algorithm must learn from the unshaped environment"
             )
         return self.venv.env_method(method_name, *args, indices=indices, **named)
-
-    def __getstate__(self) -> dict[str, Any]:
-        state = self.__dict__.copy()
-        del state["class_attributes"]  # the class's members, of which some cannot be pickled
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, class_attributes=dict(inspect.getmembers(type(self))))

@@ -140,11 +140,12 @@ class _MiniGridEncoder:
     """Joins cells, direction and mission into a vector or a picture."""
 
     picture: bool
-    mission: bool
+    mission: bool | None
 
     def __post_init__(self) -> None:
-        for name in ("picture", "mission"):
-            instance(f"{name} of an encoder", getattr(self, name), bool, SettingError)
+        instance("picture of an encoder", self.picture, bool, SettingError)
+        if self.mission is not None:
+            instance("mission of an encoder", self.mission, bool, SettingError)
         if self.picture and self.mission:
             raise SettingError("a picture has no mission: got picture=True and mission=True")
 
@@ -157,7 +158,7 @@ class _MiniGridEncoder:
         return image_size
 
     def __call__(self, env: Environment) -> Environment:
-        space: gym.Space[Any] = env.observation_space
+        space: Any = env.observation_space
         if not is_minigrid(env):
             raise TaskError(f"{type(self).__name__} is for MiniGrid's environments: got {env}")
         image = space.spaces.get("image") if isinstance(space, Dict) else None
@@ -167,19 +168,25 @@ class _MiniGridEncoder:
                 f"codes and the direction: got {stable_text(space)}"
             )
         width, height = self._size(env.unwrapped, (seen[0], seen[1]))
+        mission = self.mission
+        if mission is None:
+            # Without placeholders a mission is always the same; BabyAI has another space.
+            missions: Any = space.spaces.get("mission")
+            same = type(missions).__name__ == "MissionSpace" and not missions.ordered_placeholders
+            mission = not (self.picture or missions is None or same)
         shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
         if not self.picture:
-            n_words = len(WORDS) if self.mission else 0
-            shape = (width * height * CHANNELS + DIRECTIONS + n_words,)
-        return EncodedObservations(env, self._encoded, Box(0, 1, shape, np.float32))
+            shape = (width * height * CHANNELS + DIRECTIONS + len(WORDS) * mission,)
+        encoded = partial(self._encoded, mission)
+        return EncodedObservations(env, encoded, Box(0, 1, shape, np.float32))
 
-    def _encoded(self, base: Any, observation: Any) -> Cells:
+    def _encoded(self, with_mission: bool, base: Any, observation: Any) -> Cells:
         cells = self._cells(base, observation)
         direction = _identity(DIRECTIONS)[observation["direction"]]
         if self.picture:
             planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, *cells.shape[1::-1]))
             return np.concatenate([cells.transpose(2, 1, 0), planes])
-        mission = [_bag_of_words(observation["mission"])] if self.mission else []
+        mission = [_bag_of_words(observation["mission"])] if with_mission else []
         return np.concatenate([cells.reshape(-1), direction, *mission])
 
 
@@ -194,8 +201,9 @@ class MiniGridView(_MiniGridEncoder):
     ----------
     picture : bool
         Return planes instead, (24, 7, 7), channels first, for :class:`~curricle.deep.SmallCNN`.
-    mission : bool
-        Append a number for each of MiniGrid's 59 words: 1 if the mission contains it, else 0.
+    mission : bool, optional
+        Append a number for each of MiniGrid's 59 words: 1 if the mission contains it, else 0. By
+        default vectors have them where an environment's missions differ.
 
     Raises
     ------
@@ -205,11 +213,11 @@ class MiniGridView(_MiniGridEncoder):
     Examples
     --------
     >>> MiniGridView(), MiniGridView() == MiniGridView(mission=True)
-    (MiniGridView(picture=False, mission=False), False)
+    (MiniGridView(picture=False, mission=None), False)
     """
 
     picture: bool = False
-    mission: bool = False
+    mission: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -224,7 +232,8 @@ class MiniGridFullView(_MiniGridEncoder):
     ----------
     width, height : int
         Cells of the largest level, walls included.
-    picture, mission : bool
+    picture : bool
+    mission : bool, optional
         As in :class:`MiniGridView`; a picture is (24, height, width).
 
     Raises
@@ -235,13 +244,13 @@ class MiniGridFullView(_MiniGridEncoder):
     Examples
     --------
     >>> MiniGridFullView(9, 9)
-    MiniGridFullView(width=9, height=9, picture=False, mission=False)
+    MiniGridFullView(width=9, height=9, picture=False, mission=None)
     """
 
     width: int
     height: int
     picture: bool = False
-    mission: bool = False
+    mission: bool | None = None
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -287,7 +296,10 @@ def _bag_of_words(mission: str) -> Cells:
     has = np.zeros(len(WORDS), np.float32)
     for word in mission.lower().replace(",", " ").split():
         if word not in WORDS:
-            raise TaskError(f"a mission must have MiniGrid's words: got {word!r} in {mission!r}")
+            raise TaskError(
+                f"a mission must have MiniGrid's words: got {word!r} in {mission!r}; mission=False "
+                "leaves it out"
+            )
         has[WORDS.index(word)] = 1
     return has
 

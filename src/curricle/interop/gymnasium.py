@@ -5,22 +5,25 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
+from importlib import import_module
+from importlib.util import find_spec
 from operator import index
 from typing import TYPE_CHECKING, Any, Literal, TypeGuard
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.registration import EnvSpec, registry
 from gymnasium.envs.toy_text.blackjack import BlackjackEnv
 from gymnasium.envs.toy_text.cliffwalking import CliffWalkingEnv
 from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.envs.toy_text.taxi import TaxiEnv
-from gymnasium.spaces import Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.wrappers import TimeLimit as StepLimit
 
 from curricle.arrays import BoolArray, IntArray, frozen
-from curricle.checks import one_of, text, whole_number
+from curricle.checks import BEYOND_64_BITS, brief, one_of, text, whole_number
 from curricle.errors import CurricleError, SettingError, TaskError
 from curricle.interop.encoders import Bins
 from curricle.interop.states import (
@@ -35,7 +38,7 @@ from curricle.interop.states import (
 from curricle.tasks.domain import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
-from curricle.tasks.live import LiveMDP, is_live
+from curricle.tasks.live import OLD_GYM, LiveMDP, is_live
 from curricle.tasks.mdp import FiniteMDP, available_actions, generative_model
 from curricle.tasks.models import Functions, check_answers, first_state, transition
 from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
@@ -183,7 +186,8 @@ def _observations(
         if not is_discrete(space):
             raise TaskError(
                 "observations must be discrete, or be made so by encode=Bins(...) or a function of "
-                f"your own with states=Space(...): got {space}"
+                "your own with states=Space(...); tabulate finds the states where they are few, "
+                f"and observation_task makes a network's task: got {brief(space)}"
             )
         return None if counts_from_0(space) else Number(space), space_of(space, "state")
     encoded = getattr(encode, "states", None) if states is None else states
@@ -246,7 +250,11 @@ def opened(environment: Environment, make: EnvironmentMaker) -> AbstractContextM
     with refusals_of_make(environment):
         made: Any = make()
     if not isinstance(made, gym.Env):
-        raise TaskError(f"an environment must be a gymnasium.Env: {environment!r} made {made!r}")
+        old = any(kind.__module__.partition(".")[0] == "gym" for kind in type(made).__mro__)
+        raise TaskError(
+            f"an environment must be a gymnasium.Env: {environment!r} made {made!r}"
+            f"{f'; {OLD_GYM}' * old}"
+        )
     check_spaces(made)
     return closing(made)
 
@@ -263,10 +271,37 @@ def refusals_of_make(source: Any) -> Iterator[None]:
         if not isinstance(source, str | EnvSpec):
             raise
         name = source if isinstance(source, str) else source.id
+        meant = suggested_ids(name)  # instead of Gymnasium's, without versions and modules
+        said = str(error).partition(" Did you mean")[0].rstrip(".") if meant else str(error)
+        if "required positional argument" in said:
+            meant = "; arguments of its class are passed by name, argument=..."
         raise TaskError(
             f"an environment must be one that gymnasium.make makes: {name!r} failed with "
-            f"{type(error).__name__}: {error}"
+            f"{type(error).__name__}: {said}{meant}"
         ) from error
+
+
+SUGGESTED = 3  # ids that a message about an unknown id names
+
+
+def suggested_ids(name: str) -> str:
+    """Return ``, did you mean ID?`` with similar ids of the registry; empty for a known id.
+
+    MiniGrid's are registered if it is installed, and have its module, as other processes find them.
+    """
+    if name in registry or name.partition(":")[2] in registry:
+        return ""
+    if find_spec("minigrid"):
+        import_module("minigrid")
+    ids = {known.lower(): known for known in registry}
+    written = name.lower()
+    inside = [known for known in ids if written in known]
+    near = inside or get_close_matches(written, ids, SUGGESTED, 0.6)
+    shown = [
+        f"{'minigrid:' * str(registry[ids[known]].entry_point).startswith('minigrid')}{ids[known]}"
+        for known in near[:SUGGESTED]
+    ]
+    return f", did you mean {' or '.join(shown)}?" if shown else ""
 
 
 def maker_of(
@@ -495,7 +530,21 @@ def is_discrete(space: gym.Space[Any]) -> bool:
     """Return whether :func:`space_of` can read a space."""
     if isinstance(space, Tuple | Dict):
         return all(is_discrete(part) for _, part in _parts(space))
+    if isinstance(space, Box):  # of whole numbers; those of a picture cannot be counted
+        return bool(_ranges(space)) and math.prod(n for n, _ in _ranges(space)) < BEYOND_64_BITS
     return isinstance(space, Discrete | MultiDiscrete | MultiBinary)
+
+
+def _ranges(space: Any) -> list[tuple[int, int]]:
+    """Return how many values each number of a point has, and the lowest; none for fractions."""
+    if isinstance(space, MultiBinary):
+        space = MultiDiscrete(np.full(space.shape, 2))
+    if isinstance(space, MultiDiscrete):
+        return [*zip(space.nvec.ravel().tolist(), space.start.ravel().tolist(), strict=True)]
+    if space.dtype.kind not in "iu":
+        return []
+    ends = zip(space.low.ravel().tolist(), space.high.ravel().tolist(), strict=True)
+    return [(high - low + 1, low) for low, high in ends]
 
 
 def counts_from_0(space: gym.Space[Any]) -> "TypeGuard[Discrete[np.int64]]":
@@ -540,19 +589,16 @@ def _parts(space: "Tuple[Any] | Dict") -> list[tuple[Any, gym.Space[Any]]]:
 def _components(space: gym.Space[Any], name: str) -> Iterator[Component]:
     if isinstance(space, Discrete):
         yield Component(name, int(space.n), low=int(space.start))
-    elif isinstance(space, MultiDiscrete | MultiBinary):
-        ranges: Any = space
-        if isinstance(space, MultiBinary):
-            ranges = MultiDiscrete(np.full(space.shape, 2))
-        for i, (size, low) in enumerate(zip(ranges.nvec.flat, ranges.start.flat, strict=True)):
-            yield Component(f"{name}_{i + 1}", int(size), low=int(low))
     elif isinstance(space, Tuple | Dict):
         for key, part in _parts(space):
             yield from _components(part, key if isinstance(key, str) else f"{name}_{key + 1}")
+    elif is_discrete(space):
+        for i, (size, low) in enumerate(_ranges(space)):
+            yield Component(f"{name}_{i + 1}", size, low=low)
     else:
         raise TaskError(
-            "a space must be Discrete, MultiDiscrete, MultiBinary or a Tuple or Dict of these: "
-            f"{name!r} is {space}"
+            "a space must be Discrete, MultiDiscrete, MultiBinary, a Box with few whole numbers, "
+            f"or a Tuple or Dict of these: {name!r} is {space}"
         )
 
 

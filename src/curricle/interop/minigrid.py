@@ -264,6 +264,7 @@ class MiniGridAccess(StateAccess):
         met = self.by_digest.get(digest)
         if met is not None:
             here = base.agent_pos, base.agent_dir, base.step_count
+            self.level = None  # attributes that refer to the new objects are restored, too
             self.restore(base, met.content)
             base.agent_pos, base.agent_dir, base.step_count = here
         else:

@@ -27,7 +27,7 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, RecordEpisodeS
 from curricle.checks import number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import same_observation
-from curricle.tasks.live import RETURNED, action_mask
+from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
 from curricle.tasks.mdp import SINGLE_PRECISION, number_of
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
@@ -212,7 +212,8 @@ class _Reader:
                 raise TaskError(
                     "states must be told apart to be tabulated, by all that an environment holds "
                     f"or by functions state=(save, restore): a {kind.__qualname__} in it cannot be "
-                    f"read ({error})"
+                    f"read ({error}); from_gymnasium plays it live, with encode=Bins(...) where "
+                    "observations are no whole numbers"
                 ) from None
 
 
@@ -389,7 +390,8 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
     except Exception as error:
         raise TaskError(
             "an environment that cannot be copied needs functions state=(save, restore) to be "
-            f"tabulated: copying {env} failed with {type(error).__name__}: {error}"
+            "tabulated; from_gymnasium plays it live, and observation_task makes a network's task "
+            f"of it: copying {env} failed with {type(error).__name__}: {error}"
         ) from error
 
 
@@ -409,6 +411,17 @@ def words_of_state(state: Any, before: str = "") -> Words:
         for name, value in values.items()
         if isinstance(value, bool | int | np.integer | np.bool_ | str) and value != ""
     }
+
+
+def counters_of(states: Sequence[Words], before: Any, after: Any, env: Environment) -> list[str]:
+    """Return the attributes that count steps: 1 higher in each state `after` than `before` it."""
+    names = list[str]()
+    for name in sorted(vars(env.unwrapped).keys() & states[0].keys()):
+        column = [components.get(name) for components in states]
+        if len(after) and all(isinstance(value, int) for value in column):
+            values = np.array(column)
+            names += [name] * bool((values[after] == values[before] + 1).all())
+    return names
 
 
 # -- breadth-first search for every state that can be reached --------------------------------------
@@ -464,7 +477,15 @@ class Search:
         n_actions, seeds, expanded = self.world.n_actions, self.world.seeds, 0
         began = shown = time.perf_counter()
         for seed in seeds:
+            self.world.start(seed)
+            observed = deepcopy(self.world.look()[0])
             state = self._number(self.world.start(seed))
+            if not same_observation(observed, self.world.look()[0]):
+                raise TaskError(
+                    f"a reset must follow its seed: two resets of {self.world.name} with seed "
+                    f"{seed} differ; let reset call super().reset(seed=seed), and draw from "
+                    "self.np_random alone"
+                )
             self.first.append(state)
             self.start[state] = self.start.get(state, 0.0) + 1 / len(seeds)
         while self._queue:
@@ -481,7 +502,7 @@ class Search:
                     raise TaskError(
                         f"a table must be complete within max_seconds, {self.max_seconds:g}: "
                         f"tabulating {self.world.name} had found {n_states:,} states by then and "
-                        f"done {expanded:,} of them"
+                        f"done {expanded:,} of them{self._hint()}"
                     )
                 if now - shown > INTERVAL:
                     shown = now
@@ -510,7 +531,10 @@ class Search:
         if state is None:
             state = self._numbers[name] = len(self._contents)
             if state >= self.max_states:
-                raise self._too_many()
+                raise TaskError(
+                    f"a table may have at most max_states, {self.max_states:,} states: tabulating "
+                    f"{self.world.name} found more{self._hint()}"
+                )
             before = time.perf_counter()
             observation, components = self.world.look()
             self.observing += time.perf_counter() - before
@@ -532,8 +556,16 @@ class Search:
         self.probability.append(reached.probability)
         self.reward.append(reached.reward)
 
-    def _too_many(self) -> TaskError:
-        """Return the error of too many states, which names the component with most values."""
+    def _hint(self) -> str:
+        """Return why there are many states: a part that counts steps, or that has most values."""
+        before = np.array(self.pair, np.int64) // self.world.n_actions
+        env = getattr(self.world, "now", self.world.env)  # the copy that was stepped last
+        counting = counters_of(self.components, before, np.array(self.next_state), env)
+        if counting:
+            return (
+                f"; {counting[0]!r} counts steps, which state=DeepCopy(ignore={counting}) leaves "
+                f"out (in a file ignore = {counting}): let time_limit end the episodes"
+            )
         everywhere = set(self.components[0]).intersection(*self.components)
         values = dict[str, set[Any]]()
         for components in self.components:
@@ -549,10 +581,7 @@ class Search:
         different = {frozenset(components.items()) for components in self.components}
         if 2 * len(different) > len(self.components):
             hint = f", and {name!r} has the most values, {len(values[name]):,}"
-        return TaskError(
-            f"a table may have at most max_states, {self.max_states:,} states: tabulating "
-            f"{self.world.name} found more{hint if len(self.components) > 1 else ''}"
-        )
+        return f"{hint}; from_gymnasium plays it live" * (len(self.components) > 1)
 
 
 REPETITIONS = 8  # of a step that draws random numbers; one that draws none is taken twice
@@ -590,7 +619,7 @@ class World:
         self._known = None
         if self.access.copies:
             self.now, _ = self.access.restore(self.core, (self.core, []))
-        self._observed, info = self._returned("reset", self.now.reset(seed=seed))
+        self._observed, info = self._returned("reset", seeded_reset(self.now, seed))
         _rewind_clocks(self.now)
         self.access.begin(self.now)
         available = self._available(self.now, info)
@@ -668,8 +697,7 @@ class World:
     def _returned(self, by: str, returned: Any) -> tuple[Any, ...]:
         """Return the result of a reset or a step; TaskError unless it has the right parts."""
         if not isinstance(returned, tuple) or len(returned) != len(RETURNED[by]):
-            parts = ", ".join(RETURNED[by])
-            raise TaskError(f"a {by} must return ({parts}): got {returned!r} from {self.name}")
+            raise TaskError(f"{self.name}: {wrong_parts(by, returned)}")
         return returned
 
     def _check_repeated(
@@ -686,8 +714,9 @@ class World:
         if differing:
             raise TaskError(
                 "steps must be deterministic to be tabulated, unless outcomes are listed "
-                f"(outcomes=) or estimated (samples=){self.access.hint}: action {action}, repeated "
-                f"from one state of {self.name}, led to another {differing}"
+                f"(outcomes=) or estimated (samples=){self.access.hint}; from_gymnasium plays it "
+                f"live: action {action}, repeated from one state of {self.name}, led to another "
+                f"{differing}"
             )
 
 
@@ -740,7 +769,7 @@ class ListedOutcomes:
 
     def start(self, seed: int) -> Reached:
         """Return the state after a reset."""
-        observed, _ = self.env.reset(seed=seed)
+        observed, _ = seeded_reset(self.env, seed)
         state = deepcopy(observed) if self.save is None else self.save(self.env.unwrapped)
         return self._reached(1.0, state, 0.0, ended=False)
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
+from curricle.display import pictured
 from curricle.errors import SettingError, TaskError
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import batch_size
@@ -322,6 +323,8 @@ class TabulatedTask(Frozen):
                 f"{self.record.environment} are of saved states"
             )
         return self.observations
+
+    _repr_html_ = pictured
 
     def __repr__(self) -> str:
         record, kinds = self.record, list[str]()

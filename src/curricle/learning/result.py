@@ -12,7 +12,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
-from curricle.display import block, curves, table
+from curricle.display import Line, block, curves, table
 from curricle.errors import CurricleError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.learners import (
@@ -37,7 +37,8 @@ from curricle.learning.tabular_policy import (
     task_record,
 )
 from curricle.planning.episode import Episode
-from curricle.statistics.intervals import mean_interval, seed_line
+from curricle.planning.policy_evaluation import possible_returns
+from curricle.statistics.intervals import extremes, mean_interval, seed_line
 from curricle.tasks.mdp import Task
 from curricle.text import counted
 
@@ -485,8 +486,9 @@ def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup
     for name, result in results.items():
         learner = "" if result.learner is None else type(result.learner).__name__
         steps, episodes = f"{result.steps_used.mean():,.0f}", f"{result.episodes_used.mean():,.0f}"
-        curve = result.greedy_return
-        first, last = (str(mean_interval(curve[:, i])).rsplit(",", 1)[0] for i in (0, -1))
+        curve, ends = result.greedy_return, ends_of(result)
+        means = [mean_interval(curve[:, i]).within(ends) for i in (0, -1)]
+        first, last = (str(mean).rsplit(",", 1)[0] for mean in means)
         seeds = len(result.seeds)
         rows.append((name, learner, seeds, steps, episodes, first, last, ended.get(name, "")))
     last_column = ["ended by"] * any(ended.values())
@@ -495,14 +497,33 @@ def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup
     return table([*head, "first return", "last return", *last_column], shown, wide=last_column)
 
 
+GREEDY_RETURN = "mean return of greedy episodes"
+"""On axes; a return has the unit of the task's rewards."""
+
+
 def shown_returns(result: Any) -> tuple[str, FloatArray]:
     """Return the name and values, (K, T), of the greedy return; without any, of the training's."""
     if np.isnan(result.greedy_return).all():
-        return "training return", result.training_return
-    return "greedy return", result.greedy_return
+        return "mean return of training episodes", result.training_return
+    return GREEDY_RETURN, result.greedy_return
+
+
+def ends_of(result: Any) -> tuple[float, float]:
+    """Return the lowest and the highest return in a result's task, or else in the result."""
+    # Of a discounted evaluation or another: a result does not know which its own was.
+    task = result.task
+    known = [possible_returns(task, discount) for discount in (1.0, getattr(task, "discount", 1.0))]
+    ends = [end for pair in known if pair is not None for end in pair]
+    return (min(ends), max(ends)) if None not in known else extremes([shown_returns(result)[1]])
+
+
+def shown_line(name: str, result: Any) -> tuple[str, Line]:
+    """Return what :func:`shown_returns` are, and their curve over steps, mean over seeds."""
+    named, values = shown_returns(result)
+    return named, seed_line(name, result.steps, values, within=ends_of(result))
 
 
 def learnt_curve(result: Any) -> Markup:
     """Return the curve of :func:`shown_returns` over steps, mean over seeds."""
-    named, values = shown_returns(result)
-    return curves([seed_line("", result.steps, values)], "steps", named)
+    named, line = shown_line("", result)
+    return curves([line], "steps", named)

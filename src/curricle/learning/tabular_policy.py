@@ -1,7 +1,7 @@
 """The policy of a learnt table, to take away: acting, a file of its own, episodes to look at."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -14,17 +14,10 @@ from curricle.checks import brief, numbers, whole_number
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.storage import SparseValues
-from curricle.planning.episode import (
-    Episode,
-    draws_pictures,
-    frame_of,
-    played,
-    with_pictures,
-)
+from curricle.planning.episode import Episode, Film
 from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.rollouts import greedy_rollout
-from curricle.show.scenes import scene_of
-from curricle.tasks.live import LiveMDP, action_mask, is_live, numbering
+from curricle.tasks.live import is_live, numbering
 from curricle.tasks.mdp import Task, available_actions, closed, generative_model
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_value
@@ -157,38 +150,11 @@ class TabularPolicy(Frozen):
             raise SettingError("an episode of a task without a time limit needs max_steps")
         limit = whole_number("max_steps of an episode", limit, 1, SettingError)
         seed = whole_number("seed", seed, 0, SettingError)
-        if isinstance(task, LiveMDP):
-            return self._live_episode(task, seed, limit)
         view: Any = Values(self.values)
         if isinstance(self.values, SparseValues):
             view = VisitedValues(self.values.states, self.values.values)
-        return Episode.of(task, greedy_rollout(task, view, seed=seed, steps=limit))
-
-    def _live_episode(self, task: LiveMDP, seed: int, limit: int) -> Episode:
-        number, scene, rng = numbering(task), scene_of(task), np.random.default_rng(seed)
-
-        def act(observation: Any, info: Any) -> Any:
-            row = self._row(number(observation))
-            if task.action_masks:
-                row = closed(row, action_mask(env, info, len(row)))
-            return task.act(int(rng.choice(np.flatnonzero(row == row.max()))))
-
-        def picture(observation: Any) -> npt.NDArray[np.uint8]:
-            return frame_of(env) if pictures else scene.image(number(observation))
-
-        env = task.make()
-        if pictures := draws_pictures(env):
-            env.close()
-            env = with_pictures(task.make)()
-        with closing(env):
-            return played(
-                env,
-                act,
-                seed=seed,
-                limit=limit,
-                picture=picture,
-                text=lambda observation: scene.text(number(observation)),
-            )
+        played, film = Film.of(task)
+        return Episode.of(task, greedy_rollout(played, view, seed=seed, steps=limit), film)
 
     def save(self, path: str | Path) -> Path:
         """Write the values into an ``.npz`` file, and return its path; StoreError if it cannot."""

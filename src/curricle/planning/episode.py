@@ -2,7 +2,8 @@
 
 import base64
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from inspect import signature
 from itertools import zip_longest
@@ -11,14 +12,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from curricle.arrays import FloatArray, frozen
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.files import local_file, write_in_folder
 from curricle.planning.rollouts import Trajectory
-from curricle.show.scenes import scene_of
+from curricle.show.scenes import FLOOR, INK, scene_of
+from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.tasks.spaces import action_name, values_of
@@ -27,6 +29,7 @@ from curricle.text import counted
 FASTEST = 50.0  # pictures a second that browsers show of a GIF, at most
 LAST = 1000  # milliseconds for which the last picture is shown
 OF_TASKS = 4.0  # pictures a second of a task that Curricle draws
+CAPTION, NARROWEST = 24, 280  # pixels: height of the line below a picture, least width of both
 LINE, APART = 96, 3  # characters of a printed line at most, and between two moments in it
 MOST_MOMENTS = 60  # moments that are printed at most
 Frame = npt.NDArray[np.uint8]
@@ -86,8 +89,10 @@ class Episode:
     action_names: Sequence[str] = ()
 
     @classmethod
-    def of(cls, task: Task, path: Trajectory) -> "Episode":
-        """Return the episode of a trajectory in a task with numbered states, drawn by its scene.
+    def of(cls, task: Task, path: Trajectory, film: "Film | None" = None) -> "Episode":
+        """Return the episode of a trajectory in a task with numbered states.
+
+        It is drawn by the task's scene, unless there is a film.
 
         Examples
         --------
@@ -106,11 +111,11 @@ class Episode:
             return " + ".join(part.label(values[part.name]) for part in actions.components)
 
         return cls(
-            frames=Drawn(scene.image, path.states),
+            frames=Drawn(scene.image, path.states) if film is None else film.frames,
             actions=path.actions,
             rewards=path.rewards,
             terminated=path.terminated,
-            fps=OF_TASKS,
+            fps=OF_TASKS if film is None else film.fps,
             texts=Drawn(scene.text, path.states),
             action_names=[name(action) for action in path.actions.tolist()],
         )
@@ -133,13 +138,25 @@ class Episode:
         shown = 10 * round(100 / min(fps, FASTEST))
         quick = Image.Quantize.FASTOCTREE  # several times faster than Pillow's own choice
         first, *later = (
-            Image.fromarray(frame).quantize(method=quick, dither=Image.Dither.NONE)
-            for frame in self.frames
+            picture.quantize(method=quick, dither=Image.Dither.NONE) for picture in self._pictures()
         )
         durations = [shown] * len(later) + [max(shown, LAST)]
         content, moving = io.BytesIO(), {"save_all": True, "append_images": later, "loop": 0}
         first.save(content, format="GIF", duration=durations, **moving)
         return content.getvalue()
+
+    def _pictures(self) -> Iterator[Image.Image]:
+        """Yield the frames, each above the step that led to it and the return so far."""
+        returns = np.cumsum([0.0, *self.rewards])
+        for place, frame in enumerate(self.frames):
+            drawn, caption = Image.fromarray(frame), self._moment(place)[0]
+            size = max(drawn.width, NARROWEST), drawn.height + CAPTION
+            picture = Image.new("RGB", size, FLOOR)
+            picture.paste(drawn)
+            text, font = f"{caption}; return {returns[place]:.4g}", ImageFont.load_default(14)
+            middle = CAPTION // 3, size[1] - CAPTION // 2
+            ImageDraw.Draw(picture).text(middle, text, INK, font, anchor="lm")
+            yield picture
 
     def _repr_html_(self) -> str:
         code = base64.b64encode(self._gif(self.fps)).decode()
@@ -206,7 +223,7 @@ def played(
         actions.append(action)
         rewards.append(float(reward))
         over = terminated or truncated
-    fps = float(getattr(env, "metadata", {}).get("render_fps") or 10)
+    fps = fps_of(env)
     shown = frozen(np.array(actions)), frozen(np.array(rewards, dtype=np.float64))
     return Episode(tuple(frames), *shown, bool(terminated), fps, texts)
 
@@ -224,6 +241,54 @@ def with_pictures(make: Callable[[], Any]) -> Callable[[], Any]:
     if callable(maker.recipe) and "render_mode" not in signature(maker.recipe).parameters:
         return make
     return replace(maker, arguments={**maker.arguments, "render_mode": PICTURES})
+
+
+@dataclass(frozen=True)
+class Film:
+    """The pictures of an episode in a live task, which an environment draws as it is played."""
+
+    frames: list[Frame]
+    fps: float
+
+    @classmethod
+    def of(cls, task: Any) -> tuple[Any, "Film | None"]:
+        """Return a task that makes a film when it is played, and the film; itself if it draws none.
+
+        It must be played once.
+        """
+        if not is_live(task):
+            return task, None
+        with closing(task.make()) as environment:
+            if not draws_pictures(environment):
+                return task, None
+            film = cls([], fps_of(environment))
+        make = with_pictures(task.make)
+        return replace(task, make=lambda: _Filmed(make(), film.frames)), film
+
+
+class _Filmed:
+    """An environment that adds a picture to a film at every reset and step."""
+
+    def __init__(self, environment: Any, frames: list[Frame]):
+        self._environment, self._frames = environment, frames
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._environment, name)
+
+    def reset(self, **settings: Any) -> Any:
+        begun = self._environment.reset(**settings)
+        self._frames.append(frame_of(self._environment))
+        return begun
+
+    def step(self, action: Any) -> Any:
+        followed = self._environment.step(action)
+        self._frames.append(frame_of(self._environment))
+        return followed
+
+
+def fps_of(environment: Any) -> float:
+    """Return the pictures a second that an environment states; 10 by default."""
+    return float(getattr(environment, "metadata", {}).get("render_fps") or 10)
 
 
 def draws_pictures(environment: Any) -> bool:

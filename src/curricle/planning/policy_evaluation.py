@@ -166,6 +166,38 @@ class NoEvaluation(NamedTuple):
 EvaluationKernel = ExactEvaluation | RolloutEvaluation | NoEvaluation
 
 
+MOST_SWEEPS, MOST_BACKUPS = 10_000, 10_000_000
+"""Steps, and outcomes times steps, to which all episodes are searched for extreme returns: 0.1 s"""
+
+
+def possible_returns(task: Any, discount: float) -> tuple[float, float] | None:
+    """Return the lowest and the highest return of an episode; None where they are not known.
+
+    They are of a task with tables, if it is small enough: v(s) = max_a max_o r + gamma v(s') over
+    the outcomes o that are possible, for each step to the time limit, and the same with min.
+    """
+    if is_observation_task(task) or not has_tables(task):
+        return None
+    generative, ends = generative_model(task), list[float]()
+    if generative.states.size * generative.actions.size > LARGEST_SOLVED:
+        return None
+    mdp = tables(task)
+    possible, going = mdp.probability > 0, ~mdp.terminal
+    most = min(MOST_SWEEPS, 1 + MOST_BACKUPS // max(possible.size, mdp.outcome_row.size))
+    limit = NO_LIMIT if mdp.time_limit is None else mdp.time_limit
+    for sign in (-1, 1):
+        values, n, rewards = np.zeros(len(going)), 0, np.where(possible, sign * mdp.reward, -np.inf)
+        before = values + np.inf
+        while n < limit and (values != before).any():
+            if n == most:
+                return None
+            rows = (rewards + discount * values[mdp.next_state]).max(axis=1)[mdp.outcome_row]
+            before, values = values, np.where(going, closed(rows, mdp.available).max(axis=1), 0.0)
+            n += 1
+        ends.append(sign * float(values[mdp.start > 0].max()) + 0.0)
+    return ends[0], ends[1]
+
+
 @dataclass(frozen=True)
 class GreedyEvaluation:
     """How the greedy policy is evaluated at each checkpoint.

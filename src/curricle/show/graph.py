@@ -14,7 +14,7 @@ from curricle.learning.result import LearningResult
 from curricle.show.plots import places
 from curricle.show.style import rounded
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.intervals import mean_interval
+from curricle.statistics.intervals import extremes, mean_interval
 from curricle.study.record import ArmRecord, CurriculaRecord
 
 # All in CSS pixels.
@@ -80,6 +80,7 @@ def _graph(
 
 def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
     """Return the curves of a task in one scale; arms with equal results share a curve."""
+    within = extremes([result.greedy_return for result in trained.values()])
     alike: dict[bytes, list[str]] = {}
     for arm, result in trained.items():
         if not np.isnan(result.greedy_return).all():
@@ -90,7 +91,7 @@ def card_curves(trained: Mapping[str, LearningResult]) -> list[Data]:
     for arms in alike.values():
         result = trained[arms[0]]
         place = places(len(result.steps), CURVE_POINTS)
-        interval = mean_interval(result.greedy_return[:, place])
+        interval = mean_interval(result.greedy_return[:, place]).within(within)
         values = np.array([interval.estimate, interval.low, interval.high])
         values = np.where(np.isnan(values), values[0], values)
         drawn.append((tuple(arms), result, result.steps[place], values))

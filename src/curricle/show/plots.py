@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
+from textwrap import fill, wrap
 from typing import Any
 
 import matplotlib
@@ -24,7 +25,7 @@ from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole
-from curricle.learning.result import LearningResult, shown_returns
+from curricle.learning.result import GREEDY_RETURN, LearningResult, shown_line
 from curricle.show.style import (
     COLOURS,
     MOST_NUMBERS,
@@ -47,7 +48,7 @@ from curricle.show.style import (
 from curricle.show.views import At, GridView, stacked
 from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
-from curricle.statistics.intervals import CONFIDENCE, mean_interval, seed_line
+from curricle.statistics.intervals import CONFIDENCE, mean_interval
 from curricle.tasks.domain import LETTERS
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import Task, generative_model
@@ -86,7 +87,7 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
     >>> maze = GridWorld(["..T", "S.."])
     >>> learnt = learn(maze, budget=500)
     >>> plot(learnt).axes[0].get_ylabel()
-    'greedy return'
+    'mean return of greedy episodes'
     >>> plot(learnt.values[0], task=maze).axes[0].get_title()
     'max Q(s, a)'
     """
@@ -167,6 +168,8 @@ def check_path(path: str | Path) -> Path:
 # -- learning curves -------------------------------------------------------------------------------
 
 ALL = 10**9  # more checkpoints than a curve has
+NAME_LETTERS, TITLE_LETTERS = 28, 110  # in a line of an arm's name, of the title
+MOST_BANDS, BARS = 6, 6  # arms up to which bands are drawn; bars of an arm in their place
 ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28  # inches of an arm in a comparison, of a forecast's row
 
 
@@ -180,6 +183,8 @@ def draw_curve(
     strong: bool = False,
     dashes: Any = "-",
     confidence: float = CONFIDENCE,
+    within: tuple[float, float] = (-math.inf, math.inf),
+    bars: IntArray | None = None,
 ) -> None:
     """Draw the mean over seeds with Student's 95 % band.
 
@@ -197,6 +202,10 @@ def draw_curve(
         Line style of Matplotlib.
     confidence : float
         Confidence of the band at each checkpoint.
+    within : (float, float)
+        Lowest and highest possible return, which the band stays within.
+    bars : (n,) int, optional
+        Checkpoints at which a bar is drawn in place of the band.
 
     Examples
     --------
@@ -211,8 +220,12 @@ def draw_curve(
     shade = COLOURS.get(colour, colour)
     axes.plot(steps, values.mean(axis=0), linestyle=dashes, color=shade, label=label, lw=1.5)
     if len(values) > 1:
-        band = mean_interval(values, confidence=confidence)
-        axes.fill_between(steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
+        band = mean_interval(values, confidence=confidence).within(within)
+        low, high = np.asarray(band.low), np.asarray(band.high)
+        if bars is None:
+            axes.fill_between(steps, low, high, color=shade, alpha=0.2, lw=0)
+        else:
+            axes.vlines(steps[bars], low[bars], high[bars], color=shade, lw=1)
 
 
 def places(n: int, most: int) -> IntArray:
@@ -237,8 +250,7 @@ def draw_results(results: Mapping[str, LearningResult]) -> Figure:
     shown = [*results.items()][-MOST_CURVES:]
     figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
     for axes, (name, result) in zip(grid[0], shown, strict=True):
-        named, values = shown_returns(result)
-        line = seed_line(name, result.steps, values)
+        named, line = shown_line(name, result)
         axes.plot(line.steps, line.values, color=COLOURS["blue"], lw=1.5)
         axes.fill_between(line.steps, line.low, line.high, color=COLOURS["blue"], alpha=0.2, lw=0)
         axes.set_title(name)
@@ -266,11 +278,16 @@ def draw_learning_curves(
 def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = ALL) -> None:
     """Draw all arms' curves in one scale into panels; source steps count in a panel under True."""
     shown = controls_first(arm_styles(comparison))
-    for (axes, strong), (name, style) in product(panels.items(), shown):
+    for (axes, strong), (number, (name, style)) in product(panels.items(), enumerate(shown)):
         whole, begin = shown_curve(comparison, name, strong=strong)
         kept = places(len(whole.steps), most)
         curve = Curve(whole.steps[kept], whole.filled()[:, kept])
-        draw_curve(axes, curve, label=name, colour=style.colour, dashes=style.dashes)
+        drawn: Any = {"label": name, "colour": style.colour, "dashes": style.dashes}
+        if len(shown) > MOST_BANDS:  # bars, which stand beside those of the other arms
+            parts = np.linspace(0, len(curve.steps) - 1, BARS + 1)
+            at = parts[:-1] + (number + 1) / (len(shown) + 1) * parts[1]
+            drawn["bars"] = np.unique(at.round().astype(np.int64))
+        draw_curve(axes, curve, within=comparison.within, **drawn)
         if begin:
             # Dotted from step 0 to where training in the target begins.
             low, start = random_level(comparison), int(curve.steps[0])
@@ -289,7 +306,7 @@ def _draw_arms(panels: Mapping[Axes, bool], comparison: Comparison, most: int = 
     # In which the threshold can be seen.
     ends = [*np.ravel([axes.dataLim.intervaly for axes in panels]), comparison.threshold]
     for axes in panels:
-        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), "greedy return")
+        return_scale(axes.yaxis, float(min(ends)), float(max(ends)), GREEDY_RETURN)
 
 
 def controls_first(styles: Mapping[str, ArmStyle]) -> list[tuple[str, ArmStyle]]:
@@ -308,14 +325,16 @@ def draw_comparison(comparison: Comparison) -> Figure:
     if not comparison.contrasts:
         raise SettingError(f"a comparison to draw needs an arm besides {SCRATCH!r}: got none")
     styles = arm_styles(comparison)
-    height = max(3.7, 1.5 + ROW_HEIGHT * len(styles))
+    lines = max(len(wrap(style.short, NAME_LETTERS)) for style in styles.values())
+    height = max(3.7, 1.5 + ROW_HEIGHT * len(styles) * max(1, 0.75 * lines))
     figure = ShownFigure(figsize=(11.5, height), layout="constrained")
     curves, profile, gains = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
     _draw_arms({curves: True}, comparison)
     curves.set_title("learning curves (strong transfer)")
     _draw_profiles(profile, comparison, styles)
     _draw_gains(gains, comparison, styles)
-    figure.suptitle(f"{comparison.target}: every arm spends {comparison.total:,} steps")
+    title = f"{comparison.target}: every arm spends {comparison.total:,} steps"
+    figure.suptitle(fill(title, TITLE_LETTERS))  # Matplotlib's own lines read dollars as formulas
     caption(figure, _caption_of(comparison))
     return figure
 
@@ -325,7 +344,7 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
     scratch, arms = comparison.scratch, comparison.arms
     final = {name: asymptotic_performance(arms[name].charged(scratch)) for name in styles}
     ends = np.concatenate(list(final.values()))
-    return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final return")
+    return_scale(axes.xaxis, float(ends.min()), float(ends.max()), "τ: final mean return")
     tau = np.unique([*axes.get_xlim(), *ends])
     curricula = left = sum(not style.control for style in styles.values())
     for name, style in controls_first(styles):
@@ -335,11 +354,11 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
         width = 1.2 + (0.0 if style.control else 2 * left / curricula)
         drawn: Any = {"color": style.colour, "label": name, "lw": width, "drawstyle": "steps-post"}
         axes.plot(tau, share.estimate, linestyle=style.dashes, **drawn)
-        if share.n > 1:
+        if share.n > 1 and len(styles) <= MOST_BANDS:
             band = tau, share.low, share.high
             axes.fill_between(*band, step="post", color=style.colour, alpha=0.15, lw=0)
     axes.axvline(comparison.threshold, color=COLOURS["grey"], lw=0.8, zorder=1)
-    label = "share of runs with a final return > τ"
+    label = "share of runs above τ"
     axes.set(ylim=(-0.03, 1.03), title="final returns", ylabel=label)
 
 
@@ -363,7 +382,8 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
         p = f"{verdict.adjusted_p:.2g}" if tested and verdict is not None else ""
         columns.append((without_seeds(gain), p))
     write_columns(axes, list(zip(*columns, strict=True)))
-    axes.set_yticks(range(len(styles)), [style.short for style in styles.values()])
+    names = [fill(style.short, NAME_LETTERS) for style in styles.values()]
+    axes.set_yticks(range(len(styles)), names)
     axes.tick_params(axis="y", length=0, pad=32)
     for text, style in zip(axes.get_yticklabels(), styles.values(), strict=True):
         text.set_color("#555555" if style.control else "k")
@@ -374,7 +394,7 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     axes.set_ylim(len(styles) - 1 + spare, -spare)
     best = " or ".join(comparison.best_opponents)
     axes.set_title("gain over the best opponent", loc="right")  # columns of text begin there
-    axes.set_xlabel(f"mean return, minus that of {best}")
+    axes.set_xlabel(fill(f"mean return, minus that of {best}", 40))
 
 
 def _caption_of(comparison: Comparison) -> str:

@@ -35,9 +35,11 @@ from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.errors import SettingError, StoreError, in_words
 from curricle.files import Place, RemotePath, place_at, write_whole
+from curricle.learning.result import GREEDY_RETURN
 from curricle.show import findings
 from curricle.show.graph import graphs
 from curricle.show.plots import (
+    MOST_BANDS,
     controls_first,
     draw_learning_curves,
     places,
@@ -47,7 +49,6 @@ from curricle.show.plots import (
 from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.intervals import mean_interval
 from curricle.study.auditing import Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
@@ -234,6 +235,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         curves=curves,
         curve_data=curve_data(comparison, styles, panels),
         most_seeds=MOST_SEEDS,
+        most_bands=MOST_BANDS,
         kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
         swept=findings.effects_rows(effects_of(study)),
         best=findings.tuning_rows(study.record.tuned),
@@ -356,7 +358,7 @@ def curve_data(
     def band(name: str, panel: str) -> dict[str, Any]:
         curve, begin = shown_curve(comparison, name, strong=panel == "strong")
         inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
-        mean = mean_interval(curve.filled()[:, inside - begin])
+        mean = comparison.interval(curve.filled()[:, inside - begin])
         return {
             "first": int(np.searchsorted(kept, begin)),
             **{end: row(np.asarray(getattr(mean, end))) for end in ("low", "high")},
@@ -365,6 +367,8 @@ def curve_data(
 
     return {
         "digits": digits,
+        "unit": GREEDY_RETURN,
+        "most_bands": MOST_BANDS,
         "threshold": comparison.threshold,
         "threshold_words": minus(f"{comparison.threshold:.4g}"),
         "random": random_level(comparison),  # the return while sources are trained

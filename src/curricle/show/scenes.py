@@ -4,7 +4,9 @@ Figures differ in shape as well as in colour, and most colours are Okabe and Ito
 colour-blind readers can tell them apart.
 """
 
+import io
 import math
+from base64 import b64encode
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -13,17 +15,20 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import Markup
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from curricle.arrays import IntArray, frozen
-from curricle.display import COLOURS
-from curricle.show.views import GridView, stacked
+from curricle.display import COLOURS, block
+from curricle.show.views import GridView, marker_letters, stacked
 from curricle.tasks.domain import LETTERS, MOVES, GridLayout, layout_of
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import generative_model
+from curricle.tasks.live import LiveMDP, reset_state
+from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
+from curricle.text import counted
 
 FINER = 4  # figures are drawn this many times larger and then reduced, which smooths their edges
 FLOOR, DARK, INK, WHITE = "#f7f5f0", "#4d5366", "#22242c", "#ffffff"
@@ -120,6 +125,7 @@ def painted(figure: Figure, side: int) -> tuple[npt.NDArray[np.float32], npt.NDA
 Pixels = npt.NDArray[np.uint8]
 Letters = npt.NDArray[np.str_]
 Cells = Sequence[tuple[int, int]]  # row and column of everything that moves
+SHOWN = 320  # pixels across of a picture in a notebook, at most
 SIDE = 640  # pixels along the longer side of a grid, unless its cells are too large or small
 LARGEST_CELL, SMALLEST_CELL = 64, 4
 MARGIN = 4
@@ -292,6 +298,30 @@ def scene_of(task: Any) -> Scene:
     return LabelScene(generative_model(task).states)
 
 
+LARGEST_DRAWN = 1_000_000  # states of a task with tables that are made for its picture
+
+
+def in_a_notebook(task: Any) -> str | None:
+    """Return the picture of a task where an episode may start, as HTML; None without a grid."""
+    scene = scene_of(task)
+    if isinstance(scene, LabelScene):
+        return None
+    generative, rng = generative_model(task), np.random.default_rng(0)
+    if isinstance(task, LiveMDP):
+        state = reset_state(task)
+    elif has_tables(task) and generative.states.size <= LARGEST_DRAWN:
+        state = int(rng.choice(np.flatnonzero(tables(task).start)))
+    else:
+        state = int(rng.integers(generative.states.size))
+    content, image = io.BytesIO(), Image.fromarray(scene.image(state))
+    image.save(content, "PNG")
+    sizes = f"{generative.states.size:,} states, {counted(generative.actions.size, 'action')}"
+    drawn = '<img alt="{}" style="max-width:100%;width:{}px" src="data:image/png;base64,{}">'
+    code = b64encode(content.getvalue()).decode()
+    alt, width = scene.text(state), min(image.width, SHOWN)
+    return block(f"{type(task).__name__}: {sizes}", Markup(drawn).format(alt, width, code))
+
+
 def scene_of_view(view: GridView) -> GridScene:
     """Return the scene that draws a view; a moment is the cell of each marker, (markers,)."""
     letters, columns = _letters_of(view, view.walls), view.shape[1]
@@ -311,7 +341,7 @@ def _layout_scene(task: Any, layout: GridLayout) -> GridScene:
     states, letters = generative_model(task).states, _letters_of(layout, layout.wall_cells)
     unplaced = set(states.names) - {*layout.components, *layout.markers}
     moving = [*layout.markers.values(), layout.cells]
-    markers = [str(i + 1) for i in range(len(layout.markers))]
+    markers = [*marker_letters(layout.markers).values()]
 
     def cells(state: int) -> Cells:
         (top, left), places = layout.origin, [places[state].tolist() for places in moving]

@@ -145,7 +145,9 @@ def _of_layout(task: Any, layout: GridLayout, fixed: At) -> GridView:
         shown &= values[part.name] == value
         if part.name not in layout.markers:
             keys.append(f"{part.name} {part.label(value)}")
-    states = np.flatnonzero(shown)
+    wall, at = np.zeros(layout.shape, bool), tuple((layout.cells - layout.origin).T)
+    wall[tuple((layout.wall_cells - layout.origin).T)] = True
+    states = np.flatnonzero(shown & ~wall[at])  # numbered, but never entered
     if not states.size:
         raise SettingError(f"at must leave a state to draw: none is as in {dict(fixed)}")
     letters, legend = _lettered({name: at[states[0]] for name, at in layout.markers.items()})
@@ -229,12 +231,12 @@ def _value(component: Component, value: Any) -> int:
 
 def _lettered(places: Mapping[str, IntArray]) -> tuple[Letters, dict[str, str]]:
     """Return letters for the components fixed in cells, name -> (row, column), and a legend."""
-    letters = _letters_of(places)
+    letters = marker_letters(places)
     there = [(letters[name], int(row), int(column)) for name, (row, column) in places.items()]
     return tuple(there), {name: f"{letter}: {name}" for name, letter in letters.items()}
 
 
-def _letters_of(names: Iterable[str]) -> dict[str, str]:
+def marker_letters(names: Iterable[str]) -> dict[str, str]:
     """Return for each name the number it ends in, or its first letter that is not taken yet."""
     letters = dict[str, str]()
     for name in names:
@@ -268,7 +270,7 @@ def _with_markers(
     rows, columns = view.shape
     if rows * columns > MOST_CELLS:
         return None
-    colours, letters = cycle(AGENTS), _letters_of(cells)
+    colours, letters = cycle(AGENTS), marker_letters(cells)
     markers = [
         Marker(
             letters[name],

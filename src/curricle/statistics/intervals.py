@@ -6,6 +6,7 @@ A NaN is never dropped, since seeds without a measurement are usually slow: it m
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,7 @@ from curricle.text import brief_repr, counted
 CONFIDENCE = 0.95  # nominal coverage of an interval by default
 ROUNDING = 1e-12  # share of the largest value by which rounding can make equal values differ
 APART, FEWEST_CLUSTERED = 3, 5  # ranges between two clusters; the fewest seeds that have any
+FEWEST_CURVES = 5  # seeds of all arms, from which the extremes of returns are told
 DIGITS = 9  # significant digits of a printed interval at most; three if its bounds differ in them
 
 
@@ -53,6 +55,15 @@ class Interval(Frozen):
 
     __repr__ = brief_repr
     _repr_html_ = printed
+
+    def within(self, returns: tuple[float, float]) -> Interval:
+        """Return the interval of a mean of returns without what lies beyond the possible ones.
+
+        A bound never crosses the estimate, which rollouts may put just beyond a possible return.
+        """
+        low, high = np.minimum(returns[0], self.estimate), np.maximum(returns[1], self.estimate)
+        least, most = np.maximum(self.low, low), np.minimum(self.high, high)
+        return replace(self, low=frozen(least), high=frozen(most))
 
     def __str__(self) -> str:
         triples = np.atleast_2d(np.transpose([self.estimate, self.low, self.high]))
@@ -204,6 +215,16 @@ def _student(
     return Interval(frozen(middle), *bounds, confidence, len(array))
 
 
+def extremes(returns: Sequence[FloatArray]) -> tuple[float, float]:
+    """Return the lowest and the highest return of curves, (K, T) each; infinite ends if too few."""
+    # A mean over 3 seeds alone is above the best of them too often: 95 % intervals that end there
+    # cover it in 85 % of cases, of 5 seeds in 94.5 %, of 3 seeds in each of 2 arms in 94 %.
+    if sum(map(len, returns)) < FEWEST_CURVES:
+        return -math.inf, math.inf
+    known = np.concatenate([array[np.isfinite(array)] for array in returns])
+    return (float(known.min()), float(known.max())) if known.size else (-math.inf, math.inf)
+
+
 def _triple(numbers: FloatArray) -> str:
     """Return ``estimate [low, high]`` in three digits, or more if the bounds would look equal."""
     finite = np.abs(numbers[np.isfinite(numbers)])
@@ -224,9 +245,9 @@ def seed_line(
     colour: str = "currentColor",
     *,
     dashed: bool = False,
-    confidence: float = CONFIDENCE,
+    within: tuple[float, float],
 ) -> Line:
-    """Return the mean over seeds of curves, (K, T) at steps (T,), with Student's interval."""
-    band = mean_interval(np.asarray(values, np.float64), confidence=confidence)
+    """Return the mean over seeds of returns, (K, T) at steps (T,), with Student's interval."""
+    band = mean_interval(np.asarray(values, np.float64)).within(within)
     mean, low, high = map(np.asarray, (band.estimate, band.low, band.high))
     return Line(name, steps, mean, low, high, colour, dashed)

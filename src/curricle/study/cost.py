@@ -57,6 +57,7 @@ def costs(study: StudyConfig, arms: Arms) -> list[Cost]:
             paces[id(node.task)] = pace(node.task)
         acting = paces[id(node.task)] + FORWARD * node.deep
         learning = paces[id(node.task)] + NETWORK if node.deep else SLOWER * acting
+        learning = paces[id(node.task)] if node.distilled else learning
         steps, evaluation = node.most_steps, node.most_evaluation_steps
         seconds = seeds * (learning * steps + acting * evaluation + _exact_seconds(node))
         rows.append(Cost(arm, name, seeds, steps, evaluation, seconds, acting))
@@ -96,7 +97,7 @@ def pace(task: Any) -> float:
 
 def _exact_seconds(node: Node) -> float:
     """Return the most seconds that a seed's exact evaluations take; 0 for rollouts."""
-    if node.takes_no_steps:
+    if node.distilled:
         return DISTILLING
     if node.deep or hasattr(node.evaluation.kernel(node.task), "episodes"):
         return 0.0

@@ -15,7 +15,6 @@ import numpy as np
 from curricle.comparison.opponents import OPPONENTS
 from curricle.design.candidates import source_candidates
 from curricle.design.choice import MOST, Choice, choose as choose_curriculum, options_of
-from curricle.statistics.intervals import mean_interval
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies
@@ -125,7 +124,7 @@ def effects_of(results: StudyResults) -> list[Level]:
     levels = list[Level]()
     for place in places:
         (key, of, text), all_arms = place, returns[place]
-        mean = mean_interval(np.mean(all_arms, axis=0))
+        mean = comparison.interval(np.mean(all_arms, axis=0))
         ends = float(mean.estimate), float(mean.low), float(mean.high)
         levels.append(Level(of, key, text, len(all_arms), *ends))
     return levels

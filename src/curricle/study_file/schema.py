@@ -489,7 +489,8 @@ def _loaded(value: Any, folder: Path) -> Any:
         return {name: _loaded(inner, folder) for name, inner in value.items()}
     if isinstance(value, list):
         return [_loaded(inner, folder) for inner in value]
-    return load(value, folder) if isinstance(value, str) and ":" in value else value
+    named = isinstance(value, str) and re.fullmatch(r"[\w.]+:[\w.]+", value)
+    return load(value, folder) if named else value
 
 
 class EpisodesTable(ObjectTable):

@@ -22,6 +22,7 @@ from curricle.design.candidates import KINDS
 from curricle.errors import ConfigError, TaskError
 from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task
+from curricle.interop.states import DeepCopy
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import solve, visit_distribution
 from curricle.study_file.own_code import load, suggestion, users_code
@@ -249,13 +250,16 @@ class _EncodedTable(EnvironmentTable):
 class _TabulatedTable(_EncodedTable):
     reset_seeds: tuple[Whole, ...] = (0,)
     """Seeds of the resets, which are equally likely starts."""
+    ignore: tuple[Name, ...] | None = None
+    """Attributes that change no observation and no reward, such as a count of steps."""
     cache: Name | None = None
     """A file beside the study that stores the tables."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, with seeds and cache under the function's names."""
-        cache = None if self.cache is None else folder / self.cache
-        return {**super().arguments_in(folder), "seeds": self.reset_seeds, "cache": cache}
+        """Return the arguments, with seeds, state and cache under the function's names."""
+        arguments = {**super().arguments_in(folder), "seeds": self.reset_seeds}
+        arguments["cache"] = None if self.cache is None else folder / self.cache
+        return arguments | ({"state": DeepCopy(self.ignore)} if self.ignore else {})
 
 
 class _ObservationTable(_EncodedTable):

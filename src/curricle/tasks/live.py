@@ -14,6 +14,7 @@ from numba.core import cgutils
 
 from curricle.arrays import BoolArray, FloatTable
 from curricle.checks import brief, instance
+from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.kernel import inlined, lowered, splitmix64
 from curricle.tasks.mdp import number_of
@@ -183,6 +184,8 @@ class LiveMDP:
     time_limit: int | None = 200
     action_masks: bool = False
 
+    _repr_html_ = pictured
+
     def __post_init__(self) -> None:
         instance("action_masks", self.action_masks, bool, TaskError)
         encode = [] if self.encode is None else ["encode"]
@@ -214,7 +217,7 @@ def masks_actions(task: Any) -> bool:
 def reset_state(task: LiveMDP) -> int:
     """Return the state that a new environment is in after a reset with seed 0."""
     with closing(task.make()) as environment:
-        return numbering(task)(_observed(environment.reset(seed=0)))
+        return numbering(task)(_observed(seeded_reset(environment, 0)))
 
 
 def open_model(
@@ -274,7 +277,7 @@ def _player(
         number, moves = numbering(task), [task.act(a) for a in range(task.actions.size)]
         step, reset, masks = environment.step, environment.reset, task.action_masks
         close = _closing(task, environment, *closes)
-        begun = reset(seed=seed)
+        begun = seeded_reset(environment, seed)
         while True:
             state = number(_observed(begun))
             if masks:
@@ -285,7 +288,7 @@ def _player(
                 try:  # here, as a call costs a tenth of a step
                     observation, reward, terminated, truncated, info = followed
                 except (TypeError, ValueError):
-                    raise TaskError(_wrong_parts("step", followed)) from None
+                    raise TaskError(wrong_parts("step", followed)) from None
                 earned = number_of(reward)
                 if not -LARGEST_REWARD <= earned <= LARGEST_REWARD:
                     raise TaskError(
@@ -353,16 +356,40 @@ def action_mask(environment: Any, info: Any, n_actions: int) -> BoolArray:
 
 def _observed(begun: Any) -> Any:
     """Return the observation in the pair that a reset returned."""
+    return checked_parts("reset", begun)[0]
+
+
+OLD_GYM = (
+    "an environment of the old gym becomes one of Gymnasium's by the package shimmy: "
+    "shimmy.GymV26CompatibilityV0(env=...), or GymV21CompatibilityV0 where a step returns 4 parts"
+)
+
+
+def seeded_reset(environment: Any, seed: int) -> Any:
+    """Return what an environment's reset with a seed returns; TaskError if it takes no seed."""
     try:
-        observation, _ = begun
-    except (TypeError, ValueError):
-        raise TaskError(_wrong_parts("reset", begun)) from None
-    return observation
+        return environment.reset(seed=seed)
+    except TypeError as error:
+        if "unexpected keyword argument 'seed'" not in str(error):
+            raise
+        raise TaskError(
+            f"a reset must take a seed, as reset(self, *, seed=None, options=None) does: {error}; "
+            f"{OLD_GYM}"
+        ) from None
 
 
-def _wrong_parts(method: str, returned: Any) -> str:
-    parts = ", ".join(RETURNED[method])
-    return f"a {method} of an environment must return ({parts}): got {returned!r}"
+def checked_parts(method: str, returned: Any) -> tuple[Any, ...]:
+    """Return what a step or reset returned; TaskError unless it has the right parts."""
+    if not isinstance(returned, tuple | list) or len(returned) != len(RETURNED[method]):
+        raise TaskError(wrong_parts(method, returned))
+    return tuple(returned)
+
+
+def wrong_parts(method: str, returned: Any) -> str:
+    """Return the sentence on what a step or reset returned instead of its parts."""
+    old = method == "reset" or (isinstance(returned, tuple) and len(returned) == 4)
+    said = f"({', '.join(RETURNED[method])}): got {brief(returned)}{f'; {OLD_GYM}' * old}"
+    return f"a {method} of an environment must return {said}"
 
 
 def numbering(task: LiveMDP) -> Callable[[Any], int]:

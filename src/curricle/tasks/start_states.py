@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
+from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP, reachable_states, steps_to, tables
 from curricle.tasks.spaces import MISSING, Space
@@ -59,6 +60,8 @@ class TaskWithStart(Frozen):
 
     task: Any
     start: FloatArray  # (S,) the probability of starting in each state
+
+    _repr_html_ = pictured
 
     def __post_init__(self) -> None:
         numbers("start", self.start, TaskError)

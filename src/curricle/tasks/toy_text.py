@@ -299,7 +299,16 @@ class Taxi(Domain):
         """Where the states lie, for pictures."""
         values = self.states.decode()
         cells = frozen(np.stack([values["row"], values["column"]], axis=1))
-        return GridLayout(cells, ("row", "column"), (self.size, self.size))
+        stands = np.stack(np.divmod(self.stand_cells, self.size), axis=1)
+        riding = (values["passenger"] == self.stands)[:, None]
+        waiting = stands[np.minimum(values["passenger"], self.stands - 1)]
+        # Not by their components' names, so that these are written too: figures hide each other.
+        moving = {
+            "Destination": stands[values["destination"]],
+            "Passenger": np.where(riding, cells, waiting),
+        }
+        shape = self.size, self.size
+        return GridLayout(cells, ("row", "column"), shape, markers=moving)
 
     @property
     def wall_cells(self) -> BoolArray:

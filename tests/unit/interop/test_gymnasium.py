@@ -153,6 +153,12 @@ OBSERVATIONS = {  # the states of two observations, and the names of their compo
         [1, 1],
         ["state_1", "state_2"],
     ),
+    "a box of whole numbers": (
+        spaces.Box(np.array([[0, -1]]), np.array([[2, 1]]), dtype=np.int64),
+        [np.array([[0, -1]]), np.array([[2, 0]])],
+        [0, 7],
+        ["state_1", "state_2"],
+    ),
     "tuple": (
         spaces.Tuple([spaces.Discrete(3), spaces.Tuple([spaces.Discrete(2), spaces.Discrete(2)])]),
         [(2, (0, 1)), (0, (1, 0))],
@@ -166,6 +172,33 @@ OBSERVATIONS = {  # the states of two observations, and the names of their compo
         ["card", "dice_1", "dice_2"],
     ),
 }
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        spaces.Box(0, 255, (84, 84, 3), np.uint8),  # a picture
+        spaces.Box(-(2**63), 2**63 - 1, (1,), np.int64),  # without bounds
+        spaces.Box(0, 7, (2,), np.float32),
+        spaces.Dict(cell=spaces.Discrete(3), picture=spaces.Box(0, 255, (9, 9), np.uint8)),
+    ],
+)
+def test_a_box_that_cannot_be_counted_has_no_states(space):
+    world = {"observation_space": space, "action_space": TWO, "observations": []}
+    with pytest.raises(cr.errors.TaskError, match=r"observations must be discrete.*; tabulate"):
+        cr.from_gymnasium(Echo, discount=0.9, time_limit=9, **world)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("FrozenLaek-v1", "exist, did you mean FrozenLake-v1 or"),
+        ("Empty-5x5-v0", "exist, did you mean minigrid:MiniGrid-Empty-5x5-v0"),
+    ],
+)
+def test_an_unknown_id_suggests_ids(name, meant):
+    with pytest.raises(cr.errors.TaskError, match=meant):
+        cr.from_gymnasium(name, discount=0.9)
 
 
 @pytest.mark.parametrize("kind", OBSERVATIONS)

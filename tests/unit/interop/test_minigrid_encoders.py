@@ -26,7 +26,7 @@ def one_hot(codes):
 
 @pytest.mark.parametrize("name", [CROSSING, DOOR, "BabyAI-GoToLocal-v0"])
 def test_the_view_is_one_hot(name):
-    env, plain = MiniGridView()(gym.make(name)), gym.make(name)
+    env, plain = MiniGridView(mission=False)(gym.make(name)), gym.make(name)
     assert env.observation_space == gym.spaces.Box(0, 1, (984,), np.float32)
     rng = np.random.default_rng(0)
     for seed in range(3):
@@ -68,6 +68,24 @@ def test_the_mission_is_a_bag_of_words():
 def test_the_words_are_those_of_babyai_too(name):
     env = MiniGridView(mission=True)(gym.make(name))
     assert env.reset(seed=0)[0] in env.observation_space
+
+
+@pytest.mark.parametrize(
+    ("name", "differ"),
+    [("Fetch-5x5-N2", True), ("GoToDoor-5x5", True), ("KeyCorridorS3R1", True),
+     ("DoorKey-5x5", False), ("MultiRoom-N2-S4", False)],
+)  # fmt: skip
+def test_missions_are_seen_by_default_where_they_differ(name, differ):
+    plain, env = (f(gym.make(f"MiniGrid-{name}-v0")) for f in (lambda x: x, MiniGridView()))
+    missions = {plain.reset(seed=seed)[0]["mission"] for seed in range(20)}
+    assert (len(missions) > 1) == differ
+    assert env.reset(seed=0)[0].shape == env.observation_space.shape == (984 + 59 * differ,)
+    assert MiniGridView(mission=False)(plain).observation_space.shape == (984,)
+    wide = MiniGridFullView(25, 25)(plain).observation_space
+    assert wide.shape == (25 * 25 * 20 + 4 + 59 * differ,)
+    assert MiniGridView(picture=True)(plain).observation_space.shape == (24, 7, 7)
+    babyai = gym.make("BabyAI-GoToLocal-v0")
+    assert MiniGridView()(babyai).observation_space.shape == (984 + 59,)
 
 
 def test_an_unknown_word_is_named():

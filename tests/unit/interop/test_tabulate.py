@@ -21,11 +21,14 @@ from tests.worlds_to_tabulate import (
     Counting,
     Dark,
     Flickering,
+    OldReset,
     OldStep,
     OwnClock,
     Slippery,
+    Toggles,
     Uncopyable,
     Unreadable,
+    Unseeded,
 )
 
 
@@ -206,14 +209,30 @@ def test_estimates_say_so_and_come_close():
 
 REFUSALS = {
     "cannot be copied": (Uncopyable, {}, "copying .* failed with TypeError"),
-    "never ends growing": (Counting, {"max_states": 300}, "more, and 'taken' has the most values,"),
+    "never ends counting": (
+        Counting,
+        {"max_states": 300},
+        r"more; 'taken' counts steps, which state=DeepCopy\(ignore=\['taken'\]\) leaves out",
+    ),
+    "counts until late": (Counting, {"max_seconds": 0.2}, "'taken' counts steps"),
+    "never ends growing": (
+        Toggles,
+        {"max_states": 300},
+        "more, and 'switched' has the most values, .*; from_gymnasium plays it live",
+    ),
+    "a reset draws without its seed": (
+        partial(Unseeded, cells=10**6),
+        {},
+        "two resets of .*Unseeded.* with seed 0 differ; let reset call super",
+    ),
+    "a reset of old": (OldReset, {}, "a reset must take a seed, .*'seed'; .* shimmy.GymV26Compat"),
     "a reward is no number": (
         lambda: TransformReward(Corridor(), lambda reward: float("nan")),
         {},
         "a reward must be a finite number: got nan from",
     ),
     "a part has no module": (Unreadable, {}, r"restore\): a Opaque in it cannot be read .no parts"),
-    "a step of old": (OldStep, {}, r"a step must return \(observation, reward, .*: got \("),
+    "a step of old": (OldStep, {}, r"must return \(observation, reward, .*: got \(.*shimmy"),
     "nothing is listed": (
         Corridor,
         {"outcomes": lambda s, a: None, "state": (save, restore)},
@@ -240,6 +259,13 @@ def test_refusals_are_one_sentence(case):
     with pytest.raises(TaskError, match=said) as caught:
         cr.tabulate(make, **{"discount": 0.5, **settings})
     assert "\n" not in str(caught.value)
+
+
+def test_a_counter_of_steps_is_left_out_as_the_refusal_says():
+    task = cr.tabulate(Counting, discount=0.5, state=DeepCopy(ignore=["taken"]), time_limit=9)
+    plain = cr.tabulate(Corridor, discount=0.5, time_limit=9)
+    assert task.states.names == plain.states.names
+    assert cr.solve(task).start_value == cr.solve(plain).start_value
 
 
 def test_settings_are_checked():

@@ -227,3 +227,8 @@ def test_what_depends_on_the_time_is_refused(world, copies):
     said = "depend on the time only with state=.*led to another reward"
     with pytest.raises(TaskError, match=said):
         cr.tabulate(make, discount=0.9, state=MiniGridState(copies=copies))
+
+
+def test_a_level_may_be_reset_again():
+    task = cr.tabulate("MiniGrid-RedBlueDoors-6x6-v0", discount=0.9)  # each seed is, to compare
+    assert task.states.size == 198

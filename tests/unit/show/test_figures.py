@@ -2,13 +2,16 @@
 
 import io
 import os
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import FillBetweenPolyCollection, LineCollection
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison, Reference
+from curricle.comparison.comparison import Arm, Comparison, Reference, _lines
 from curricle.errors import SettingError, TaskError
 from curricle.show.plots import (
     draw_comparison,
@@ -19,6 +22,7 @@ from curricle.show.plots import (
 )
 from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
+from curricle.statistics.intervals import extremes
 from curricle.study.results import StudyResults
 
 from .studies import labelled, texts_of
@@ -98,6 +102,60 @@ def test_returns_over_decades_are_drawn_on_a_bent_axis():
     assert curves.get_ylim()[0] < -400
 
 
+def test_many_arms_are_lines_with_bars_and_whole_names():
+    long = [f"{letter}, a name of many words that says what the arm does" for letter in "abcdefg"]
+    unbroken = "without_any_space_" * 5
+    many = {name: arm(float(n), 20) for n, name in enumerate([*long, unbroken])}
+    figure = draw_comparison(
+        Comparison("hunt", {"scratch": arm(0.0), **many}, 80, 100, Reference(7.5), 1)
+    )
+    curves, profile, gains = figure.axes
+    assert not [
+        drawn for drawn in curves.collections if isinstance(drawn, FillBetweenPolyCollection)
+    ]
+    assert not profile.collections
+    bars = [drawn for drawn in curves.collections if isinstance(drawn, LineCollection)]
+    assert len(bars) == 9
+    places = [segment[0, 0] for drawn in bars for segment in drawn.get_segments()]
+    assert len({*places}) >= 9  # of 11 checkpoints: they stand beside each other
+    FigureCanvasAgg(figure).draw()
+    shown = [label.get_text().replace("\n", " ") for label in gains.get_yticklabels()]
+    assert shown[:-1] == ["scratch", *long]
+    assert shown[-1].replace(" ", "") == unbroken
+    whole, renderer = figure.bbox, FigureCanvasAgg(figure).get_renderer()
+    for axes in figure.axes:
+        for text in (axes.yaxis.label, axes.xaxis.label, *gains.get_yticklabels()):
+            box = text.get_window_extent(renderer)
+            assert whole.x0 <= box.x0 <= box.x1 <= whole.x1
+            assert whole.y0 <= box.y0 <= box.y1 <= whole.y1
+    names = [label.get_window_extent(renderer) for label in gains.get_yticklabels()]
+    assert all(above.y0 >= below.y1 for above, below in pairwise(names))
+    assert min(name.x0 for name in names) >= profile.get_window_extent(renderer).x1
+
+
+def test_bands_stay_within_possible_returns():
+    seeds = np.repeat([[0.0], [0.0], [1.0]], 11, axis=1)
+    arms = {"scratch": Arm(Curve(STEPS, seeds)), "a": Arm(Curve(STEPS, seeds))}
+    for possible, ends in ((None, (0, 1)), ((-0.25, 1.125), (-0.25, 1.125))):
+        compared = Comparison("hunt", arms, 80, 100, Reference(0.5, possible=possible), 1)
+        assert compared.within == ends
+        for band in draw_comparison(compared).axes[0].collections:
+            heights = band.get_paths()[0].vertices[:, 1]
+            assert (heights.min(), heights.max()) == ends
+        mean = compared.mean_return("a")
+        assert (mean.low, mean.high) == ends
+        assert mean.estimate == pytest.approx(1 / 3)
+        for line in _lines(compared):
+            assert (line.low.min(), line.high.max()) == ends
+
+
+def test_few_curves_do_not_tell_what_returns_can_be():
+    rows = np.arange(5.0)[:, None] + np.zeros(4)
+    assert extremes([rows]) == extremes([rows[:2], rows[2:]]) == (0, 4)
+    assert extremes([rows[:4]]) == (-np.inf, np.inf)
+    assert extremes([np.full((5, 4), np.nan)]) == (-np.inf, np.inf)
+
+
 def test_a_forecast_has_a_bar_for_each_potential(predicted):
     (axes,) = draw_forecast(predicted).axes
     names = [label.get_text() for label in axes.get_yticklabels()]
@@ -136,12 +194,12 @@ def test_what_was_learnt_is_plotted(tmp_path, finished):
     trained = cr.Curriculum({"$near$": near, "maze": maze}, [edge], budget=500).train(seeds=2)
     figure = plot(trained, tmp_path / "both.png")
     assert [axes.get_title() for axes in figure.axes] == ["$near$", "maze"]
-    assert [axes.get_ylabel() for axes in figure.axes] == ["greedy return"] * 2
+    assert [axes.get_ylabel() for axes in figure.axes] == ["mean return of greedy episodes"] * 2
     learnt = trained["maze"]
     (axes,) = plot(learnt).axes
     assert axes.lines[0].get_ydata().tolist() == learnt.greedy_return.mean(axis=0).tolist()
     unevaluated = cr.learn(maze, budget=500, evaluation=cr.GreedyEvaluation(method="off"))
-    assert plot(unevaluated).axes[0].get_ylabel() == "training return"
+    assert plot(unevaluated).axes[0].get_ylabel() == "mean return of training episodes"
     study = StudyResults(finished)
     assert len(plot(study).axes) == len(plot(study.comparison).axes) == 3
     values = learnt.values[0]

@@ -1,11 +1,15 @@
 """Pictures of tasks and their text, and environments whose states have a row and a column."""
 
+import base64
+import io
+import re
 from itertools import combinations
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
+from PIL import Image
 
 import curricle as cr
 from curricle import Pursuit, tasks
@@ -65,7 +69,7 @@ def test_text_shows_who_is_where():
     environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
     assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
     first = int(GRIDS["Block Dude"].mdp.start_states[0])
-    assert "1" in scene_of(GRIDS["Block Dude"]).text(first)
+    assert "B" in scene_of(GRIDS["Block Dude"]).text(first)
     with pytest.warns(UserWarning, match="render_mode"):
         assert to_gymnasium(WALLED).render() is None
 
@@ -129,7 +133,70 @@ def test_other_names_of_rows_and_columns_make_a_grid_and_other_components_none()
 def test_cells_of_states_with_other_components_are_no_walls():
     tabled = cr.tabulate(Tank, discount=0.9, actions=MOVES)
     view = GridView.of(tabled)
-    assert view.words == "fuel 4"
+    assert view.words == "G: goal, fuel 4"
     assert view.cells.tolist() == [[1, 0]]  # with a full tank only the start
     assert view.walls.size == 0
     assert GridView.of(tabled, {"fuel": 3}).cells.tolist() == [[1, 0], [1, 1], [2, 0]]
+
+
+class Vault(Tank):
+    """The tank with attributes that say what lies where, and some that do not."""
+
+    def __init__(self):
+        super().__init__(1)
+        self.goal_position, self.walls = np.array([2, 2]), {(1, 1), (0, 3)}
+        self.hazards, self.key, self.keys = [(2, 0)], "brass", [[1, 2], [9, 9]]
+        self.doors = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 0]], bool)
+        self.pit_depths, self.target_return = [(1, 2, 3), (4,)], 0.5
+
+
+def test_what_lies_in_cells_is_read_off_an_environments_attributes():
+    vault = cr.from_gymnasium(Vault, discount=0.9, names=NAMES, actions=MOVES, time_limit=9)
+    layout = layout_of(vault)
+    assert (layout.origin, layout.shape) == ((0, 0), (3, 4))  # a wall lies outside of all states
+    assert {*map(tuple, layout.wall_cells.tolist())} == {(1, 1), (0, 3)}
+    assert {drawn[:3] for drawn in layout.objects} == {
+        *(("goal", 2, 2), ("pit", 2, 0), ("lock", 1, 2)),  # of the keys one lies nowhere: none
+    }
+    view = GridView.of(vault)
+    assert [1, 1] in view.walls.tolist()
+    assert [1, 1] not in view.cells.tolist()
+    text = scene_of(vault).text(vault.states.encode_one((1, 0, 1)))
+    assert text == "...#\n@#L.\nP.G.\nfuel = 1"
+
+
+def test_ends_are_read_off_tables_and_keys_off_names():
+    lake = cr.from_gymnasium("FrozenLake-v1", discount=0.9)
+    by_hand = set(layout_of(tasks.FrozenLake()).objects)
+    assert {*layout_of(lake).objects} == by_hand
+    alive = cr.from_gymnasium("FrozenLake-v1", discount=0.9, live=True)
+    assert {drawn[:3] for drawn in layout_of(alive).objects} == {drawn[:3] for drawn in by_hand}
+    cliff = cr.from_gymnasium("CliffWalking-v1", discount=0.9)
+    assert layout_of(cliff).objects == (("goal", 3, 11, True),)
+    names = "row", "column", "key_row", "key_column"
+    space = cr.Space([cr.Component(name, 3, -1) for name in names])
+    states = {"row": 0, "column": 1, "key_row": 1, "key_column": -1}
+    rooms = cr.FiniteMDP.from_outcomes(
+        [[[(1.0, s, 0.0, False)]] for s in range(81)],
+        states=space,
+        start=0,
+        discount=0.9,
+        time_limit=9,
+    )
+    assert layout_of(rooms).markers["key"][space.encode(**states)].tolist() == [1, -1]
+
+
+@pytest.mark.parametrize("task", [*GRIDS.values(), LIVE, cr.Pursuit(3, 2)], ids=repr)
+def test_a_grid_task_is_a_picture_in_a_notebook(task):
+    html = task._repr_html_()
+    content = base64.b64decode(re.search('base64,([^"]+)"', html)[1])
+    with Image.open(io.BytesIO(content)) as picture:
+        assert picture.format == "PNG"
+        assert np.ptp(np.asarray(picture), axis=(0, 1)).max() > 100
+    assert html == task._repr_html_()
+    assert "http" not in html
+
+
+def test_a_task_without_a_grid_is_printed_in_a_notebook():
+    numbered = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0, False)]]], start=0, discount=0.9)
+    assert numbered._repr_html_() is None

@@ -24,9 +24,11 @@ document.addEventListener("DOMContentLoaded", () => {
   });
   const listed = rows.map((row) => arms.find((arm) => arm.name === row.dataset.arm));
   const shownArms = () => arms.filter((arm) => arm.shown);
+  const hides = (name) => shownArms().length > data.most_bands && name !== nearest;
 
   // What is shown: steps, and heights on the axis of returns. No view, of steps and returns, means all.
-  let panel = "strong", cursor = null, drag = null, scales = null;
+  // With many arms only one has a band: the arm whose line, or name, is nearest the pointer.
+  let panel = "strong", cursor = null, drag = null, scales = null, nearest = null;
   const whole = () => ({ x: data.panels[panel].x, y: data.panels[panel].y.map(heightOf) });
   const current = () => (views[panel] ? { x: views[panel].x, y: views[panel].y.map(heightOf) } : whole());
   const last = () => arms[0][panel].first + arms[0][panel].mean.length - 1;
@@ -87,7 +89,8 @@ document.addEventListener("DOMContentLoaded", () => {
     const bound = (values) => values.map((item, i) => (Number.isNaN(item) ? mean[i] : item));
     const outline = [...bound(low), ...bound(high).reverse()];
     const d = lineOf([...xs, ...[...xs].reverse()], outline, to);
-    add(parent, "path", { "data-arm": arm.name, class: "band", d, fill: arm.colour, "fill-opacity": 0.18 });
+    const look = { fill: arm.colour, "fill-opacity": 0.18, display: hides(arm.name) ? "none" : "inline" };
+    add(parent, "path", { "data-arm": arm.name, class: "band", d, ...look });
   };
   const drawLines = (parent, arm, to) => {
     const { first, steps: [start], steps: xs, mean } = arm[panel], end = data.panels[panel].x[1];
@@ -124,7 +127,7 @@ document.addEventListener("DOMContentLoaded", () => {
       add(svg, "text", { x: x(item), y: bottom + 19, "text-anchor": "middle" }, label(item));
     }
     add(svg, "path", { d: `M${left} ${top}V${bottom}H${right}`, stroke: GREY, fill: "none" });
-    add(svg, "text", { x: 2, y: 13 }, `greedy return${data.symlog ? " (symlog scale)" : ""}`);
+    add(svg, "text", { x: 2, y: 13 }, `${data.unit}${data.symlog ? " (symlog scale)" : ""}`);
     const counted = panel === "strong" ? "target and source steps" : "target steps";
     add(svg, "text", { x: right, y: height - 6, "text-anchor": "end" }, counted);
     const frame = { x: left, y: top - 3, width: right - left + 3, height: bottom - top + 6 };
@@ -149,6 +152,10 @@ document.addEventListener("DOMContentLoaded", () => {
     const said = `${label(steps[k])} steps: ${values.join("; ")}`;
     dress(chart, { "aria-valuemax": steps[last()], "aria-valuenow": steps[k], "aria-valuetext": said });
     over.replaceChildren();
+    chart.querySelectorAll(".band").forEach((item) => {
+      dress(item, { display: hides(item.dataset.arm) ? "none" : "inline" });
+    });
+    rows.forEach((row, n) => row.classList.toggle("nearest", listed[n].name === nearest && shownArms().length > data.most_bands));
     if (drag?.box) add(over, "rect", { ...drag.box, fill: "#0072b2", "fill-opacity": 0.12, stroke: "#0072b2" });
     if (cursor === null || x(steps[k]) < left - 1 || x(steps[k]) > right + 1) return;
     add(over, "path", { d: `M${x(steps[k])} ${top}V${bottom}`, stroke: "#111", "stroke-dasharray": "3 3" });
@@ -199,6 +206,9 @@ document.addEventListener("DOMContentLoaded", () => {
     const box = chart.getBoundingClientRect(), wanted = stepsAt(clientX - box.left);
     const away = steps.slice(0, last() + 1).map((item) => Math.abs(item - wanted));
     cursor = away.indexOf(Math.min(...away));
+    const begun = shownArms().filter((arm) => cursor >= arm[panel].first);
+    const apart = (arm) => Math.abs(scales.y(arm[panel].mean[cursor - arm[panel].first]) - (clientY - box.top));
+    nearest = begun.length ? begun.reduce((a, b) => (apart(b) <= apart(a) ? b : a)).name : null;
     return [clientX - box.left, clientY - box.top];
   };
   chart.addEventListener("pointerdown", (event) => {
@@ -228,7 +238,7 @@ document.addEventListener("DOMContentLoaded", () => {
   });
   const leave = (event) => {
     if (event.type === "pointerleave" && (event.pointerType === "touch" || drag)) return;
-    drag = cursor = null;
+    drag = cursor = nearest = null;
     drawCursor();
   };
   for (const name of ["pointerleave", "pointercancel"]) chart.addEventListener(name, leave);
@@ -263,8 +273,9 @@ document.addEventListener("DOMContentLoaded", () => {
     const fade = (opacity) => chart.querySelectorAll("[data-arm]").forEach((group) => {
       dress(group, { opacity: group.dataset.arm === listed[n].name ? 1 : opacity });
     });
-    row.addEventListener("pointerenter", () => fade(listed[n].shown ? 0.15 : 1));
-    row.addEventListener("pointerleave", () => fade(1));
+    const name = (arm, opacity) => { nearest = arm; fade(opacity); drawCursor(); };
+    row.addEventListener("pointerenter", () => name(listed[n].name, listed[n].shown ? 0.15 : 1));
+    row.addEventListener("pointerleave", () => name(null, 1));
   });
   at("chart-controls")?.addEventListener("change", (event) => {
     listed.forEach((arm, n) => { if (arm.control) turn(n, event.target.checked); });

@@ -1,0 +1,353 @@
+"""A study of an environment: how it is learnt, what its numbers are called, and easier variants.
+
+The environment is played a little, its states are searched for a few seconds, and variants that its
+constructor's arguments make are learnt: those are easier that take fewer steps.
+"""
+
+import json
+import math
+import re
+import time
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import partial
+from inspect import signature
+from textwrap import fill
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from scipy.ndimage import uniform_filter1d
+
+from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
+from curricle.errors import ConfigError, TaskError
+from curricle.interop.gymnasium import (
+    actions_of,
+    from_gymnasium,
+    has_table,
+    is_discrete,
+    names_of,
+    opened,
+    space_of,
+)
+from curricle.interop.minigrid import is_minigrid
+from curricle.interop.states import (
+    DeepCopy,
+    Words,
+    counters_of,
+    time_limit_of,
+    words_of_state,
+)
+from curricle.interop.tabulated_task import parts_of, same_observation
+from curricle.interop.tabulation import tabulate
+from curricle.learning.learners import QLearning
+from curricle.learning.run import learn
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.study_file.own_code import users_code
+from curricle.tasks.live import action_mask, checked_parts, is_live, seeded_reset
+from curricle.tasks.mdp import tables
+from curricle.tasks.observation_task import EnvironmentMaker
+from curricle.transfer.by_components import project
+
+DISCOUNT, LIMIT = 0.99, 500  # the time limit of an environment without a limit
+SECONDS, PLAYED = 10.0, 2.0  # for its states, and again for its variants; of play
+EPISODES, LONGEST = 6, 1_000  # of play, and steps of an episode
+SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # where steps are random and must be tabulated
+BUDGETS, LIVE = (10_000, 100_000, 1_000_000), (20_000,)  # steps in which a task is to be learnt
+TRIED, CHECKS, SMOOTH = 3, 20, 5  # seeds and checkpoints of a trial; over how many it is smoothed
+QUICK, NOISE = 5_000, 2.0  # steps a second of a live trial; deviations that its return must gain
+LEARNT = 0.9  # of the way from the random policy's return to the optimum
+SOONER, MOST = 0.8, 3  # of the target's steps, what an easier variant takes; variants in a study
+LIMITS = "steps|limit|horizon|length"  # in the names of attributes: how long episodes are
+NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"  # of arguments: no other task
+
+
+class Play:
+    """What a few episodes of random actions show of an environment."""
+
+    def __init__(self, env: Any):
+        self.env, self.masks, self.cuts = env, False, list[int]()  # at which steps it truncated
+        self.points, self.about = list[list[Any]](), list[Words]()  # observations and attributes
+        self.times = list[int]()  # steps since the reset
+        self.act, self.actions = actions_of(env.action_space, None, None)
+        began = time.perf_counter()
+        first, *_, again = [self._episode(seed, began + PLAYED) for seed in (*range(EPISODES), 0)]
+        self.follows_seed = all(map(same_observation, first, again))
+        self.speed = len(self.times) / (time.perf_counter() - began)  # steps a second
+
+    def _episode(self, seed: int, ends: float) -> list[Any]:
+        """Play an episode; TaskError where its steps or reset are not Gymnasium's."""
+        env, rng, seen, over, cut = self.env, np.random.default_rng(seed), list[Any](), False, False
+        observed, info = checked_parts("reset", seeded_reset(env, seed))
+        self.masks = "action_mask" in info or env.has_wrapper_attr("action_masks")
+        while True:
+            leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
+            self.points.append([x for leaf in leaves for x in leaf])
+            self.about.append(words_of_state(vars(env.unwrapped)))
+            self.times.append(len(seen))
+            seen.append(deepcopy(observed))
+            if over or cut or len(seen) > LONGEST or time.perf_counter() > ends:
+                self.cuts += [len(seen) - 1] * bool(cut)
+                return seen
+            n_actions = self.actions.size
+            allowed = action_mask(env, info, n_actions) if self.masks else np.ones(n_actions)
+            action = self.act(int(rng.choice(np.flatnonzero(allowed))))
+            observed, _, over, cut, info = checked_parts("step", env.step(action))
+
+    @property
+    def whole(self) -> bool:
+        """Whether the numbers in observations are whole, as far as was seen."""
+        return all(x % 1 == 0 for point in self.points for x in point if isinstance(x, float))
+
+    @property
+    def counters(self) -> list[str]:
+        """Attributes that grow by one with every step."""
+        later = np.flatnonzero(self.times)
+        return [] if is_minigrid(self.env) else counters_of(self.about, later - 1, later, self.env)
+
+    @property
+    def limit(self) -> int | None:
+        """Steps after which episodes end whatever is done, None if unknown."""
+        counters, about = self.counters, self.about[0]
+        named = {name for name in about if counters and re.search(LIMITS, name.lower())}
+        stated = [about[name] for name in named - {*counters}]
+        return min([*self.cuts, *(x for x in stated if type(x) is int and x > 1)], default=None)
+
+    def names(self) -> list[str]:
+        """Return the attributes that the numbers in observations show, ``state_1`` if unknown."""
+        names = list[str]()
+        for i, column in enumerate(zip(*self.points, strict=False), start=1):
+            shown = [
+                name
+                for name in self.about[0]
+                if all(about.get(name) == x for about, x in zip(self.about, column, strict=True))
+            ]
+            sure = [name.lstrip("_") for name in shown if len(set(column)) > 1 or len(shown) == 1]
+            names.append(next((name for name in sure if name not in names), f"state_{i}"))
+        return names
+
+
+# -- How an environment becomes a task, and how soon it is learnt ----------------------------------
+
+
+@dataclass
+class Way:
+    """A way to make tasks of an environment: a function of the library, and its options."""
+
+    recipe: Any
+    makes: Any
+    options: dict[str, Any]
+
+    def task(self, arguments: dict[str, Any], seconds: float) -> Any:
+        """Return the task of a constructor's arguments; TaskError if it takes longer."""
+        timed = {"max_seconds": seconds} if self.makes is tabulate else {}
+        maker = EnvironmentMaker(self.recipe, arguments)
+        return self.makes(maker, discount=DISCOUNT, **self.options, **timed)
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The options as a study file has them."""
+        written = {"state": "ignore", "seeds": "reset_seeds"}
+        plain = {name: getattr(value, "ignore", value) for name, value in self.options.items()}
+        return {written.get(name, name): value for name, value in plain.items()}
+
+
+class Variant(NamedTuple):
+    """An environment with some arguments, and the steps in which it is learnt."""
+
+    arguments: dict[str, Any]
+    task: Any
+    judgement: Judged | None  # of tables
+    steps: float  # infinite where it is not learnt
+
+
+def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bool) -> Variant:
+    """Return a task with the steps after which Q-learning is nearly as good as it gets."""
+    evaluation = GreedyEvaluation(episodes=2) if is_live(task) else None
+    judgement = None
+    if not is_live(task):
+        mdp = tables(task)
+        judgement = judged(mdp, None if has_goal else np.ones(len(mdp.terminal), bool))
+        budgets = () if judgement.refusal else budgets
+    for budget in budgets:
+        often: dict[str, Any] = {"eval_freq": budget // CHECKS, "evaluation": evaluation}
+        learning = learn(task, QLearning(), budget, seeds=TRIED, **often)
+        curve = learning.greedy_return.mean(axis=0)
+        if judgement is not None:
+            low, high = judgement.random_return, judgement.optimum
+        else:  # the best return that a few episodes show, if it is more than their noise
+            curve = uniform_filter1d(curve, SMOOTH)
+            low, high = curve[0], curve.max()
+            if high - low <= NOISE * float(np.diff(learning.greedy_return, axis=1).std()):
+                continue
+        near = curve >= low + LEARNT * (high - low)
+        if near.any():
+            return Variant(arguments, task, judgement, float(learning.steps[near.argmax()]))
+    return Variant(arguments, task, judgement, math.inf)
+
+
+def easier(target: Variant, way: Way, env: Any, trial: Any) -> list[Variant]:
+    """Return variants that are learnt sooner and that the target can read by name."""
+    kept, ends = list[Variant](), time.perf_counter() + SECONDS
+    for arguments in _arguments(way.recipe, env):
+        if (left := ends - time.perf_counter()) <= 0 or len(kept) == MOST:
+            break
+        try:
+            variant = trial(arguments, way.task(arguments, left))
+            mapped = project(target.task, variant.task).coverage().mapped
+        except Exception:  # a constructor may refuse arguments in any way
+            continue
+        sooner = 0 < variant.steps < math.inf and variant.steps <= SOONER * target.steps
+        if sooner and mapped and not any(_same(variant, other) for other in (target, *kept)):
+            kept.append(variant)
+    return kept
+
+
+def _same(variant: Variant, other: Variant) -> bool:
+    if variant.judgement is None or other.judgement is None:
+        return variant.steps == other.steps  # with equal seeds
+    return same_up_to_homomorphism(variant.judgement, other.judgement)
+
+
+def _arguments(recipe: Any, env: Any) -> Iterator[dict[str, Any]]:
+    """Yield other arguments of a constructor: flipped, halved, fewer by one, without chance."""
+    stated = {} if callable(recipe) else env.spec.kwargs
+    parameters = signature(recipe if callable(recipe) else type(env.unwrapped)).parameters
+    values = {name: stated.get(name, parameter.default) for name, parameter in parameters.items()}
+    values = {name: x for name, x in values.items() if not re.search(NO_TASK, name.lower())}
+    others = {name: _others(value) for name, value in values.items()}
+    for turn in range(max(map(len, others.values()), default=0)):
+        yield from ({name: some[turn]} for name, some in others.items() if turn < len(some))
+    yield {name: x // 2 for name, x in values.items() if type(x) is int and x >= 4}
+
+
+def _others(value: Any) -> list[Any]:
+    """Return the values in place of an argument's that may make an easier task."""
+    if isinstance(value, bool):
+        return [not value]
+    if isinstance(value, int) and value > 0:
+        return [*dict.fromkeys((value // 2, value - max(1, value // 4), value - 1))]
+    return [0.0, 1.0] if isinstance(value, float) and 0 < value < 1 else []
+
+
+# -- The file --------------------------------------------------------------------------------------
+
+
+def environment_study(name: str, recipe: Any) -> tuple[str, list[str]]:
+    """Return a study of an environment, and sentences on what was seen of it."""
+    try:
+        with users_code(name), opened(recipe, EnvironmentMaker(recipe)) as env:
+            return _study(name, recipe, env)
+    except ConfigError as error:
+        hint = "; give its arguments defaults, or name a function without arguments that makes it"
+        raise ConfigError(f"{error}{hint * ('required positional' in str(error))}") from None
+
+
+def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
+    if not is_discrete(env.action_space):
+        return _of_network(name, recipe, env, [], "its actions are no whole numbers")
+    play, notes, table, task = Play(env), list[str](), bool(has_table(env)), None
+    discrete, counters = is_discrete(env.observation_space), play.counters
+    if not play.follows_seed:
+        notes.append(
+            "two resets with one seed and the same actions differ, so that results cannot be "
+            "repeated: let reset call super().reset(seed=seed), and draw from self.np_random alone"
+        )
+    options = _limit(env, play.limit) | ({"action_masks": True} if play.masks and not table else {})
+    ways = [Way(recipe, from_gymnasium, {})] * table
+    if play.whole and not table:
+        ways = [Way(recipe, tabulate, options | {"state": DeepCopy(counters)})] * bool(counters)
+        ways.append(Way(recipe, tabulate, options))
+        ways += [Way(recipe, tabulate, ways[0].options | SAMPLED)] * (not discrete)
+    if discrete and not table:
+        names, space = play.names(), space_of(env.observation_space, "state")
+        known = (
+            names_of(env.unwrapped)[0] or len(names) != len(space.names) or names == [*space.names]
+        )
+        ways.append(Way(recipe, from_gymnasium, options | ({} if known else {"names": names})))
+    refusal, began = "" if play.whole else "its observations are no whole numbers", time.time()
+    for way in ways:
+        try:
+            task = way.task({}, SECONDS)
+            break
+        except TaskError as error:
+            refusal = refusal or str(error)
+    if task is None:
+        return _of_network(name, recipe, env, notes, refusal)
+    live, seeds = is_live(task), 20
+    budgets: tuple[int, ...] = BUDGETS
+    if live:
+        budgets, seeds = LIVE * (play.speed >= QUICK), 8
+        notes.append(f"learnt live, by calling step, as it is not tabulated: {refusal}")
+    elif not table:
+        took = time.time() - began
+        notes.append(f"tabulated: {task.states.size:,} states, in {took:.1f} s")
+        if "state" in way.options:
+            said = " and ".join(map(repr, counters))
+            notes.append(f"{said} counts steps and is no part of a state; time_limit ends episodes")
+    for has_goal in (True, False):  # a task without an end has none
+        trial = partial(_variant, budgets=budgets, has_goal=has_goal)
+        target = trial({}, task)
+        if target.judgement is None or not target.judgement.refusal:
+            break
+    if target.judgement is not None and target.judgement.refusal:
+        notes.append(f"there is nothing to learn: {target.judgement.refusal}")
+    variants, most = easier(target, way, env, trial), max(budgets, default=LIVE[0])
+    for variant in variants:
+        sizes = f"{variant.task.states.size:,} states instead of {task.states.size:,}"
+        before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
+        steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
+        notes.append(f"easier with {_inline(variant.arguments)}: {sizes}, {steps}")
+    enough = min(max(3 * target.steps, BUDGETS[0]), 2 * most)
+    unit = 10 ** int(math.log10(enough))
+    budget = math.ceil(enough / unit) * unit
+    kind, sources = "tabulated" if way.makes is tabulate else "gymnasium", list[Any]()
+    for arguments in (variant.arguments for variant in variants):
+        words = "_".join(f"{argument}_{value}" for argument, value in arguments.items())
+        sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments)))
+    settings = {"kind": kind, "keys": way.keys, "seeds": seeds, "sources": sources}
+    settings |= {"budget": budget, "eval_freq": budget // CHECKS if live else None}
+    return _text(name, recipe, notes, network=None, **settings), notes
+
+
+def _limit(env: Any, known: int | None) -> dict[str, int]:
+    """Return the time limit that a study must state: none where the environment has one."""
+    return {} if time_limit_of(env) or is_minigrid(env) else {"time_limit": known or LIMIT}
+
+
+def _inline(arguments: dict[str, Any]) -> str:
+    """Return arguments as TOML writes them."""
+    return ", ".join(f"{name} = {json.dumps(value)}" for name, value in arguments.items())
+
+
+def _of_network(
+    name: str, recipe: Any, env: Any, notes: list[str], why: str
+) -> tuple[str, list[str]]:
+    """Return a study that a network learns."""
+    observed, acting = env.observation_space, env.action_space
+    if not isinstance(acting, Box | Discrete):
+        raise ConfigError(
+            f"actions must be numbered, or boxes of numbers, to be learnt: those of {name} are "
+            f"{acting}"
+        )
+    picture = isinstance(observed, Box) and len(observed.shape) == 3
+    policy = "CnnPolicy" if picture else "MlpPolicy"
+    policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
+    network = {"algorithm": "PPO" if isinstance(acting, Box) else "DQN", "policy": policy}
+    settings: dict[str, Any] = {"keys": _limit(env, None), "budget": 50_000, "eval_freq": 2_500}
+    settings |= {"kind": "observation_task", "seeds": 3, "sources": ()}
+    notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
+    return _text(name, recipe, notes, network=network, **settings), notes
+
+
+def _text(name: str, recipe: Any, notes: list[str], **settings: Any) -> str:
+    """Return the file of a study."""
+    package = PackageLoader("curricle.study", "templates")
+    spaced: dict[str, Any] = {"trim_blocks": True, "keep_trailing_newline": True}
+    environment = Environment(loader=package, undefined=StrictUndefined, **spaced)
+    comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
+    environment.filters |= {"json": json.dumps, "comment": comment}
+    template = environment.get_template("environment.txt")
+    return template.render(name=name, own=callable(recipe), notes=notes, **settings)

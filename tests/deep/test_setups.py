@@ -1,0 +1,291 @@
+"""What users of Stable-Baselines3 and RL Baselines3 Zoo bring works as it is."""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+import stable_baselines3 as sb3
+import torch
+from gymnasium.spaces import Box, Dict, Discrete
+from gymnasium.wrappers import FrameStackObservation
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
+
+import curricle as cr
+from curricle.deep import DeepLearner, NetworkValues, ShapedVecEnv, learn_deep, miniatures, models
+from curricle.deep.distillation import distil
+from curricle.deep.learner import Linear
+from curricle.deep.networks import Standardized
+from tests.deep.worlds import LAKE
+
+CART = cr.observation_task("CartPole-v1", discount=0.98)
+SMALL = {"n_steps": 32, "batch_size": 64, "policy_kwargs": {"net_arch": [16]}}
+# As a file of RL Baselines3 Zoo has them.
+ZOO = {
+    "normalize": True, "n_envs": 2, "n_timesteps": 1e5, "policy": "MlpPolicy", "n_steps": 32,
+    "batch_size": 64, "gae_lambda": 0.8, "gamma": 0.98, "n_epochs": 2, "learning_rate": "lin_0.001",
+    "clip_range": "lin_0.2", "policy_kwargs": "dict(activation_fn=nn.ReLU, net_arch=[16, 16])",
+}  # fmt: skip
+TWO = {"seeds": 1, "eval_freq": 128}
+pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
+
+
+def zoo(algorithm="PPO", **changed):
+    with pytest.warns(UserWarning, match=r"leaves out n_timesteps \(the budget sets it\)"):
+        return DeepLearner(algorithm, settings={**ZOO, **changed})
+
+
+def test_a_file_of_the_zoo_is_read_as_it_is():
+    learner = zoo()
+    assert (learner.envs, learner.policy) == (2, "MlpPolicy")
+    assert learner.settings["learning_rate"] == Linear(0.001)
+    assert learner.settings["clip_range"](0.25) == pytest.approx(0.05)
+    assert learner.settings["policy_kwargs"] == {
+        "activation_fn": torch.nn.ReLU, "net_arch": [16, 16],
+    }  # fmt: skip
+    assert not {"n_timesteps", "n_envs", "policy"} & learner.settings.keys()
+    assert learner == zoo() != zoo(learning_rate="lin_0.01")
+    assert repr(learner) == repr(zoo())
+    with pytest.warns(UserWarning, match=r"env_wrapper \(encode of the task sets it\)"):
+        DeepLearner("PPO", settings={"env_wrapper": "minigrid.wrappers.FlatObsWrapper"})
+    model = models.model_for(CART, learner)
+    assert model.lr_schedule(0.5) == pytest.approx(0.0005)
+    nested = {"policy_kwargs": "dict(log_std_init=-2, net_arch=dict(pi=[8], vf=[8, 4]))"}
+    (kwargs,) = DeepLearner("PPO", settings=nested).settings.values()
+    assert kwargs == {"log_std_init": -2, "net_arch": {"pi": [8], "vf": [8, 4]}}
+
+
+def test_a_study_file_takes_them_too(tmp_path):
+    (tmp_path / "cart.toml").write_text("""
+name = "cart"
+seeds = 1
+[learner]
+type = "deep"
+algorithm = "PPO"
+[learner.settings]
+n_timesteps = 1e5
+n_envs = 4
+gamma = 0.98
+learning_rate = "lin_0.001"
+normalize = "{'norm_obs': True, 'norm_reward': False}"
+policy_kwargs = "dict(activation_fn=nn.Tanh, net_arch=[16])"
+[tasks.cart]
+type = "observation_task"
+id = "CartPole-v1"
+discount = 0.98
+budget = 1_024
+""")
+    study = cr.read_study(tmp_path / "cart.toml")
+    with pytest.warns(UserWarning, match="leaves out n_timesteps"):
+        (curriculum,) = study.curricula.values()
+    learner = curriculum.node("cart").learner
+    assert learner.envs == 4
+    assert learner.settings["policy_kwargs"] == {"activation_fn": torch.nn.Tanh, "net_arch": [16]}
+    assert learner.normalizes("norm_obs")
+    assert not learner.normalizes("norm_reward")
+
+
+@pytest.mark.parametrize(
+    ("said", "settings"),
+    [
+        ("a number or lin_NUMBER: got 'cos_1'", {"learning_rate": "cos_1"}),
+        ("plain values and classes of nn", {"policy_kwargs": "__import__('os').getcwd()"}),
+        ("plain values and classes of nn", {"policy_kwargs": "dict(activation_fn=nn.Swosh)"}),
+        ("true, false or a dict of clip_reward", {"normalize": {"norm_obss": True}}),
+        ("true, false or a dict of clip_reward", {"normalize": 3}),
+        (r"noise_type .* must be one of normal", {"noise_type": "pink", "noise_std": 0.1}),
+        (r"must leave out .*: got seed", {"seed": 1}),
+    ],
+)
+def test_a_text_that_is_not_understood_is_refused(said, settings):
+    with pytest.raises(cr.errors.SettingError, match=said) as caught:
+        DeepLearner("PPO", settings=settings)
+    assert "\n" not in str(caught.value)
+
+
+def test_gamma_must_be_the_tasks_discount():
+    with pytest.raises(cr.errors.SettingError, match=r"got 0\.9 and 0\.98; discount= of the task"):
+        learn_deep(CART, DeepLearner("PPO", settings={"gamma": 0.9}), 64)
+
+
+def test_the_noise_of_the_zoo_reaches_the_algorithm():
+    settings = {"noise_type": "ornstein-uhlenbeck", "noise_std": 0.3}
+    model = models.model_for(
+        cr.observation_task("Pendulum-v1"), DeepLearner("TD3", "MlpPolicy", settings=settings)
+    )
+    assert type(model.action_noise).__name__ == "OrnsteinUhlenbeckActionNoise"
+    assert model.action_noise._sigma == pytest.approx([0.3])
+
+
+# -- normalised observations and rewards ----------------------------------------------------------
+
+
+def test_statistics_are_those_of_vec_normalize():
+    model, cars = models.model_for(CART, zoo()), make_vec_env("CartPole-v1", n_envs=2, seed=0)
+    venv = VecNormalize(cars, gamma=0.98)
+    (part,) = Standardized.of(model.policy)
+    venv.reset()
+    part.see(model.policy, venv.get_original_obs(), venv)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        seen, *_ = venv.step(rng.integers(0, 2, 2))
+        part.see(model.policy, venv.get_original_obs(), venv)
+    raw = torch.as_tensor(venv.get_original_obs())
+    assert part(raw).numpy() == pytest.approx(seen, abs=1e-3)
+    assert float(part.running_reward) == pytest.approx(np.sqrt(venv.ret_rms.var + venv.epsilon))
+
+
+def test_a_network_keeps_its_statistics_wherever_it_goes(tmp_path):
+    learner, seen = zoo(), np.random.default_rng(1).normal(size=(20, 4)).astype(np.float32)
+    result = learn_deep(CART, learner, 256, **TWO)
+    values, policy = result.values[0], result.policy
+    (part,) = Standardized.of(policy.model.policy)
+    assert 250 < part.running_count < 260
+    assert not torch.equal(part.running_0_var, torch.ones(4))
+    with torch.no_grad():
+        raw = policy.model.policy.predict_values(torch.as_tensor(seen))[:, 0].numpy()
+    spread = float(part.running_reward)
+    assert spread != 1.0
+    assert values.v(seen) == pytest.approx(raw * spread, rel=1e-5)
+    loaded = sb3.PPO.load(policy.save(tmp_path / "cart"))
+    assert np.array_equal(loaded.predict(seen, deterministic=True)[0], policy.predict(seen))
+    again = cr.deep.DeepResult.load(result.save(tmp_path / "kept"), CART, learner)
+    assert np.array_equal(again.values[0].v(seen), values.v(seen))
+
+
+def test_a_killed_run_that_normalises_goes_on_to_the_same(tmp_path, monkeypatch):
+    whole, save = learn_deep(CART, zoo(), 512, **TWO), models.Recorder._save
+
+    def killed(recorder):
+        save(recorder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(models.Recorder, "_save", killed)
+    with pytest.raises(KeyboardInterrupt):
+        learn_deep(CART, zoo(), 512, saves=tmp_path, **TWO)
+    monkeypatch.setattr(models.Recorder, "_save", save)
+    resumed = learn_deep(CART, zoo(), 512, saves=tmp_path, **TWO)
+    assert np.array_equal(whole.greedy_return, resumed.greedy_return)
+    for name, array in whole.values[0].parameters().items():
+        assert np.array_equal(array, resumed.values[0].parameters()[name])
+
+
+def test_a_residual_refuses_rewards_in_other_units():
+    phi = cr.transfer.FunctionValues(lambda seen, actions: 0.0 * actions, actions=2)
+    learner = DeepLearner("DQN", settings={"normalize": True, "learning_starts": 10})
+    with pytest.raises(cr.errors.SettingError, match="needs rewards as they are"):
+        learn_deep(CART, learner, 64, shaping=cr.QInitialisation(phi))
+    alone = replace(learner, settings={**learner.settings, "normalize": {"norm_reward": False}})
+    result = learn_deep(CART, alone, 64, shaping=cr.QInitialisation(phi), eval_freq=32)
+    assert np.isfinite(result.greedy_return).all()
+
+
+class Parts(gymnasium.ObservationWrapper):
+    """CartPole's observation as a Dict with a number among its parts."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        box = Box(-1e3, 1e3, (2,), np.float32)
+        self.observation_space = Dict({"x": box, "speed": box, "side": Discrete(2)})
+
+    def observation(self, seen):
+        return {"x": seen[::2], "speed": seen[1::2], "side": int(seen[0] > 0)}
+
+
+def four(env):
+    return FrameStackObservation(env, 4)
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
+@pytest.mark.parametrize(("encode", "policy"), [(Parts, "MultiInputPolicy"), (four, "MlpPolicy")])
+def test_parts_and_frames_are_normalised_too(algorithm, encode, policy):
+    task = cr.observation_task("CartPole-v1", encode=encode)
+    settings = SMALL if algorithm == "PPO" else {"learning_starts": 20}
+    learner = DeepLearner(algorithm, policy, envs=2, settings={**settings, "normalize": True})
+    result = learn_deep(task, learner, 128, eval_freq=64)
+    assert np.isfinite(result.greedy_return).all()
+    parts = [*Standardized.of(result.policy.model.policy)]
+    assert all(part.running_count > 100 for part in parts)
+    assert [len(part.numbers) for part in parts] == [1 + (encode is Parts)] * len(parts)
+
+
+def test_a_distilled_network_is_normalised_by_what_it_was_fitted_to():
+    learner = DeepLearner("PPO", settings={**SMALL, "normalize": True})
+    small = miniatures(LAKE, resets=1)
+    values = distil(small.knowledge(), LAKE, learner)
+    (part,) = Standardized.of(values.policy)
+    seen = small.knowledge().observations
+    assert part.running_0_mean.numpy() == pytest.approx(seen.mean(axis=0), abs=1e-4)
+    assert small.examined(values)[0].regained > 0.9
+
+
+# -- processes, saved models, loops of one's own ---------------------------------------------------
+
+
+def test_processes_learn_what_one_process_learns():
+    learner = DeepLearner("PPO", envs=2, settings=SMALL)
+    apart = learn_deep(CART, replace(learner, processes=True), 128, eval_freq=64)
+    assert "processes" in repr(apart.learner)
+    together = learn_deep(CART, learner, 128, eval_freq=64)
+    assert np.array_equal(apart.greedy_return, together.greedy_return)
+    with pytest.raises(cr.errors.SettingError, match="processes of a deep learner must be a bool"):
+        DeepLearner(processes=2)
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "DQN", "SAC"])
+def test_a_saved_model_goes_on_with_its_optimizer(tmp_path, algorithm):
+    task = cr.observation_task("Pendulum-v1") if algorithm == "SAC" else CART
+    off_policy = {"learning_starts": 40, "batch_size": 16, "policy_kwargs": {"net_arch": [16]}}
+    settings = SMALL if algorithm == "PPO" else off_policy
+    off = cr.GreedyEvaluation(method="off")
+    result = learn_deep(task, DeepLearner(algorithm, settings=settings), 64, evaluation=off)
+    model = getattr(sb3, algorithm).load(result.policy.save(tmp_path / "model"))
+    owner, wanted = model.policy, result.values[0].policy
+    if algorithm == "SAC":
+        owner, wanted = owner.critic, wanted.critic
+    here, there = (x.optimizer.state_dict()["state"] for x in (owner, wanted))
+    assert here.keys() == there.keys() != set()
+    for number, state in there.items():
+        assert all(torch.equal(state[name], here[number][name]) for name in state)
+    model.set_env(make_vec_env(task.make))
+    model.learn(32, reset_num_timesteps=False)
+    assert model.num_timesteps >= 96
+
+
+def test_normalisation_and_processes_of_ones_own_are_around_the_shaping():
+    cars = make_vec_env("CartPole-v1", n_envs=2, seed=0, vec_env_cls=SubprocVecEnv)
+    shaped = ShapedVecEnv(cars, lambda seen: float(seen[2]), discount=0.98)
+    venv = VecNormalize(shaped, gamma=0.98)
+    try:
+        sb3.PPO("MlpPolicy", venv, gamma=0.98, **SMALL).learn(128)
+    finally:
+        venv.close()
+    assert venv.obs_rms.count > 120
+
+
+def test_a_loop_of_ones_own_needs_the_knowledge_alone():
+    known = miniatures(LAKE, resets=1).knowledge()
+    seen, wanted = (
+        torch.tensor(array, dtype=torch.float32) for array in (known.observations, known.policy)
+    )
+    network = torch.nn.Linear(seen.shape[1], wanted.shape[1])
+    optimizer = torch.optim.Adam(network.parameters(), 0.1)
+    for _ in range(100):
+        loss = torch.nn.functional.cross_entropy(network(seen), wanted)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    env = LAKE.environment()
+    observation, _ = env.reset(seed=0)
+    rewards, over = [], False
+    while not over:
+        action = int(network(torch.as_tensor(observation, dtype=torch.float32)).argmax())
+        observation, reward, terminated, truncated, _ = env.step(action)
+        rewards.append(reward)
+        over = terminated or truncated
+    assert rewards == [0.0] * 5 + [1.0]
+    assert (
+        NetworkValues(models.model_for(LAKE, DeepLearner("PPO")).policy).v(known.observations).shape
+        == known.values.shape
+    )

@@ -1,0 +1,134 @@
+"""`curricle new`: studies of environments, of one's own too, that run as they are."""
+
+import pytest
+
+from curricle.errors import ConfigError
+from curricle.study import StudyResults, read_study
+from curricle.study.templates import new_study
+
+OWN = """
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+
+class Robot(gym.Env):
+    def __init__(self, size=6, slippery=False, seedless=False, max_steps=60):
+        self.size, self.slippery, self.seedless = size, slippery, seedless
+        self.max_steps, self.resets = max_steps, 0
+        self.observation_space = spaces.Box(0, size, (2,), dtype=np.int64)
+        self.action_space = spaces.Discrete(4)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.row = self.column = self.steps = 0
+        self.resets += 1
+        if self.seedless:
+            self.row = self.resets % (self.size - 1)
+        return np.array([self.row, self.column]), {}
+
+    def step(self, action):
+        self.steps += 1
+        if self.slippery and self.np_random.random() < 0.3:
+            action = int(self.np_random.integers(4))
+        down, right = ((-1, 0), (0, 1), (1, 0), (0, -1))[action]
+        self.row = min(max(self.row + down, 0), self.size - 1)
+        self.column = min(max(self.column + right, 0), self.size - 1)
+        over = self.row == self.column == self.size - 1
+        late = self.steps >= self.max_steps
+        return np.array([self.row, self.column]), float(over), over, late, {}
+
+
+class Icy(Robot):
+    def __init__(self, slippery=True, size=4):
+        super().__init__(size, slippery)
+
+
+class Seedless(Robot):
+    def __init__(self):
+        super().__init__(seedless=True)
+
+
+class Patient(Robot):
+    def step(self, action):
+        return super().step(action)[:3] + ({},)
+
+
+class Needy(Robot):
+    def __init__(self, size):
+        super().__init__(size)
+
+
+class Pushed(Robot):
+    def __init__(self):
+        super().__init__()
+        self.action_space = spaces.Box(-1, 1, (2,))
+"""
+
+
+@pytest.fixture
+def robots(tmp_path):
+    (tmp_path / "robots.py").write_text(OWN)
+    return tmp_path
+
+
+def test_a_class_of_ones_own_is_tabulated_and_easier_variants_are_proposed(curricle, robots):
+    code, out, complaint = curricle("new", "robots:Robot")
+    assert code == 0, complaint
+    assert "tabulated: 36 states" in out
+    assert "'steps' counts steps and is no part of a state" in out
+    assert "easier with size = 3: 9 states instead of 36, learnt in" in out
+    assert "slippery" not in out  # true is no easier
+    study = read_study(robots / "Robot.toml")
+    plan = next(iter(study.curricula.values()))
+    target = plan.tasks["target"]
+    assert target.states.names == ("row", "column")
+    assert target.mdp.time_limit == 60  # where the class truncates
+    assert plan.tasks["size_3"].states.size == 9
+    quick = [f"--set=tasks.{name}.budget=400" for name in ("target", "size_3")]
+    assert curricle("check", "Robot.toml", *quick)[0] == 0
+    code, _, complaint = curricle("run", "Robot.toml", "--seeds", "0-1", *quick)
+    assert code == 0, complaint
+    assert StudyResults(robots / "Robot-results").comparison.verdicts
+
+
+def test_a_random_class_is_live_with_names_of_its_attributes(robots):
+    file, text, notes = new_study("robots:Icy", robots)
+    assert file == "Icy.toml"
+    assert any("learnt live" in note and "steps must be deterministic" in note for note in notes)
+    assert 'names = ["row", "column"]' in text
+    (robots / file).write_text(text)
+    assert read_study(robots / file).curricula
+
+
+def test_a_class_that_ignores_its_seed_is_told(robots):
+    _, _, notes = new_study("robots:Seedless", robots)
+    assert "two resets with one seed and the same actions differ" in notes[0]
+    assert "draw from self.np_random alone" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Patient", r"must return .*: got .*; .*shimmy"),
+        ("Needy", "1 required positional argument: 'size'; give its arguments defaults, or name a"),
+        ("Robots", "robots has no Robots to call, did you mean 'Robot'"),
+    ],
+)
+def test_what_cannot_be_studied_is_refused_in_a_sentence(robots, name, said):
+    with pytest.raises((ConfigError, ValueError), match=said):
+        new_study(f"robots:{name}", robots)
+
+
+def test_actions_that_are_no_numbers_are_for_a_network(robots):
+    _, text, notes = new_study("robots:Pushed", robots)
+    assert 'factory = "robots:Pushed"' in text
+    assert notes == [
+        "learnt by a network, as it is not tabulated: its actions are no whole numbers"
+    ]
+
+
+def test_the_variant_of_an_id_is_its_argument(robots):
+    _, text, notes = new_study("FrozenLake-v1", robots)
+    assert "arguments = { is_slippery = false }" in text
+    assert any("easier with is_slippery = false: 16 states" in note for note in notes)
