@@ -306,6 +306,32 @@ def run(
 
 
 @app.command()
+def audit(
+    file: File,
+    out: Annotated[str | None, Option(help="Folder of the results; FILE-audit by default.")] = None,
+    seeds: Seeds = None,
+    changes: Changes = None,
+    trials: Annotated[int, Option(min=1, help="Trials of every arm, also scratch.")] = 20,
+) -> None:
+    """Run a study as configured, then against fair opponents, and say what of it survives.
+
+    Fair: the learning rate and the level of Q are tuned for every arm by equally many trials, and
+    all opponents and placebos play. An audit that was stopped goes on.
+    """
+    from curricle.cli.output import table_width
+    from curricle.cli.progress_bars import run_with_bars
+    from curricle.show.report import write_audit
+    from curricle.study import audit as audited
+
+    _announce_imports()
+    study = _read(file, seeds, changes)
+    folder = out or f"{Path(study.file).stem}-audit"
+    made = audited(study, folder, trials=trials, run=run_with_bars)
+    print(made.text(table_width()))
+    echo(f"Open {write_audit(made, Path(folder) / 'audit.html')}")
+
+
+@app.command()
 def watch(
     folder: Folder,
     out: Annotated[Path | None, Option(help="The page; in a temporary folder by default.")] = None,

@@ -60,9 +60,9 @@ def run_with_bars(
     study: StudyConfig,
     path: str | Place,
     *,
-    processes: bool,
-    workers: int | None,
-    on: str | None,
+    processes: bool = False,
+    workers: int | None = None,
+    on: str | None = None,
     page: bool = False,
     **settings: Any,
 ) -> StudyResults:

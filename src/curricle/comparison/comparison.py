@@ -488,6 +488,11 @@ class Comparison:
         n = int(np.searchsorted(curve.steps, self.budget, side="right"))
         return Curve(curve.steps[:n], curve.values[:, :n])
 
+    def weak_gain(self, name: str, rival: str) -> Interval:
+        """Return an arm's gain over another in mean return over target steps, sources free."""
+        areas = [mean_return(self._weak(arm)) for arm in (name, rival)]
+        return mean_interval(difference(*areas))
+
     def _contrast(self, name: str) -> Contrast:
         rival = self.best_opponent(name)
         arm, scratch = self[name], self[rival]
@@ -500,7 +505,7 @@ class Comparison:
             jumpstart=mean_interval(jumpstart(base, weak)),
             weak_steps_saved=mean_interval(saved(base, weak)),
             strong_steps_saved=mean_interval(saved(whole, strong)),
-            weak_gain=mean_interval(difference(mean_return(weak), mean_return(base))),
+            weak_gain=self.weak_gain(name, rival),
             strong_gain=alone.gain if alone.rivals > 1 else mean_interval(arm.strong_gain(scratch)),
             asymptotic_gain=mean_interval(
                 difference(asymptotic_performance(strong), asymptotic_performance(whole))

@@ -250,7 +250,7 @@ class GreedyEvaluation:
         if self.sampled:
             raise SettingError("sampled=True needs the policy of a network: a table has none")
         horizon = self.horizon(task)
-        discount = self.discount(generative_model(task))
+        discount = self.discount(task)
         exact, pairs = self.method == "exact", task.states.size * task.actions.size
         if self.method == "auto" and pairs <= LARGEST_EXACT and has_tables(task):
             exact = pairs * tables(task).probability.shape[1] <= LARGEST_EXACT
@@ -263,9 +263,8 @@ class GreedyEvaluation:
         """Return the discount of the evaluation in a task: the task's own, or 1."""
         networks = is_observation_task(task)
         discounted = not networks if self.discounted is None else self.discounted
-        if not discounted:
-            return 1.0
-        return float(task.discount if networks else generative_model(task).discount)
+        model = task if networks else generative_model(task)
+        return float(model.discount) if discounted else 1.0
 
     def rollouts(self, task: Any) -> int:
         """Return the episodes that rollouts take the mean of, in a task of any kind."""

@@ -49,6 +49,7 @@ from curricle.show.plots import (
 from curricle.show.replay import replays
 from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
 from curricle.statistics.curves import SCRATCH
+from curricle.study.auditing import Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import ANALYSIS, StudyResults
 from curricle.study.store import in_use
@@ -155,6 +156,11 @@ def write_report(folder: str | Place, out: str | Path | None = None) -> Path:
     return write_page(page_of(study), path)
 
 
+def write_audit(audit: Audit, path: Path) -> Path:
+    """Write the page of an audit, the report of its fair study with both columns; return it."""
+    return write_page(page_of(audit.fair, audit=audit), path)
+
+
 def default_page(place: Place) -> Path:
     """Return where the report of a folder is written by default."""
     return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
@@ -164,7 +170,7 @@ WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
 
 
-def page_of(study: StudyResults, banner: str = "") -> str:
+def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -> str:
     """Return the page of a study, an interim page with a `banner`; StoreError without arms."""
     comparison, analysis = study.comparison, study.analysis
     if not comparison.contrasts:
@@ -225,6 +231,7 @@ def page_of(study: StudyResults, banner: str = "") -> str:
         styles=styles,
         graphs=graphs(curricula, learnt, reasons),
         with_scratch=SCRATCH in learnt,
+        audited=audit and (audit.sentence, {arm: audit.rows(arm) for arm in comparison.verdicts}),
         curves=curves,
         curve_data=curve_data(comparison, styles, panels),
         most_seeds=MOST_SEEDS,

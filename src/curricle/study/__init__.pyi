@@ -1,4 +1,5 @@
 from .arms import Unit as Unit, train_unit as train_unit
+from .auditing import Audit as Audit, audit as audit
 from .config import (
     StudyConfig as StudyConfig,
     compare as compare,

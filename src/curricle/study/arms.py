@@ -156,7 +156,7 @@ class Arms(Plan):
             check_comparable(study.curricula, None if study.own_learners else learners)
         plain = study.to_data()
         target = next(iter(study.curricula.values())).target
-        data = {**_scratch_data(plain, target), **plain["arms"]}
+        data = {**scratch_data(plain, target), **plain["arms"]}
 
         def keys_of(name: str, curriculum: Curriculum, change: str) -> Any:
             total = curriculum.setting("budget", target)
@@ -196,7 +196,7 @@ def seeds_of(study: StudyConfig, shard: tuple[int, int]) -> list[int]:
     return [seed for seed in study.seeds if seed // study.seeds_per_unit % parts == part - 1]
 
 
-def _scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
+def scratch_data(study: dict[str, Any], target: str) -> dict[str, Any]:
     """Return the arms that learn the target from scratch, as data."""
     scratches = study.get("scratches")
     if scratches is None:

@@ -259,31 +259,61 @@ def varied_arms(
             made = {label: of for label, of in made.items() if of.make(of.study) not in plans}
         swept |= made
 
-    def fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
-        plans = {label: variant.make(variant.study) for label, variant in variants.items()}
-        return {
-            "arms": {label: plan for label, plan in plans.items() if label not in alone},
-            "scratches": {label: plan for label, plan in plans.items() if label in alone},
-            "variants": {
-                label: {"arm": variant.arm, "values": variant.values}
-                for label, variant in variants.items()
-            },
-        }
-
     alone = [label for label, variant in swept.items() if variant.arm in scratches]
-    configuration, trials = fields(swept, alone), dict[str, Variant]()
+    configuration, trials = _fields(swept, alone), dict[str, Variant]()
     if "tune" in study:
         tuning = TuneTable.model_validate(study["tune"])
         for label, variant in swept.items():
             trials |= _tried(variant._replace(arm=label), tuning)
         of_scratch = [label for label, trial in trials.items() if trial.arm in alone]
-        configuration["tune"] = {"seeds": tuning.seeds, **fields(trials, of_scratch)}
+        configuration["tune"] = {"seeds": tuning.seeds, **_fields(trials, of_scratch)}
     varied = {
         (is_trial, label): (variant.arm if variant.arm in complete else first, variant.settings)
         for is_trial, variants in ((False, swept), (True, trials))
         for label, variant in variants.items()
     }
     return configuration, varied
+
+
+def _fields(variants: Mapping[str, Variant], alone: Collection[str]) -> dict[str, Any]:
+    """Return a configuration's fields for variants, of which those in `alone` have no sources."""
+    plans = {label: variant.make(variant.study) for label, variant in variants.items()}
+    return {
+        "arms": {label: plan for label, plan in plans.items() if label not in alone},
+        "scratches": {label: plan for label, plan in plans.items() if label in alone},
+        "variants": {
+            label: {"arm": variant.arm, "values": variant.values}
+            for label, variant in variants.items()
+        },
+    }
+
+
+def all_tuned(
+    arms: Mapping[str, Raw], scratches: Mapping[str, Raw], tuning: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a configuration's fields in which complete arms are tuned, also where they set a key.
+
+    The space has keys of learners. The first trial of every arm has its own settings.
+    """
+    tune, trials = TuneTable.model_validate(tuning), dict[str, Variant]()
+    for arm, plan in {**scratches, **arms}.items():
+        trials[arm] = Variant(arm, partial(_relearnt, plan), {"tune": tuning}, {})
+        tried = [made for made in _tried(trials[arm], tune).values() if made.values]
+        trials |= {f"{arm}, trial {n}": made for n, made in enumerate(tried, 2)}
+    own = {arm: trials[arm] for arm in (*scratches, *arms)}
+    of_scratch = [label for label, trial in trials.items() if trial.arm in scratches]
+    return {**_fields(own, scratches), "tune": {"seeds": tune.seeds, **_fields(trials, of_scratch)}}
+
+
+def _relearnt(plan: Raw, study: Raw) -> dict[str, Any]:
+    """Return a complete plan with a study's values of settings that its learners have."""
+    tasks, stated = dict(plan["tasks"]), table(study.get("tasks"))
+    for name, task in tasks.items():
+        said = merged(table(study.get("learner")), table(table(stated.get(name)).get("learner")))
+        known = table(task.get("learner"))
+        values = {key: value for key, value in said.items() if key in known}
+        tasks[name] = {**task, "learner": {**known, **values}} if values else task
+    return {**plan, "tasks": tasks}
 
 
 def _learnt_by(learner: str, alone: Make, study: Raw) -> dict[str, Any]:

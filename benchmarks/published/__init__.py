@@ -1,0 +1,1 @@
+"""Published gains, played again: study files, and the table of docs/what_survives.md."""
