@@ -124,7 +124,7 @@ class Screen(RichProgress):
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bars and the line."""
-        for task, part in self.parts.items():
+        for task, part in [*self.parts.items()]:  # another thread may add a bar meanwhile
             row = self.tasks[task]
             self.update(task, completed=int(row.completed) + min(part(), 0.99))
         yield from super().get_renderables()
