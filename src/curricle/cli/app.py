@@ -472,7 +472,9 @@ def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
-    gc.set_threshold(50_000, 20, 50)  # what imports make stays: to search it takes a tenth of them
+    gc.set_threshold(
+        50_000, 20, 50
+    )  # imports make objects that stay: searching them took a tenth of the time
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # ? for signs that an encoding lacks

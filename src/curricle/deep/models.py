@@ -263,8 +263,8 @@ class DeepRun:
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if model.env is None:  # it could not be pickled: a new episode begins
-                apart = self.learner.processes
-                venv = environments(self.task, self.learner, shaping, processes=apart)
+                processes = self.learner.processes
+                venv = environments(self.task, self.learner, shaping, processes=processes)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
             try:

@@ -50,19 +50,22 @@ from curricle.tasks.mdp import tables
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.transfer.by_components import project
 
-DISCOUNT, LIMIT = 0.99, 500  # the time limit of an environment without a limit
-SECONDS, PLAYED = 10.0, 2.0  # for its states, and again for its variants; of play
-EPISODES, LONGEST = 6, 1_000  # of play, and steps of an episode
-SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # where steps are random and must be tabulated
-BUDGETS: tuple[int, ...] = 10_000, 100_000, 1_000_000  # steps in which a task is to be learnt
-LIVE = (20_000,)  # and a live one
-TRIED, CHECKS, SMOOTH = 3, 20, 5  # seeds and checkpoints of a trial; over how many it is smoothed
-QUICK, NOISE = 5_000, 2.0  # steps a second of a live trial; deviations that its return must gain
+DISCOUNT = 0.99
+LIMIT = 500  # time limit of an environment that has none
+SECONDS = 10.0  # to find the states of the environment, and again to try its variants
+PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # play: seconds, episodes, and steps of an episode
+SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # options of `tabulate` for random steps
+BUDGETS: tuple[int, ...] = 10_000, 100_000, 1_000_000  # steps, tried until a task is learnt
+LIVE = (20_000,)  # the same for a live task
+TRIED, CHECKS = 3, 20  # seeds and checkpoints of such a trial
+QUICK = 5_000  # steps a second from which on a live task is tried
+SMOOTH, NOISE = 5, 2.0  # its checkpoints in a mean; standard deviations that its return must gain
 LEARNT = 0.9  # of the way from the random policy's return to the optimum
-SOONER, MOST = 0.8, 3  # of the target's steps, what an easier variant takes; variants in a study
+SOONER, MOST = 0.8, 3  # share of the target's steps that an easier variant may take; variants
 KEYS = {"state": "ignore", "seeds": "reset_seeds"}  # of a study file, for options of functions
-LIMITS = "steps|limit|horizon|length"  # in the names of attributes: how long episodes are
-NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"  # of arguments: no other task
+LIMITS = "steps|limit|horizon|length"  # in names of attributes that say how long episodes are
+NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"
+"""In names of arguments that change no task."""
 
 
 class Play:
