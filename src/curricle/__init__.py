@@ -45,7 +45,7 @@ def _meant(name):
         for known in findall(r" as (\w+)", stub.read_text("utf-8")):
             names.setdefault(known.lower(), f"{stub.parent.name}.{known}")
     word = name.lower().replace("ucb", "optimistic")
-    near = get_close_matches(word, names, 1) if name[0] != "_" else []
+    near = get_close_matches(word, names, 1) if name[:1] != "_" else []
     return "".join(f": did you mean {names[known]}?" for known in near)
 
 

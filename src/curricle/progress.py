@@ -38,7 +38,7 @@ from curricle.checks import brief
 from curricle.errors import SettingError
 
 BETWEEN = 0.2  # seconds between two pictures of the bars in a notebook, at least
-DELAY = 2.0  # seconds after which bars are shown that nobody asked for
+DELAY = 2.0  # seconds before bars are shown by default
 
 Progress = Union[bool, Callable[[Any], Any], "Bars", None]  # bars: the caller's
 
@@ -54,7 +54,7 @@ class Compilation(event.Listener):
 
     def __init__(self) -> None:
         self.loops, self.line, self.prints = 0, "", False
-        self.screens = 0  # that show the line
+        self.screens = 0  # how many show the line
         self._depth = 0  # Numba compiles in one thread at a time
 
     def on_start(self, event: Any) -> None:
@@ -103,7 +103,7 @@ class Screen(RichProgress):
         delay: float = 0.0,
     ):
         self.line, self.delay = line, delay
-        self.parts = dict[TaskID, Callable[[], float]]()  # of a bar's next steps, done by now
+        self.parts = dict[TaskID, Callable[[], float]]()  # share of a bar's next step that is done
         self._ended = Event()
         self._thread: Thread | None = None
         console = Console(stderr=True) if console is None else console
@@ -124,7 +124,7 @@ class Screen(RichProgress):
 
     def get_renderables(self) -> Iterator[RenderableType]:
         """Yield the bars and the line."""
-        for task, part in self.parts.items():
+        for task, part in [*self.parts.items()]:  # another thread may add a bar meanwhile
             row = self.tasks[task]
             self.update(task, completed=int(row.completed) + min(part(), 0.99))
         yield from super().get_renderables()
@@ -217,7 +217,7 @@ class Bars:
         return grow
 
     def partly(self, name: str, part: Callable[[], float]) -> None:
-        """Have the bar `name` also show which part of its next steps is done, as `part` returns."""
+        """Have the bar `name` add the share of its next step that is done, as `part` returns it."""
         if self.screen is not None:
             self.screen.parts[self.rows[f"{self.prefix}{name}"]] = part
 
@@ -269,7 +269,7 @@ def shown(progress: Progress, line: Callable[[], str] | None = None) -> Iterator
         bars = Bars(call=progress or None)
     before = _AROUND.set(bars)
     try:
-        others = inner is not None or isinstance(progress, Bars)  # somebody else shows them
+        others = inner is not None or isinstance(progress, Bars)  # the caller shows them
         with nullcontext() if others or bars.screen is None else bars.screen:
             yield bars
     finally:

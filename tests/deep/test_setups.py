@@ -13,7 +13,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
 import curricle as cr
-from curricle.deep import DeepLearner, NetworkValues, ShapedVecEnv, learn_deep, miniatures, models
+from curricle.deep import DeepLearner, ShapedVecEnv, learn_deep, miniatures, models
 from curricle.deep.distillation import distil
 from curricle.deep.learner import Linear
 from curricle.deep.networks import Standardized
@@ -220,7 +220,7 @@ def test_a_distilled_network_is_normalised_by_what_it_was_fitted_to():
     assert small.examined(values)[0].regained > 0.9
 
 
-# -- processes, saved models, loops of one's own ---------------------------------------------------
+# -- processes and saved models ------------------------------------------------------------------
 
 
 def test_processes_learn_what_one_process_learns():
@@ -262,30 +262,3 @@ def test_normalisation_and_processes_of_ones_own_are_around_the_shaping():
     finally:
         venv.close()
     assert venv.obs_rms.count > 120
-
-
-def test_a_loop_of_ones_own_needs_the_knowledge_alone():
-    known = miniatures(LAKE, resets=1).knowledge()
-    seen, wanted = (
-        torch.tensor(array, dtype=torch.float32) for array in (known.observations, known.policy)
-    )
-    network = torch.nn.Linear(seen.shape[1], wanted.shape[1])
-    optimizer = torch.optim.Adam(network.parameters(), 0.1)
-    for _ in range(100):
-        loss = torch.nn.functional.cross_entropy(network(seen), wanted)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-    env = LAKE.environment()
-    observation, _ = env.reset(seed=0)
-    rewards, over = [], False
-    while not over:
-        action = int(network(torch.as_tensor(observation, dtype=torch.float32)).argmax())
-        observation, reward, terminated, truncated, _ = env.step(action)
-        rewards.append(reward)
-        over = terminated or truncated
-    assert rewards == [0.0] * 5 + [1.0]
-    assert (
-        NetworkValues(models.model_for(LAKE, DeepLearner("PPO")).policy).v(known.observations).shape
-        == known.values.shape
-    )

@@ -67,6 +67,7 @@ def test_dir_lists_the_public_names_and_unknown_ones_fail():
         ("UCBQLearning", "learning.OptimisticQLearning"),
         ("Bins", "interop.Bins"),
         ("nothing_like_it", ""),
+        ("", ""),
     ],
 )
 def test_an_unknown_name_suggests_what_was_meant(name, meant):

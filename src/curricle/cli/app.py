@@ -11,7 +11,6 @@ import sys
 import traceback
 from collections import Counter
 from importlib.metadata import version
-from importlib.resources import files
 from io import TextIOWrapper
 from pathlib import Path
 from shlex import quote
@@ -22,6 +21,7 @@ from typer import Argument, BadParameter, Option, echo
 from typer.core import TyperGroup
 
 from curricle.checks import listed
+from curricle.study.templates import KINDS, new_study
 
 if TYPE_CHECKING:
     from curricle.study import StudyConfig
@@ -128,7 +128,6 @@ def _announce_imports() -> None:
 
 # -- The commands ----------------------------------------------------------------------------------
 
-KINDS = ("maze", "pursuit", "gymnasium", "deep")
 """What a shell completes after `curricle new`; a test holds that these are all."""
 
 
@@ -153,7 +152,6 @@ def new(
 
     if kind is None:
         from curricle.cli.output import line_width
-        from curricle.study import templates
         from curricle.text import text_table
 
         environments = (
@@ -161,19 +159,12 @@ def new(
             "MiniGrid-DoorKey-5x5-v0"
         )
         own = "or an environment of your own: the class, or a function that makes it"
-        rows = [*templates.KINDS.items(), ("ID", environments), ("module:Class", own)]
+        rows = [*KINDS.items(), ("ID", environments), ("module:Class", own)]
         echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), prose=True)))
         return
-    notes = list[str]()
-    if kind in KINDS:  # these need no more of the library than their text, and are there at once
-        name = f"{kind}.toml"
-        text = files("curricle.study").joinpath("templates", name).read_text(encoding="utf-8")
-    else:
-        from curricle.study import templates
-
-        if ":" in kind:
-            _announce_imports()
-        name, text, notes = templates.new_study(kind, Path() if file is None else file.parent)
+    if ":" in kind:
+        _announce_imports()
+    name, text, notes = new_study(kind, Path() if file is None else file.parent)
     path = file or Path(name)
     try:
         with path.open("x", encoding="utf-8") as written:
@@ -507,7 +498,9 @@ def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
-    gc.set_threshold(50_000, 20, 50)  # what imports make stays: to search it takes a tenth of them
+    gc.set_threshold(
+        50_000, 20, 50
+    )  # imports make objects that stay: searching them took a tenth of the time
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # ? for signs that an encoding lacks

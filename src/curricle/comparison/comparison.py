@@ -822,8 +822,7 @@ def compare(
     with shown(progress) as bars:
         if bars.screen is not None:
             bars.say(plan.live_words(seed_tuple(seeds)))
-        how = memory, workers, bars
-        return trained_comparison(plan, seed_tuple(seeds), reference, window, *how)
+        return trained_comparison(plan, seed_tuple(seeds), reference, window, memory, workers, bars)
 
 
 def comparison_plan(

@@ -190,12 +190,11 @@ def train_control(
     if label == UNRELATED:
         numbers, parts = np.array(seeds), []
         for draw in np.unique(numbers % DRAWS).tolist():
-            some = numbers % DRAWS == draw
+            some, node = numbers % DRAWS == draw, curriculum.node(name)
             taken, edges = unrelated_transfers(curriculum, numbers[some].tolist(), draw)
-            of_draw = taken[edges[0].source].seeds, spent[some]
-            phi, fitted = curriculum.entering(name, taken, *of_draw, edges)
-            charged: Any = {"calibrations": fitted, "charged": spent[some]}
-            parts.append(curriculum.node(name).train(of_draw[0], phi, **charged, **how))
+            some_seeds, charged = taken[edges[0].source].seeds, spent[some]
+            phi, fitted = curriculum.entering(name, taken, some_seeds, charged, edges)
+            parts.append(node.train(some_seeds, phi, calibrations=fitted, charged=charged, **how))
         return joined_results(parts)
     if label not in CHANGES:
         parts = []
@@ -207,8 +206,8 @@ def train_control(
     if not potentials:
         potentials, calibrations = curriculum.entering(name, sources, seeds, spent)
     changed = [CHANGES[label](phi, k) for phi, k in zip(potentials, seeds, strict=True)]
-    how |= {"calibrations": calibrations, "charged": spent}
-    return curriculum.node(name).train(seeds, changed, **how)
+    node = curriculum.node(name)
+    return node.train(seeds, changed, calibrations=calibrations, charged=spent, **how)
 
 
 DRAWS = 3  # unrelated tasks, which seeds take in turn, since some may be easier to map

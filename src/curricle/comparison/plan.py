@@ -324,14 +324,13 @@ def train(
         how |= {"charged": spent if charge and is_target else None, "snapshots": unit.snapshots}
         result, potentials, fitted = curriculum.train_task(task, sources, seeds, **how)
         return Trained(result, spent, fitted, potentials)
-    before: Any = ((), ())
-    if unchanged is not None:
-        before = unchanged.potentials, unchanged.calibrations
+    phi: Any = () if unchanged is None else unchanged.potentials
     if arm.change not in CONSTANTS:
-        change: Any = arm.change, curriculum, seeds, sources, spent, *before
-        return Trained(train_control(*change, **how), spent)
-    potentials = before[0] or curriculum.entering(task, sources, seeds)[0]
-    result, values = train_constant(arm.change, curriculum, seeds, potentials, **how)
+        fits = () if unchanged is None else unchanged.calibrations
+        control = train_control(arm.change, curriculum, seeds, sources, spent, phi, fits, **how)
+        return Trained(control, spent)
+    phi = phi or curriculum.entering(task, sources, seeds)[0]
+    result, values = train_constant(arm.change, curriculum, seeds, phi, **how)
     return Trained(result, np.zeros_like(spent), initial_values=values)
 
 

@@ -221,8 +221,8 @@ def run_trial(
     with warnings.catch_warnings(), shown(progress) as bars:
         # No warning about a refused calibration: the experiment will warn.
         warnings.simplefilter("ignore", UserWarning)
-        how = memory, workers, bars
-        comparison = trained_comparison(plan, seed_tuple(seeds), reference, window, *how)
+        numbers = seed_tuple(seeds)
+        comparison = trained_comparison(plan, numbers, reference, window, memory, workers, bars)
     assumes = (
         f"a trial in the model: {counted(seeds, 'seed')}, random streams apart from those of "
         "an experiment; assumes the tasks, budgets and settings of the curriculum, its sources "

@@ -572,14 +572,19 @@ class Curriculum:
         names = [name for name in self.order if name in wanted and name not in known]
         for name in names:
             self._check_network(name)
-        how: dict[str, Any] = {"snapshots": snapshots, "workers": workers, "saves": saves}
         with shown(progress) as bars:
             for name in names:
                 spent = self.spent(name, sources, len(numbers)) if name == paying else None
-                trained_task = self.train_task(
-                    name, sources, numbers, charged=spent, progress=bars.within(), **how
+                results[name], potentials[name], fitted = self.train_task(
+                    name,
+                    sources,
+                    numbers,
+                    charged=spent,
+                    saves=saves,
+                    snapshots=snapshots,
+                    workers=workers,
+                    progress=bars.within(),
                 )
-                results[name], potentials[name], fitted = trained_task
                 if fitted:
                     calibrations[name] = fitted
                 sources[name] = SourceValues.of(results[name])
@@ -609,8 +614,9 @@ class Curriculum:
                 stacklevel=3,
             )
         how["saves"] = None if saves is None else place_at(saves) / file_name(name)
-        how |= {"calibrations": fitted, "charged": charged}
-        return self.node(name).train(seeds, potentials, **how), potentials, fitted
+        node = self.node(name)
+        result = node.train(seeds, potentials, calibrations=fitted, charged=charged, **how)
+        return result, potentials, fitted
 
     def _check_network(self, name: str) -> None:
         node = self.node(name)

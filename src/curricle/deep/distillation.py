@@ -159,13 +159,13 @@ def learn_miniatures(
                     f"held-out levels if there are any: it goes {regained:.0%} of the way from "
                     f"the random policy to the optimum of {task}"
                 )
-            used = task.cost, 0  # steps and episodes
+            # With the steps that it is charged, and no episode.
             outcomes.append(
-                Outcome(record, network, *used, out_of_memory=False, evaluation_steps=0)
+                Outcome(record, network, task.cost, 0, out_of_memory=False, evaluation_steps=0)
             )
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)
-    numbers, only_once = tuple(seeds), task.cost + 1  # evaluated
-    result = learning_result(task, learner, numbers, values, outcomes, only_once)  # type: ignore[arg-type]
+    eval_freq = task.cost + 1  # so that it is evaluated once
+    result = learning_result(task, learner, tuple(seeds), values, outcomes, eval_freq)  # type: ignore[arg-type]
     return DeepResult.of(result)

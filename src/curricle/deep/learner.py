@@ -184,16 +184,14 @@ def read_zoo(stated: Mapping[str, Any]) -> dict[str, Any]:
                     f"{name} as text must be dict(...) of plain values and classes of nn, such as "
                     f"nn.ReLU: got {value!r}"
                 ) from error
-    one_of(
-        "noise_type of a deep learner", settings.get("noise_type", "normal"), NOISE, SettingError
-    )
-    how = settings.get("normalize")
-    if not (
-        how is None or isinstance(how, bool) or (isinstance(how, Mapping) and {*how} <= NORMAL)
-    ):
+    noise = settings.get("noise_type", "normal")
+    one_of("noise_type of a deep learner", noise, NOISE, SettingError)
+    normalize = settings.get("normalize")
+    fits = isinstance(normalize, Mapping) and {*normalize} <= NORMAL
+    if not (fits or normalize is None or isinstance(normalize, bool)):
         raise SettingError(
             "normalize of a deep learner must be true, false or a dict of "
-            f"{', '.join(sorted(NORMAL))}: got {how!r}"
+            f"{', '.join(sorted(NORMAL))}: got {normalize!r}"
         )
     return settings
 

@@ -246,9 +246,8 @@ def policies_of(
         model.env.close()
         model.env = None
         model.policy.load_state_dict(network.policy.state_dict())
-        for name in model._get_torch_save_params()[
-            0
-        ]:  # "policy.optimizer", of SAC "actor.optimizer"
+        saved, _ = model._get_torch_save_params()
+        for name in saved:  # "policy.optimizer", of SAC "actor.optimizer"
             if name.endswith(".optimizer"):
                 reads = attrgetter(name.removeprefix("policy."))
                 reads(model.policy).load_state_dict(reads(network.policy).state_dict())

@@ -225,8 +225,10 @@ def miniatures(
     whole_number("max_states of miniatures", max_states, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
     instance("charged of miniatures", charged, bool, TaskError)
-    task, settings = (first.make, first.discount, first.time_limit), (resets, held_out, max_states)
-    return Miniatures(*task, tuple(members), tuple(tested_on), *settings, charged)
+    return Miniatures(
+        first.make, first.discount, first.time_limit, tuple(members), tuple(tested_on),
+        resets, held_out, max_states, charged,
+    )  # fmt: skip
 
 
 class Examined(NamedTuple):
@@ -287,10 +289,10 @@ class SolvedMember:
         if held_out < 1.0:
             n_held = min(n_held, len(levels) - 1)  # one is left to be distilled
         held = np.random.default_rng(0).permutation(levels)[:n_held]
-        apart = np.isin(level, held)
-        made = cls(member, settings, table, level, ~apart & ~table.mdp.terminal)
-        IN_USE.add(made)
-        return made
+        training = ~np.isin(level, held) & ~table.mdp.terminal
+        solved = cls(member, settings, table, level, training)
+        IN_USE.add(solved)
+        return solved
 
     @cached_property
     def solution(self) -> Solution:

@@ -245,10 +245,15 @@ class DeepRun:
         with isolated(self.learner.threads):
             saved = None if saves is None else load_checkpoint(saves, run)
             if saved is None:
-                small = splitmix64(start) >> 33
                 progress = Progress.begun(self, warm_up)
-                sizes: Any = {"steps": left, "processes": self.learner.processes}
-                model = model_for(self.task, self.learner, shaping, seed=small, **sizes)
+                model = model_for(
+                    self.task,
+                    self.learner,
+                    shaping,
+                    seed=splitmix64(start) >> 33,
+                    steps=left,
+                    processes=self.learner.processes,
+                )
             else:
                 kind, held = saved.model
                 model, progress = object.__new__(kind), saved.progress
@@ -258,8 +263,8 @@ class DeepRun:
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if model.env is None:  # it could not be pickled: a new episode begins
-                apart = self.learner.processes
-                venv = environments(self.task, self.learner, shaping, processes=apart)
+                processes = self.learner.processes
+                venv = environments(self.task, self.learner, shaping, processes=processes)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
             try:

@@ -290,7 +290,7 @@ class Standardized(BaseFeaturesExtractor):
 
     @staticmethod
     def of(policy: Any) -> "Iterator[Standardized]":
-        """Yield those of a policy."""
+        """Yield the standardising parts of a policy."""
         return (part for part in policy.modules() if isinstance(part, Standardized))
 
     def see(self, policy: Any, observations: Any, venv: Any = None) -> None:

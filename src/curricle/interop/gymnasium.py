@@ -531,7 +531,9 @@ def is_discrete(space: gym.Space[Any]) -> bool:
     if isinstance(space, Tuple | Dict):
         return all(is_discrete(part) for _, part in _parts(space))
     if isinstance(space, Box):  # of whole numbers; those of a picture cannot be counted
-        return bool(_ranges(space)) and math.prod(n for n, _ in _ranges(space)) < BEYOND_64_BITS
+        sizes = [n for n, _ in _ranges(space)]
+        few = sum(n > 1 for n in sizes) < 64  # the product of a picture's sizes takes a second
+        return bool(sizes) and few and math.prod(sizes) < BEYOND_64_BITS
     return isinstance(space, Discrete | MultiDiscrete | MultiBinary)
 
 

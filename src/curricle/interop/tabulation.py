@@ -319,8 +319,9 @@ def tabulate(
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """
-    most = max_states, max_seconds
-    plan = Plan(seeds, state, outcomes, samples, *most, progress, cache, action_masks)
+    plan = Plan(
+        seeds, state, outcomes, samples, max_states, max_seconds, progress, cache, action_masks
+    )
     discount = number("discount", discount, TaskError, low=0, high=1)
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)

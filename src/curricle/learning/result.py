@@ -39,7 +39,7 @@ from curricle.learning.tabular_policy import (
 from curricle.planning.episode import Episode
 from curricle.planning.policy_evaluation import possible_returns
 from curricle.statistics.intervals import extremes, mean_interval, seed_line
-from curricle.tasks.mdp import Task
+from curricle.tasks.mdp import Task, generative_model
 from curricle.text import counted
 
 
@@ -511,8 +511,9 @@ def shown_returns(result: Any) -> tuple[str, FloatArray]:
 def ends_of(result: Any) -> tuple[float, float]:
     """Return the lowest and the highest return in a result's task, or else in the result."""
     # Of a discounted evaluation or another: a result does not know which its own was.
-    task = result.task
-    known = [possible_returns(task, discount) for discount in (1.0, getattr(task, "discount", 1.0))]
+    known = [possible_returns(result.task, 1.0)]
+    if known[0] is not None:
+        known.append(possible_returns(result.task, generative_model(result.task).discount))
     ends = [end for pair in known if pair is not None for end in pair]
     return (min(ends), max(ends)) if None not in known else extremes([shown_returns(result)[1]])
 

@@ -319,7 +319,9 @@ class Run:
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
         if self.learner.update != Q_LEARNING or masks_actions(self.task):
-            return False  # the fast loop keeps maxima, beside which no environment closes an action
+            return (
+                False  # the fast loop keeps maxima, which a mask that comes later would make wrong
+            )
         return shaping is None or (shaping.starts_at_potential and shaping.portfolio is None)
 
     def check_sparse(self, settings: Sequence[SeedSettings]) -> None:
@@ -374,8 +376,8 @@ class Run:
         table = self._dense(seed, q, (None,) * 4)
 
         def part(k: int) -> DenseTable:
-            # Of the type of a table of its own, for which evaluation is compiled already: rows from
-            # k on, of which every fourth is read.
+            # Rows from k on, of which every fourth is read: a table of a type for which evaluation
+            # is compiled already.
             far = (None,) * (q.nbytes // 4 > NEAR)
             best, greedy = table.row_max[k:], table.row_argmax[k:]
             of_one = table._replace(q=rows[k : k + 4 * n], n=(None,), far=far)

@@ -191,7 +191,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
     (small, large), axes = sorted([abs(low), abs(high)]), axis.axes
     small = max(small, SMALLEST * large)
     decades = math.log10(large / small) if large else 0.0
-    # An end that is 0, such as the lowest possible return, is no decade away from anything.
+    # From an end that is 0, such as the lowest possible return, decades cannot be counted.
     logarithmic = low * high != 0 and decades > (MIXED if low < 0 < high else DECADES)
     axis.set_label_text(label + "\n(symlog scale)" * logarithmic)
     name = "x" if axis is axes.xaxis else "y"

@@ -23,7 +23,7 @@ from curricle.text import brief_repr, counted
 CONFIDENCE = 0.95  # nominal coverage of an interval by default
 ROUNDING = 1e-12  # share of the largest value by which rounding can make equal values differ
 APART, FEWEST_CLUSTERED = 3, 5  # ranges between two clusters; the fewest seeds that have any
-FEWEST_CURVES = 5  # seeds of all arms, from which the extremes of returns are told
+FEWEST_CURVES = 5  # seeds of all arms together from which extremes of returns are taken
 DIGITS = 9  # significant digits of a printed interval at most; three if its bounds differ in them
 
 

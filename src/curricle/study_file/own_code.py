@@ -136,7 +136,7 @@ class _Neighbours(MetaPathFinder, Loader):
             sys.modules.pop(name, None)
 
 
-ANNOUNCED = set[str]()  # modules whose import was said
+ANNOUNCED = set[str]()  # modules whose import was logged
 
 
 def _imported(path: str, name: str, place: str) -> ModuleType | None:

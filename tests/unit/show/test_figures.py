@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 import curricle as cr
 from curricle.comparison.comparison import Arm, Comparison, Reference, _lines
 from curricle.errors import SettingError, TaskError
+from curricle.learning.result import ends_of
 from curricle.show.plots import (
     draw_comparison,
     draw_forecast,
@@ -147,6 +148,12 @@ def test_bands_stay_within_possible_returns():
         assert mean.estimate == pytest.approx(1 / 3)
         for line in _lines(compared):
             assert (line.low.min(), line.high.max()) == ends
+
+
+def test_discounted_returns_of_a_tabulated_task_are_possible():
+    task = cr.interop.tabulate("CliffWalking-v1", discount=0.9, time_limit=20)
+    highest = ends_of(cr.learn(task, budget=20, eval_freq=20))[1]
+    assert highest == pytest.approx(-(1 - 0.9**13) / 0.1)  # undiscounted it is -13
 
 
 def test_few_curves_do_not_tell_what_returns_can_be():

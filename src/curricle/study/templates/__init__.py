@@ -5,20 +5,13 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
-from gymnasium.envs.registration import registry
-
-from curricle.errors import ConfigError
-from curricle.interop.gymnasium import suggested_ids
-from curricle.study_file.own_code import load, suggestion
-from curricle.study_file.schema import unknown
-
 KINDS = {
     "maze": "a maze learnt from its corner",
     "pursuit": "two predators learn to hunt from the values of one",
     "gymnasium": "a slippery lake learnt from one that is not",
     "deep": "a network learns three walls from solved levels of one wall",
 }
-"""Name of a ready file -> its subject."""
+"""Name of a ready file, which runs unchanged -> its subject."""
 
 
 def new_study(kind: str, folder: Path = Path()) -> tuple[str, str, list[str]]:
@@ -29,10 +22,13 @@ def new_study(kind: str, folder: Path = Path()) -> tuple[str, str, list[str]]:
     """
     if kind in KINDS:
         return f"{kind}.toml", template(kind), []
+    # Imported here, as a ready file and the command's help need no more of the library.
+    from curricle.errors import ConfigError
+    from curricle.study.templates.environment import environment_study
+    from curricle.study_file.own_code import load, suggestion
+
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
         raise ConfigError(f"there is no study {kind!r} to start from{meant}")
-    from curricle.study.templates.environment import environment_study
-
     _, colon, last = kind.rpartition(":")
     own = bool(colon) and last.isidentifier()
     name = kind if own else _known(kind)
@@ -41,21 +37,17 @@ def new_study(kind: str, folder: Path = Path()) -> tuple[str, str, list[str]]:
 
 
 def template(kind: str) -> str:
-    """Return a commented file of one of the :data:`KINDS`, which runs unchanged."""
-    if kind not in KINDS:
-        raise ConfigError(f"template {kind!r} {unknown(kind, KINDS)}")
-    return _text(f"{kind}.toml")
-
-
-def _text(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
-
-
-# -- Environments of Gymnasium's registry, and of one's own ----------------------------------------
+    """Return a commented file of one of the :data:`KINDS`."""
+    return files(__package__).joinpath(f"{kind}.toml").read_text(encoding="utf-8")
 
 
 def _known(name: str) -> str:
     """Return the id of an environment (MiniGrid's with its module); ConfigError if unknown."""
+    from gymnasium.envs.registration import registry
+
+    from curricle.errors import ConfigError
+    from curricle.interop.gymnasium import suggested_ids
+
     module, colon, _ = name.partition(":")
     if name in registry or (colon and module.isidentifier() and find_spec(module)):
         return name  # gymnasium.make imports the module, which registers its environments

@@ -10,7 +10,6 @@ import re
 import time
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import dataclass
 from functools import partial
 from inspect import signature
 from textwrap import fill
@@ -51,26 +50,31 @@ from curricle.tasks.mdp import tables
 from curricle.tasks.observation_task import EnvironmentMaker
 from curricle.transfer.by_components import project
 
-DISCOUNT, LIMIT = 0.99, 500  # the time limit of an environment without a limit
-SECONDS, PLAYED = 10.0, 2.0  # for its states, and again for its variants; of play
-EPISODES, LONGEST = 6, 1_000  # of play, and steps of an episode
-SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # where steps are random and must be tabulated
-BUDGETS, LIVE = (10_000, 100_000, 1_000_000), (20_000,)  # steps in which a task is to be learnt
-TRIED, CHECKS, SMOOTH = 3, 20, 5  # seeds and checkpoints of a trial; over how many it is smoothed
-QUICK, NOISE = 5_000, 2.0  # steps a second of a live trial; deviations that its return must gain
+DISCOUNT = 0.99
+LIMIT = 500  # time limit of an environment that has none
+SECONDS = 10.0  # to find the states of the environment, and again to try its variants
+PLAYED, EPISODES, LONGEST = 2.0, 6, 1_000  # play: seconds, episodes, and steps of an episode
+SAMPLED = {"samples": 30, "seeds": (0, 1, 2, 3, 4)}  # options of `tabulate` for random steps
+BUDGETS: tuple[int, ...] = 10_000, 100_000, 1_000_000  # steps, tried until a task is learnt
+LIVE = (20_000,)  # the same for a live task
+TRIED, CHECKS = 3, 20  # seeds and checkpoints of such a trial
+QUICK = 5_000  # steps a second from which on a live task is tried
+SMOOTH, NOISE = 5, 2.0  # its checkpoints in a mean; standard deviations that its return must gain
 LEARNT = 0.9  # of the way from the random policy's return to the optimum
-SOONER, MOST = 0.8, 3  # of the target's steps, what an easier variant takes; variants in a study
-LIMITS = "steps|limit|horizon|length"  # in the names of attributes: how long episodes are
-NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"  # of arguments: no other task
+SOONER, MOST = 0.8, 3  # share of the target's steps that an easier variant may take; variants
+KEYS = {"state": "ignore", "seeds": "reset_seeds"}  # of a study file, for options of functions
+LIMITS = "steps|limit|horizon|length"  # in names of attributes that say how long episodes are
+NO_TASK = "seed|step|limit|fps|render|time|horizon|pixel|debug|path"
+"""In names of arguments that change no task."""
 
 
 class Play:
     """What a few episodes of random actions show of an environment."""
 
     def __init__(self, env: Any):
-        self.env, self.masks, self.cuts = env, False, list[int]()  # at which steps it truncated
-        self.points, self.about = list[list[Any]](), list[Words]()  # observations and attributes
-        self.times = list[int]()  # steps since the reset
+        self.env, self.masks = env, False
+        self.points, self.attributes = list[list[Any]](), list[Words]()  # points: of observations
+        self.times, self.cuts = list[int](), list[int]()  # steps since the reset; at a truncation
         self.act, self.actions = actions_of(env.action_space, None, None)
         began = time.perf_counter()
         first, *_, again = [self._episode(seed, began + PLAYED) for seed in (*range(EPISODES), 0)]
@@ -85,15 +89,15 @@ class Play:
         while True:
             leaves = [np.ravel(leaf).tolist() for leaf in parts_of(observed).values()]
             self.points.append([x for leaf in leaves for x in leaf])
-            self.about.append(words_of_state(vars(env.unwrapped)))
+            self.attributes.append(words_of_state(vars(env.unwrapped)))
             self.times.append(len(seen))
             seen.append(deepcopy(observed))
             if over or cut or len(seen) > LONGEST or time.perf_counter() > ends:
                 self.cuts += [len(seen) - 1] * bool(cut)
                 return seen
-            n_actions = self.actions.size
-            allowed = action_mask(env, info, n_actions) if self.masks else np.ones(n_actions)
-            action = self.act(int(rng.choice(np.flatnonzero(allowed))))
+            n = self.actions.size
+            allowed = np.flatnonzero(action_mask(env, info, n)) if self.masks else n
+            action = self.act(int(rng.choice(allowed)))
             observed, _, over, cut, info = checked_parts("step", env.step(action))
 
     @property
@@ -105,14 +109,16 @@ class Play:
     def counters(self) -> list[str]:
         """Attributes that grow by one with every step."""
         later = np.flatnonzero(self.times)
-        return [] if is_minigrid(self.env) else counters_of(self.about, later - 1, later, self.env)
+        if is_minigrid(self.env):
+            return []
+        return counters_of(self.attributes, later - 1, later, self.env)
 
     @property
     def limit(self) -> int | None:
         """Steps after which episodes end whatever is done, None if unknown."""
-        counters, about = self.counters, self.about[0]
-        named = {name for name in about if counters and re.search(LIMITS, name.lower())}
-        stated = [about[name] for name in named - {*counters}]
+        counters, first = self.counters, self.attributes[0]
+        named = {name for name in first if counters and re.search(LIMITS, name.lower())}
+        stated = [first[name] for name in named - {*counters}]
         return min([*self.cuts, *(x for x in stated if type(x) is int and x > 1)], default=None)
 
     def names(self) -> list[str]:
@@ -121,8 +127,8 @@ class Play:
         for i, column in enumerate(zip(*self.points, strict=False), start=1):
             shown = [
                 name
-                for name in self.about[0]
-                if all(about.get(name) == x for about, x in zip(self.about, column, strict=True))
+                for name in self.attributes[0]
+                if [values.get(name) for values in self.attributes] == [*column]
             ]
             sure = [name.lstrip("_") for name in shown if len(set(column)) > 1 or len(shown) == 1]
             names.append(next((name for name in sure if name not in names), f"state_{i}"))
@@ -132,26 +138,10 @@ class Play:
 # -- How an environment becomes a task, and how soon it is learnt ----------------------------------
 
 
-@dataclass
-class Way:
-    """A way to make tasks of an environment: a function of the library, and its options."""
-
-    recipe: Any
-    makes: Any
-    options: dict[str, Any]
-
-    def task(self, arguments: dict[str, Any], seconds: float) -> Any:
-        """Return the task of a constructor's arguments; TaskError if it takes longer."""
-        timed = {"max_seconds": seconds} if self.makes is tabulate else {}
-        maker = EnvironmentMaker(self.recipe, arguments)
-        return self.makes(maker, discount=DISCOUNT, **self.options, **timed)
-
-    @property
-    def keys(self) -> dict[str, Any]:
-        """The options as a study file has them."""
-        written = {"state": "ignore", "seeds": "reset_seeds"}
-        plain = {name: getattr(value, "ignore", value) for name, value in self.options.items()}
-        return {written.get(name, name): value for name, value in plain.items()}
+def _made(way: partial[Any], recipe: Any, arguments: dict[str, Any], seconds: float) -> Any:
+    """Return the task of a constructor's arguments; TaskError if it takes longer."""
+    timed = {"max_seconds": seconds} if way.func is tabulate else {}
+    return way(EnvironmentMaker(recipe, arguments), discount=DISCOUNT, **timed)
 
 
 class Variant(NamedTuple):
@@ -165,15 +155,15 @@ class Variant(NamedTuple):
 
 def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bool) -> Variant:
     """Return a task with the steps after which Q-learning is nearly as good as it gets."""
-    evaluation = GreedyEvaluation(episodes=2) if is_live(task) else None
-    judgement = None
+    judgement, rollouts = None, GreedyEvaluation(episodes=2) if is_live(task) else None
     if not is_live(task):
         mdp = tables(task)
         judgement = judged(mdp, None if has_goal else np.ones(len(mdp.terminal), bool))
         budgets = () if judgement.refusal else budgets
     for budget in budgets:
-        often: dict[str, Any] = {"eval_freq": budget // CHECKS, "evaluation": evaluation}
-        learning = learn(task, QLearning(), budget, seeds=TRIED, **often)
+        learning = learn(
+            task, QLearning(), budget, seeds=TRIED, eval_freq=budget // CHECKS, evaluation=rollouts
+        )
         curve = learning.greedy_return.mean(axis=0)
         if judgement is not None:
             low, high = judgement.random_return, judgement.optimum
@@ -188,14 +178,14 @@ def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bo
     return Variant(arguments, task, judgement, math.inf)
 
 
-def easier(target: Variant, way: Way, env: Any, trial: Any) -> list[Variant]:
+def easier(target: Variant, make: Any, others: Iterator[Any], trial: Any) -> list[Variant]:
     """Return variants that are learnt sooner and that the target can read by name."""
     kept, ends = list[Variant](), time.perf_counter() + SECONDS
-    for arguments in _arguments(way.recipe, env):
+    for arguments in others:
         if (left := ends - time.perf_counter()) <= 0 or len(kept) == MOST:
             break
         try:
-            variant = trial(arguments, way.task(arguments, left))
+            variant = trial(arguments, make(arguments, left))
             mapped = project(target.task, variant.task).coverage().mapped
         except Exception:  # a constructor may refuse arguments in any way
             continue
@@ -220,7 +210,9 @@ def _arguments(recipe: Any, env: Any) -> Iterator[dict[str, Any]]:
     others = {name: _others(value) for name, value in values.items()}
     for turn in range(max(map(len, others.values()), default=0)):
         yield from ({name: some[turn]} for name, some in others.items() if turn < len(some))
-    yield {name: x // 2 for name, x in values.items() if type(x) is int and x >= 4}
+    halved = {name: x // 2 for name, x in values.items() if type(x) is int and x >= 4}
+    if len(halved) > 1:  # else it was yielded above
+        yield halved
 
 
 def _others(value: Any) -> list[Any]:
@@ -248,45 +240,33 @@ def environment_study(name: str, recipe: Any) -> tuple[str, list[str]]:
 def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
     if not is_discrete(env.action_space):
         return _of_network(name, recipe, env, [], "its actions are no whole numbers")
-    play, notes, table, task = Play(env), list[str](), bool(has_table(env)), None
-    discrete, counters = is_discrete(env.observation_space), play.counters
+    play, notes, task = Play(env), list[str](), None
     if not play.follows_seed:
         notes.append(
             "two resets with one seed and the same actions differ, so that results cannot be "
             "repeated: let reset call super().reset(seed=seed), and draw from self.np_random alone"
         )
-    options = _limit(env, play.limit) | ({"action_masks": True} if play.masks and not table else {})
-    ways = [Way(recipe, from_gymnasium, {})] * table
-    if play.whole and not table:
-        ways = [Way(recipe, tabulate, options | {"state": DeepCopy(counters)})] * bool(counters)
-        ways.append(Way(recipe, tabulate, options))
-        ways += [Way(recipe, tabulate, ways[0].options | SAMPLED)] * (not discrete)
-    if discrete and not table:
-        names, space = play.names(), space_of(env.observation_space, "state")
-        known = (
-            names_of(env.unwrapped)[0] or len(names) != len(space.names) or names == [*space.names]
-        )
-        ways.append(Way(recipe, from_gymnasium, options | ({} if known else {"names": names})))
     refusal, began = "" if play.whole else "its observations are no whole numbers", time.time()
-    for way in ways:
+    for way in _ways(env, play):
         try:
-            task = way.task({}, SECONDS)
+            task = _made(way, recipe, {}, SECONDS)
             break
         except TaskError as error:
             refusal = refusal or str(error)
     if task is None:
         return _of_network(name, recipe, env, notes, refusal)
-    live, seeds = is_live(task), 20
-    budgets: tuple[int, ...] = BUDGETS
+    live, budgets = is_live(task), BUDGETS
     if live:
-        budgets, seeds = LIVE * (play.speed >= QUICK), 8
+        budgets = LIVE * (play.speed >= QUICK)
         notes.append(f"learnt live, by calling step, as it is not tabulated: {refusal}")
-    elif not table:
+    elif not has_table(env):
         took = time.time() - began
         notes.append(f"tabulated: {task.states.size:,} states, in {took:.1f} s")
-        if "state" in way.options:
-            said = " and ".join(map(repr, counters))
-            notes.append(f"{said} counts steps and is no part of a state; time_limit ends episodes")
+        if "state" in way.keywords:
+            named = " and ".join(map(repr, play.counters))
+            notes.append(
+                f"{named} counts steps and is no part of a state; time_limit ends episodes"
+            )
     for has_goal in (True, False):  # a task without an end has none
         trial = partial(_variant, budgets=budgets, has_goal=has_goal)
         target = trial({}, task)
@@ -294,22 +274,42 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
             break
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
-    variants, most = easier(target, way, env, trial), max(budgets, default=LIVE[0])
-    for variant in variants:
+    most, sources = max(budgets, default=LIVE[0]), dict[str, str]()  # name -> arguments
+    for variant in easier(target, partial(_made, way, recipe), _arguments(recipe, env), trial):
         sizes = f"{variant.task.states.size:,} states instead of {task.states.size:,}"
         before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
-        notes.append(f"easier with {_inline(variant.arguments)}: {sizes}, {steps}")
+        words = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
+        written = sources[re.sub(r"[^\w-]", "_", words)] = _inline(variant.arguments)
+        notes.append(f"easier with {written}: {sizes}, {steps}")
     enough = min(max(3 * target.steps, BUDGETS[0]), 2 * most)
     unit = 10 ** int(math.log10(enough))
     budget = math.ceil(enough / unit) * unit
-    kind, sources = "tabulated" if way.makes is tabulate else "gymnasium", list[Any]()
-    for arguments in (variant.arguments for variant in variants):
-        words = "_".join(f"{argument}_{value}" for argument, value in arguments.items())
-        sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments)))
-    settings = {"kind": kind, "keys": way.keys, "seeds": seeds, "sources": sources}
-    settings |= {"budget": budget, "eval_freq": budget // CHECKS if live else None}
-    return _text(name, recipe, notes, network=None, **settings), notes
+    keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
+    kind = "tabulated" if way.func is tabulate else "gymnasium"
+    filled = {"kind": kind, "keys": keys, "live": live, "budget": budget, "sources": sources}
+    return _text(name, recipe, notes, filled), notes
+
+
+def _ways(env: Any, play: Play) -> list["partial[Any]"]:
+    """Return the ways to make a task of an environment, first that of the smallest table."""
+    if has_table(env):
+        return [partial(from_gymnasium)]
+    options: dict[str, Any] = _limit(env, play.limit)
+    if play.masks:
+        options["action_masks"] = True
+    ways, discrete = list["partial[Any]"](), is_discrete(env.observation_space)
+    if play.whole:
+        ways = [partial(tabulate, **options, state=DeepCopy(play.counters))] * bool(play.counters)
+        ways.append(partial(tabulate, **options))
+        ways += [partial(ways[0], **SAMPLED)] * (not discrete)
+    if discrete:
+        names, space = play.names(), space_of(env.observation_space, "state")
+        known = names_of(env.unwrapped)[0] or len(names) != len(space.names)
+        if not known and names != [*space.names]:
+            options["names"] = names
+        ways.append(partial(from_gymnasium, **options))
+    return ways
 
 
 def _limit(env: Any, known: int | None) -> dict[str, int]:
@@ -335,19 +335,21 @@ def _of_network(
     picture = isinstance(observed, Box) and len(observed.shape) == 3
     policy = "CnnPolicy" if picture else "MlpPolicy"
     policy = "MultiInputPolicy" if isinstance(observed, Dict) else policy
-    network = {"algorithm": "PPO" if isinstance(acting, Box) else "DQN", "policy": policy}
-    settings: dict[str, Any] = {"keys": _limit(env, None), "budget": 50_000, "eval_freq": 2_500}
-    settings |= {"kind": "observation_task", "seeds": 3, "sources": ()}
+    algorithm = "PPO" if isinstance(acting, Box) else "DQN"
     notes = [*notes, f"learnt by a network, as it is not tabulated: {why}"]
-    return _text(name, recipe, notes, network=network, **settings), notes
+    filled: dict[str, Any] = {"kind": "observation_task", "keys": _limit(env, None), "live": True}
+    filled |= {"budget": 50_000, "sources": {}, "network": (algorithm, policy)}
+    return _text(name, recipe, notes, filled), notes
 
 
-def _text(name: str, recipe: Any, notes: list[str], **settings: Any) -> str:
-    """Return the file of a study."""
-    package = PackageLoader("curricle.study", "templates")
-    spaced: dict[str, Any] = {"trim_blocks": True, "keep_trailing_newline": True}
-    environment = Environment(loader=package, undefined=StrictUndefined, **spaced)
+def _text(name: str, recipe: Any, notes: list[str], filled: dict[str, Any]) -> str:
+    """Return the file of a study; the template has names for what is `filled` in."""
+    environment = Environment(
+        loader=PackageLoader("curricle.study", "templates"), undefined=StrictUndefined,
+        trim_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
     environment.filters |= {"json": json.dumps, "comment": comment}
     template = environment.get_template("environment.txt")
-    return template.render(name=name, own=callable(recipe), notes=notes, **settings)
+    filled = {"name": name, "own": callable(recipe), "notes": notes, "network": None, **filled}
+    return template.render(filled)
