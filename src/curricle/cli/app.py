@@ -164,22 +164,26 @@ def new(
         rows = [*templates.KINDS.items(), ("ID", environments), ("module:Class", own)]
         echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), prose=True)))
         return
-    notes = list[str]()
+    path, notes = file or Path(f"{kind.rpartition(':')[2].replace('/', '-')}.toml"), list[str]()
+    if path.exists():  # before a search that takes seconds
+        raise StoreError(f"a new study needs a new file: {path} is there already")
     if kind in KINDS:  # these need no more of the library than their text, and are there at once
-        name = f"{kind}.toml"
-        text = files("curricle.study").joinpath("templates", name).read_text(encoding="utf-8")
+        text = (
+            files("curricle.study")
+            .joinpath("templates", f"{kind}.toml")
+            .read_text(encoding="utf-8")
+        )
     else:
+        from curricle.progress import compilation
         from curricle.study import templates
 
+        compilation().prints = True
         if ":" in kind:
             _announce_imports()
-        name, text, notes = templates.new_study(kind, Path() if file is None else file.parent)
-    path = file or Path(name)
+        _, text, notes = templates.new_study(kind, path.parent)
     try:
         with path.open("x", encoding="utf-8") as written:
             written.write(text)
-    except FileExistsError:
-        raise StoreError(f"a new study needs a new file: {path} is there already") from None
     except OSError as error:
         raise StoreError(f"a study cannot be written to {path}: {error.strerror}") from None
     for note in notes:

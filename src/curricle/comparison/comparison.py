@@ -81,7 +81,9 @@ from curricle.transfer.rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
 STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
-MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sources of a threshold
+MIDPOINT = (
+    "midpoint of scratch's curve: no optimum above random play is known"  # sources of a threshold
+)
 
 
 @dataclass(frozen=True)

@@ -713,9 +713,9 @@ class World:
             differing = "observation"
         if differing:
             raise TaskError(
-                "steps must be deterministic to be tabulated, unless outcomes are listed "
-                f"(outcomes=) or estimated (samples=){self.access.hint}; from_gymnasium plays it "
-                f"live: action {action}, repeated from one state of {self.name}, led to another "
+                "steps must be deterministic to be tabulated, unless samples= says from how many "
+                f"steps of a pair outcomes are estimated, or outcomes= lists them{self.access.hint}"
+                f": action {action}, repeated from one state of {self.name}, led to another "
                 f"{differing}"
             )
 

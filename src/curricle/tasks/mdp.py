@@ -744,7 +744,10 @@ def tables(task: Any) -> FiniteMDP:
     if isinstance(mdp, FiniteMDP):
         return mdp
     if isinstance(getattr(task, "model", None), tuple):
-        raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
+        raise TaskError(
+            f"a task given by functions or played live has no tables: {task!r}; tabulate makes "
+            'tables of an environment, type = "tabulated" in a study file'
+        )
     advice, kind = "", type(task)
     if isinstance(task, type):
         advice = "; give a task of this class, not the class" if hasattr(task, "mdp") else ""

@@ -21,6 +21,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.ndimage import uniform_filter1d
 
+from curricle.comparison.opponents import visited_states
 from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
@@ -196,11 +197,13 @@ def easier(target: Variant, way: Way, env: Any, trial: Any) -> list[Variant]:
             break
         try:
             variant = trial(arguments, way.task(arguments, left))
-            mapped = project(target.task, variant.task).coverage().mapped
+            mapped = project(target.task, variant.task).mapped_states()
         except Exception:  # a constructor may refuse arguments in any way
             continue
         sooner = 0 < variant.steps < math.inf and variant.steps <= SOONER * target.steps
-        if sooner and mapped and not any(_same(variant, other) for other in (target, *kept)):
+        if not sooner or any(_same(variant, other) for other in (target, *kept)):
+            continue
+        if mapped[visited_states(target.task, dense=True)].any():
             kept.append(variant)
     return kept
 
@@ -264,7 +267,10 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
     if discrete and not table:
         names, space = play.names(), space_of(env.observation_space, "state")
         known = (
-            names_of(env.unwrapped)[0] or len(names) != len(space.names) or names == [*space.names]
+            isinstance(env.observation_space, Dict)  # whose keys are names
+            or names_of(env.unwrapped)[0]
+            or len(names) != len(space.names)
+            or names == [*space.names]
         )
         ways.append(Way(recipe, from_gymnasium, options | ({} if known else {"names": names})))
     refusal, began = "" if play.whole else "its observations are no whole numbers", time.time()
@@ -281,6 +287,8 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
     if live:
         budgets, seeds = LIVE * (play.speed >= QUICK), 8
         notes.append(f"learnt live, by calling step, as it is not tabulated: {refusal}")
+        if options.get("time_limit") == LIMIT != play.limit:
+            notes.append(f"no limit of its episodes was seen: time_limit = {LIMIT} is a guess")
     elif not table:
         took = time.time() - began
         notes.append(f"tabulated: {task.states.size:,} states, in {took:.1f} s")
@@ -296,7 +304,8 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     variants, most = easier(target, way, env, trial), max(budgets, default=LIVE[0])
     for variant in variants:
-        sizes = f"{variant.task.states.size:,} states instead of {task.states.size:,}"
+        size, others = variant.task.states.size, task.states.size
+        sizes = f"{size:,} states instead of {others:,}" if size != others else "as many states"
         before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         notes.append(f"easier with {_inline(variant.arguments)}: {sizes}, {steps}")
@@ -309,6 +318,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
         sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments)))
     settings = {"kind": kind, "keys": way.keys, "seeds": seeds, "sources": sources}
     settings |= {"budget": budget, "eval_freq": budget // CHECKS if live else None}
+    settings["counters"] = json.dumps(counters)
     return _text(name, recipe, notes, network=None, **settings), notes
 
 
@@ -350,4 +360,6 @@ def _text(name: str, recipe: Any, notes: list[str], **settings: Any) -> str:
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
     environment.filters |= {"json": json.dumps, "comment": comment}
     template = environment.get_template("environment.txt")
-    return template.render(name=name, own=callable(recipe), notes=notes, **settings)
+    return template.render(
+        name=name, own=callable(recipe), notes=notes, discount=DISCOUNT, **settings
+    )
