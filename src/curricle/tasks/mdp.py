@@ -745,8 +745,8 @@ def tables(task: Any) -> FiniteMDP:
         return mdp
     if isinstance(getattr(task, "model", None), tuple):
         raise TaskError(
-            f"a task given by functions or played live has no tables: {task!r}; tabulate makes "
-            'tables of an environment, type = "tabulated" in a study file'
+            "a task given by functions or played live has no tables (tabulate makes them of an "
+            f"environment with few states): {task!r}"
         )
     advice, kind = "", type(task)
     if isinstance(task, type):

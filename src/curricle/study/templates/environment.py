@@ -317,8 +317,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
         words = "_".join(f"{argument}_{value}" for argument, value in arguments.items())
         sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments)))
     settings = {"kind": kind, "keys": way.keys, "seeds": seeds, "sources": sources}
-    settings |= {"budget": budget, "eval_freq": budget // CHECKS if live else None}
-    settings["counters"] = json.dumps(counters)
+    settings |= {"counters": counters, "budget": budget, "eval_freq": budget // CHECKS * live}
     return _text(name, recipe, notes, network=None, **settings), notes
 
 
@@ -359,7 +358,5 @@ def _text(name: str, recipe: Any, notes: list[str], **settings: Any) -> str:
     environment = Environment(loader=package, undefined=StrictUndefined, **spaced)
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
     environment.filters |= {"json": json.dumps, "comment": comment}
-    template = environment.get_template("environment.txt")
-    return template.render(
-        name=name, own=callable(recipe), notes=notes, discount=DISCOUNT, **settings
-    )
+    template = environment.get_template("environment.txt", globals={"discount": DISCOUNT})
+    return template.render(name=name, own=callable(recipe), notes=notes, **settings)
