@@ -57,6 +57,8 @@ def test_a_new_study_takes_nobodys_place(curricle, refused, tmp_path):
     (tmp_path / "maze.toml").write_text("years of work")
     refused(1, "a new study needs a new file: maze.toml is there already", "new", "maze")
     assert (tmp_path / "maze.toml").read_text() == "years of work"
+    (tmp_path / "Absent.toml").write_text("")  # nothing is imported or searched before it is seen
+    refused(1, "needs a new file: Absent.toml is there already", "new", "absent:Absent")
     refused(1, "cannot be written to nowhere/maze.toml", "new", "maze", "nowhere/maze.toml")
     refused(1, "called 'labyrinth'; curricle new without a name lists", "new", "labyrinth")
     refused(1, "no study 'mase' to start from, did you mean 'maze'?", "new", "mase")

@@ -157,11 +157,20 @@ def test_the_threshold_lies_nine_tenths_of_the_way_to_the_optimum(task, optimum)
     assert "threshold 50 (stated)\n" in str(stated)
 
 
+@pytest.mark.parametrize(("mapping", "said"), [(NOWHERE, True), (HERE, False)])
+def test_a_curriculum_that_reads_nothing_where_learning_goes_is_named(mapping, said):
+    comparison = cr.compare(corner(mapping), seeds=2, opponents=["constant"])
+    assert (
+        "transfer has one value in all pairs that learning can visit" in str(comparison)
+    ) == said
+
+
 def test_the_threshold_of_a_target_too_large_to_solve_is_the_midpoint_of_scratch(monkeypatch):
     monkeypatch.setattr(target_module, "LARGEST_SOLVED", 0)
     comparison = compare(corner(), seeds=3)
     assert comparison.threshold == midpoint(comparison.scratch.curve)
-    assert "(midpoint of scratch's curve, without an optimum above random)\n" in str(comparison)
+    said = "(midpoint of scratch's curve: no optimum above random play is known)\n"
+    assert said in str(comparison)
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,15 @@
 """`curricle new`: studies of environments, of one's own too, that run as they are."""
 
+from itertools import count
+
 import pytest
 
 from curricle.errors import ConfigError
+from curricle.interop import from_gymnasium
 from curricle.study import StudyResults, read_study
 from curricle.study.templates import new_study
+from curricle.study.templates.environment import Variant, Way, easier
+from curricle.study_file.own_code import load
 
 OWN = """
 import gymnasium as gym
@@ -42,6 +47,23 @@ class Robot(gym.Env):
 class Icy(Robot):
     def __init__(self, slippery=True, size=4):
         super().__init__(size, slippery)
+
+
+class Labelled(Icy):
+    def __init__(self, slippery=True, size=6):
+        super().__init__(slippery, size)
+        numbers = {"row": size, "column": size, "area": size**2 + 1}
+        self.observation_space = spaces.Dict({n: spaces.Discrete(k) for n, k in numbers.items()})
+
+    def reset(self, *, seed=None, options=None):
+        return self.shown(super().reset(seed=seed)[0]), {}
+
+    def step(self, action):
+        at, *rest = super().step(action)
+        return self.shown(at), *rest
+
+    def shown(self, at):  # in another order than that of the space
+        return {"row": int(at[0]), "column": int(at[1]), "area": self.size**2}
 
 
 class Seedless(Robot):
@@ -101,6 +123,29 @@ def test_a_random_class_is_live_with_names_of_its_attributes(robots):
     assert read_study(robots / file).curricula
 
 
+def test_a_dict_names_its_numbers(robots):
+    file, text, _ = new_study("robots:Labelled", robots)
+    assert "names = " not in text
+    assert 'samples = 100, ignore = ["steps"] in each task' in text
+    (robots / file).write_text(text)
+    plan = next(iter(read_study(robots / file).curricula.values()))
+    assert plan.tasks["target"].states.names == ("area", "column", "row")
+
+
+@pytest.mark.parametrize(("name", "readable"), [("Icy", True), ("Labelled", False)])
+def test_a_source_that_no_visited_state_reads_is_left_out(robots, name, readable):
+    way, steps = Way(load(f"robots:{name}", robots), from_gymnasium, {"time_limit": 60}), count(1)
+
+    def trial(arguments, task):
+        return Variant(arguments, task, None, next(steps))
+
+    target = Variant({}, way.task({}, 10.0), None, 1000.0)
+    kept = easier(target, way, way.recipe(), trial)
+    assert {"slippery": False} in [variant.arguments for variant in kept]
+    # Another size is another area, so that no state of the source is a state of the target.
+    assert any("size" in variant.arguments for variant in kept) == readable
+
+
 def test_a_class_that_ignores_its_seed_is_told(robots):
     _, _, notes = new_study("robots:Seedless", robots)
     assert "two resets with one seed and the same actions differ" in notes[0]
@@ -131,4 +176,4 @@ def test_actions_that_are_no_numbers_are_for_a_network(robots):
 def test_the_variant_of_an_id_is_its_argument(robots):
     _, text, notes = new_study("FrozenLake-v1", robots)
     assert "arguments = { is_slippery = false }" in text
-    assert any("easier with is_slippery = false: 16 states" in note for note in notes)
+    assert any("easier with is_slippery = false: as many states" in note for note in notes)

@@ -162,15 +162,19 @@ def new(
         rows = [*KINDS.items(), ("ID", environments), ("module:Class", own)]
         echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), prose=True)))
         return
+    path = file or Path(f"{kind.rpartition(':')[2].replace('/', '-')}.toml")
+    if path.exists():  # before a search that takes seconds
+        raise StoreError(f"a new study needs a new file: {path} is there already")
     if ":" in kind:
         _announce_imports()
-    name, text, notes = new_study(kind, Path() if file is None else file.parent)
-    path = file or Path(name)
+    if kind not in KINDS:
+        from curricle.progress import compilation
+
+        compilation().prints = True
+    _, text, notes = new_study(kind, path.parent)
     try:
         with path.open("x", encoding="utf-8") as written:
             written.write(text)
-    except FileExistsError:
-        raise StoreError(f"a new study needs a new file: {path} is there already") from None
     except OSError as error:
         raise StoreError(f"a study cannot be written to {path}: {error.strerror}") from None
     for note in notes:

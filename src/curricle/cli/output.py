@@ -402,10 +402,13 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
         if whole and not hindrance(curriculum):
             how["trial"] = True
         if not seeds:
+            work = f"training {', '.join(keys)} for one seed could take {duration(a_seed)}"
+            if not all(has_tables(curriculum.tasks[source]) for source in keys):
+                print_text(f"no forecast: {work}; curricle check --forecast makes it")
+                continue
             how = {"perfect": True}
             print_text(
-                f"training {', '.join(keys)} for one seed would take about {duration(a_seed)}, so "
-                "this forecast is for sources learnt perfectly; --forecast trains them"
+                f"{work}, so this forecast is for sources learnt perfectly; --forecast trains them"
             )
         elif untrained := [source for source in keys if source not in there]:
             took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained))

@@ -81,7 +81,9 @@ from curricle.transfer.rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
 STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
-MIDPOINT = "midpoint of scratch's curve, without an optimum above random"  # sources of a threshold
+MIDPOINT = (
+    "midpoint of scratch's curve: no optimum above random play is known"  # sources of a threshold
+)
 
 
 @dataclass(frozen=True)
@@ -633,7 +635,7 @@ class Comparison:
             for name, verdict in self.knowledge_verdicts.items()
             if self.verdicts[name].direction > 0
         ]
-        lines += [self.unlearnt(name) for name in self.controls]
+        lines += [self.unlearnt(name) or self.level_sentence(name) for name in self.controls]
         return [line for line in (*lines, not_asked(list(self.reasons.values()))) if line]
 
     @property
@@ -645,6 +647,14 @@ class Comparison:
             if name not in self.shown
         ]
         return f"mean return of other constants: {'; '.join(others)}" if others else ""
+
+    def level_sentence(self, name: str) -> str:
+        """A sentence on a potential that is constant where learning goes; empty if it varies."""
+        arms = (arm for arm in self.arms.values() if arm.curriculum == name)
+        levels = [arm.initial_values for arm in arms if arm.initial_values is not None]
+        if len(levels) < 2 or not np.allclose(levels, levels[0], rtol=1e-12, atol=0):
+            return ""
+        return f"{name} has one value in all pairs that learning can visit: check its mapping"
 
     def _started(self, name: str) -> str:
         """Return the initial value of an opponent that starts at a constant, as text."""

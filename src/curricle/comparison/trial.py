@@ -243,7 +243,7 @@ def hindrance(curriculum: Curriculum) -> str:
         if is_observation_task(task):
             return f"{name!r} is seen through observations and has no model"
         if is_live(task):
-            return f"{name!r} is live and has no model"
+            return f"{name!r} is live and has no model (tabulate makes it if states are few)"
     node = curriculum.node(curriculum.target)
     if isinstance(node.budget, Episodes | StoppingRule):
         return f"the budget of {node.name!r} is {node.budget}"

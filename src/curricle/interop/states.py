@@ -713,10 +713,10 @@ class World:
             differing = "observation"
         if differing:
             raise TaskError(
-                "steps must be deterministic to be tabulated, unless outcomes are listed "
-                f"(outcomes=) or estimated (samples=){self.access.hint}; from_gymnasium plays it "
-                f"live: action {action}, repeated from one state of {self.name}, led to another "
-                f"{differing}"
+                "steps must be deterministic to be tabulated, unless outcomes= lists what can "
+                "happen or samples= says from how many steps of a pair it is estimated "
+                f"(from_gymnasium plays it live){self.access.hint}: action {action}, repeated from "
+                f"one state of {self.name}, led to another {differing}"
             )
 
 

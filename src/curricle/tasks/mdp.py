@@ -744,7 +744,10 @@ def tables(task: Any) -> FiniteMDP:
     if isinstance(mdp, FiniteMDP):
         return mdp
     if isinstance(getattr(task, "model", None), tuple):
-        raise TaskError(f"a task given by functions or played live has no tables: {task!r}")
+        raise TaskError(
+            "a task given by functions or played live has no tables (tabulate makes them of an "
+            f"environment with few states): {task!r}"
+        )
     advice, kind = "", type(task)
     if isinstance(task, type):
         advice = "; give a task of this class, not the class" if hasattr(task, "mdp") else ""

@@ -54,7 +54,7 @@ def check_parts(task: Any, kind: str, *functions: str) -> None:
             raise TaskError(f"{name} must be a function: got {getattr(task, name)!r}")
     check_horizon(task)
     if task.discount == 1 and task.time_limit is None:
-        raise TaskError(f"a {kind} task with discount 1 needs a time limit: none set")
+        raise TaskError(f"a {kind} task with discount 1 needs a time limit, time_limit=: none set")
 
 
 def described(task: Any, *parts: str) -> str:

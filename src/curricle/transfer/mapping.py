@@ -761,9 +761,9 @@ class Coverage:
         return (
             f"{self.mapped:.1%} of {counted(self.target_pairs, 'target pair')} mapped, "
             f"{self.ended:.1%} at the source's end, {self.unmapped:.1%} unmapped; "
-            f"{self.never_used:,} of {counted(self.source_pairs, 'source pair')} are never read, "
-            f"each of the others by {self.mean_readers:.1f} target pairs on average, by "
-            f"{self.most_readers:,} at most"
+            f"{self.source_pairs - self.never_used:,} of "
+            f"{counted(self.source_pairs, 'source pair')} are read, by "
+            f"{self.mean_readers:.1f} target pairs on average and {self.most_readers:,} at most"
         )
 
 

@@ -20,6 +20,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.ndimage import uniform_filter1d
 
+from curricle.comparison.opponents import visited_states
 from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
@@ -186,11 +187,13 @@ def easier(target: Variant, make: Any, others: Iterator[Any], trial: Any) -> lis
             break
         try:
             variant = trial(arguments, make(arguments, left))
-            mapped = project(target.task, variant.task).coverage().mapped
+            mapped = project(target.task, variant.task).mapped_states()
         except Exception:  # a constructor may refuse arguments in any way
             continue
         sooner = 0 < variant.steps < math.inf and variant.steps <= SOONER * target.steps
-        if sooner and mapped and not any(_same(variant, other) for other in (target, *kept)):
+        if not sooner or any(_same(variant, other) for other in (target, *kept)):
+            continue
+        if mapped[visited_states(target.task, dense=True)].any():
             kept.append(variant)
     return kept
 
@@ -259,6 +262,8 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
     if live:
         budgets = LIVE * (play.speed >= QUICK)
         notes.append(f"learnt live, by calling step, as it is not tabulated: {refusal}")
+        if way.keywords.get("time_limit") == LIMIT != play.limit:
+            notes.append(f"no limit of its episodes was seen: time_limit = {LIMIT} is a guess")
     elif not has_table(env):
         took = time.time() - began
         notes.append(f"tabulated: {task.states.size:,} states, in {took:.1f} s")
@@ -276,7 +281,8 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     most, sources = max(budgets, default=LIVE[0]), dict[str, str]()  # name -> arguments
     for variant in easier(target, partial(_made, way, recipe), _arguments(recipe, env), trial):
-        sizes = f"{variant.task.states.size:,} states instead of {task.states.size:,}"
+        size, others = variant.task.states.size, task.states.size
+        sizes = f"{size:,} states instead of {others:,}" if size != others else "as many states"
         before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         words = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
@@ -288,6 +294,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
     keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
     kind = "tabulated" if way.func is tabulate else "gymnasium"
     filled = {"kind": kind, "keys": keys, "live": live, "budget": budget, "sources": sources}
+    filled["counters"] = play.counters
     return _text(name, recipe, notes, filled), notes
 
 
@@ -305,7 +312,11 @@ def _ways(env: Any, play: Play) -> list["partial[Any]"]:
         ways += [partial(ways[0], **SAMPLED)] * (not discrete)
     if discrete:
         names, space = play.names(), space_of(env.observation_space, "state")
-        known = names_of(env.unwrapped)[0] or len(names) != len(space.names)
+        known = (
+            isinstance(env.observation_space, Dict)  # whose keys are names
+            or names_of(env.unwrapped)[0]
+            or len(names) != len(space.names)
+        )
         if not known and names != [*space.names]:
             options["names"] = names
         ways.append(partial(from_gymnasium, **options))
@@ -350,6 +361,6 @@ def _text(name: str, recipe: Any, notes: list[str], filled: dict[str, Any]) -> s
     )  # fmt: skip
     comment = partial(fill, width=98, initial_indent="# ", subsequent_indent="#   ")
     environment.filters |= {"json": json.dumps, "comment": comment}
-    template = environment.get_template("environment.txt")
+    template = environment.get_template("environment.txt", globals={"discount": DISCOUNT})
     filled = {"name": name, "own": callable(recipe), "notes": notes, "network": None, **filled}
     return template.render(filled)
