@@ -54,6 +54,25 @@ class Patient(Robot):
         return super().step(action)[:3] + ({},)
 
 
+class Tired(Robot):  # its battery ends random episodes long before the class truncates
+    def __init__(self, size=5, battery=9):
+        super().__init__(size)
+        self.full = battery
+        self.observation_space = spaces.MultiDiscrete([size, size, battery + 1])
+
+    def reset(self, *, seed=None, options=None):
+        self.battery = self.full
+        return np.append(super().reset(seed=seed)[0], self.battery), {}
+
+    def step(self, action):
+        place, _, over, _, _ = super().step(action)
+        charged = self.row == 1 and self.column == 2
+        self.battery = self.full if charged else self.battery - 1
+        empty = self.battery == 0
+        reward = 10.0 * over - 5.0 * empty - 0.1
+        return np.append(place, self.battery), reward, over or empty, self.steps >= 200, {}
+
+
 class Needy(Robot):
     def __init__(self, size):
         super().__init__(size)
@@ -132,3 +151,22 @@ def test_the_variant_of_an_id_is_its_argument(robots):
     _, text, notes = new_study("FrozenLake-v1", robots)
     assert "arguments = { is_slippery = false }" in text
     assert any("easier with is_slippery = false: 16 states" in note for note in notes)
+
+
+def test_a_limit_that_random_play_does_not_live_to_see_is_the_time_limit(robots):
+    file, text, _ = new_study("robots:Tired", robots)
+    assert 'ignore = ["steps"]' in text
+    assert text.count("time_limit = 200") == text.count("[tasks.") >= 1
+
+
+def test_a_proposed_source_can_learn_its_task_within_its_budget(robots):
+    file, text, notes = new_study("robots:Tired", robots)
+    assert "battery_4]" not in text  # the goal is too far, so that there is only a later end
+    (robots / file).write_text(text)
+    plans = list(read_study(robots / file).curricula.values())
+    budgets = {
+        name: plan.node(name).most_steps for plan in plans for name in plan.order if name != "target"
+    }
+    learnt = [int(note.split("learnt in ")[1].split()[0].replace(",", "")) for note in notes[-3:]]
+    assert len(budgets) == len(learnt)
+    assert all(budget >= steps for budget, steps in zip(budgets.values(), learnt, strict=True))

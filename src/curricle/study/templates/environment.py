@@ -21,6 +21,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.ndimage import uniform_filter1d
 
+from curricle.curriculum.curriculum import SOURCES_SHARE
 from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
@@ -113,7 +114,24 @@ class Play:
         counters, about = self.counters, self.about[0]
         named = {name for name in about if counters and re.search(LIMITS, name.lower())}
         stated = [about[name] for name in named - {*counters}]
-        return min([*self.cuts, *(x for x in stated if type(x) is int and x > 1)], default=None)
+        seen = min(self.cuts, default=None) or (self._cut_ahead(counters) if counters else None)
+        return seen or min((x for x in stated if type(x) is int and x > 1), default=None)
+
+    def _cut_ahead(self, counters: list[str]) -> int | None:
+        """Return at which step it truncates, seen by setting its counters ahead; None if unseen."""
+        ends = time.perf_counter() + PLAYED
+        for n in range(1, LONGEST + 1):
+            _, info = seeded_reset(self.env, 0)
+            for name in counters:
+                setattr(self.env.unwrapped, name, self.about[0][name] + n - 1)
+            allowed = action_mask(self.env, info, self.actions.size) if self.masks else [1]
+            try:
+                _, _, over, cut, _ = self.env.step(self.act(int(np.argmax(allowed))))
+            except Exception:  # so late a step may be outside of what the class foresees
+                return None
+            if cut or time.perf_counter() > ends:
+                return n if cut and not over else None
+        return None
 
     def names(self) -> list[str]:
         """Return the attributes that the numbers in observations show, ``state_1`` if unknown."""
@@ -183,7 +201,8 @@ def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bo
             if high - low <= NOISE * float(np.diff(learning.greedy_return, axis=1).std()):
                 continue
         near = curve >= low + LEARNT * (high - low)
-        if near.any():
+        # In tables returns are exact: what is lost again at the end was met by chance.
+        if near[-1] or (judgement is None and near.any()):
             return Variant(arguments, task, judgement, float(learning.steps[near.argmax()]))
     return Variant(arguments, task, judgement, math.inf)
 
@@ -274,12 +293,15 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
             break
         except TaskError as error:
             refusal = refusal or str(error)
+    if "max_seconds" in refusal:
+        ignored = f" and ignore = {json.dumps(counters)}" * bool(counters)
+        refusal += f'; type = "tabulated"{ignored} in a study searches without that limit'
     if task is None:
         return _of_network(name, recipe, env, notes, refusal)
     live, seeds = is_live(task), 20
     budgets: tuple[int, ...] = BUDGETS
     if live:
-        budgets, seeds = LIVE * (play.speed >= QUICK), 8
+        budgets, seeds = LIVE * (play.speed >= QUICK), 10
         notes.append(f"learnt live, by calling step, as it is not tabulated: {refusal}")
     elif not table:
         took = time.time() - began
@@ -296,20 +318,26 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
     variants, most = easier(target, way, env, trial), max(budgets, default=LIVE[0])
     for variant in variants:
-        sizes = f"{variant.task.states.size:,} states instead of {task.states.size:,}"
+        less = f" instead of {task.states.size:,}" * (variant.task.states.size < task.states.size)
+        sizes = f"{variant.task.states.size:,} states{less}"
         before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         notes.append(f"easier with {_inline(variant.arguments)}: {sizes}, {steps}")
-    enough = min(max(3 * target.steps, BUDGETS[0]), 2 * most)
-    unit = 10 ** int(math.log10(enough))
-    budget = math.ceil(enough / unit) * unit
+    budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
     kind, sources = "tabulated" if way.makes is tabulate else "gymnasium", list[Any]()
-    for arguments in (variant.arguments for variant in variants):
+    for arguments, steps in ((variant.arguments, variant.steps) for variant in variants):
         words = "_".join(f"{argument}_{value}" for argument, value in arguments.items())
-        sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments)))
+        more = _rounded_up(steps) if steps > SOURCES_SHARE * budget else None
+        sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments), more))
     settings = {"kind": kind, "keys": way.keys, "seeds": seeds, "sources": sources}
     settings |= {"budget": budget, "eval_freq": budget // CHECKS if live else None}
     return _text(name, recipe, notes, network=None, **settings), notes
+
+
+def _rounded_up(steps: float) -> int:
+    """Return steps rounded up to one digit and zeros."""
+    unit = 10 ** int(math.log10(steps))
+    return math.ceil(steps / unit) * unit
 
 
 def _limit(env: Any, known: int | None) -> dict[str, int]:
