@@ -154,7 +154,7 @@ def test_the_variant_of_an_id_is_its_argument(robots):
 
 
 def test_a_limit_that_random_play_does_not_live_to_see_is_the_time_limit(robots):
-    file, text, _ = new_study("robots:Tired", robots)
+    _, text, _ = new_study("robots:Tired", robots)
     assert 'ignore = ["steps"]' in text
     assert text.count("time_limit = 200") == text.count("[tasks.") >= 1
 
@@ -165,7 +165,10 @@ def test_a_proposed_source_can_learn_its_task_within_its_budget(robots):
     (robots / file).write_text(text)
     plans = list(read_study(robots / file).curricula.values())
     budgets = {
-        name: plan.node(name).most_steps for plan in plans for name in plan.order if name != "target"
+        name: plan.node(name).most_steps
+        for plan in plans
+        for name in plan.order
+        if name != "target"
     }
     learnt = [int(note.split("learnt in ")[1].split()[0].replace(",", "")) for note in notes[-3:]]
     assert len(budgets) == len(learnt)

@@ -123,7 +123,7 @@ class Play:
         for n in range(1, LONGEST + 1):
             _, info = seeded_reset(self.env, 0)
             for name in counters:
-                setattr(self.env.unwrapped, name, self.about[0][name] + n - 1)
+                setattr(self.env.unwrapped, name, int(self.about[0][name]) + n - 1)
             allowed = action_mask(self.env, info, self.actions.size) if self.masks else [1]
             try:
                 _, _, over, cut, _ = self.env.step(self.act(int(np.argmax(allowed))))
@@ -295,7 +295,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
             refusal = refusal or str(error)
     if "max_seconds" in refusal:
         ignored = f" and ignore = {json.dumps(counters)}" * bool(counters)
-        refusal += f'; type = "tabulated"{ignored} in a study searches without that limit'
+        refusal += f'; type = "tabulated"{ignored} in a study searches for an hour'
     if task is None:
         return _of_network(name, recipe, env, notes, refusal)
     live, seeds = is_live(task), 20
@@ -325,9 +325,9 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
         notes.append(f"easier with {_inline(variant.arguments)}: {sizes}, {steps}")
     budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
     kind, sources = "tabulated" if way.makes is tabulate else "gymnasium", list[Any]()
-    for arguments, steps in ((variant.arguments, variant.steps) for variant in variants):
+    for arguments, _, _, enough in variants:
         words = "_".join(f"{argument}_{value}" for argument, value in arguments.items())
-        more = _rounded_up(steps) if steps > SOURCES_SHARE * budget else None
+        more = _rounded_up(enough) if enough > SOURCES_SHARE * budget else None
         sources.append((re.sub(r"[^\w-]", "_", words), _inline(arguments), more))
     settings = {"kind": kind, "keys": way.keys, "seeds": seeds, "sources": sources}
     settings |= {"budget": budget, "eval_freq": budget // CHECKS if live else None}
@@ -336,7 +336,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
 
 def _rounded_up(steps: float) -> int:
     """Return steps rounded up to one digit and zeros."""
-    unit = 10 ** int(math.log10(steps))
+    unit = int(10.0 ** int(math.log10(steps)))
     return math.ceil(steps / unit) * unit
 
 
