@@ -9,6 +9,7 @@ import math
 import re
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
@@ -114,23 +115,21 @@ class Play:
         counters, about = self.counters, self.about[0]
         named = {name for name in about if counters and re.search(LIMITS, name.lower())}
         stated = [about[name] for name in named - {*counters}]
-        seen = min(self.cuts, default=None) or (self._cut_ahead(counters) if counters else None)
+        ahead = self._cut_ahead(counters) if counters and not (self.cuts or self.masks) else None
+        seen = min(self.cuts, default=ahead)
         return seen or min((x for x in stated if type(x) is int and x > 1), default=None)
 
     def _cut_ahead(self, counters: list[str]) -> int | None:
         """Return at which step it truncates, seen by setting its counters ahead; None if unseen."""
         ends = time.perf_counter() + PLAYED
-        for n in range(1, LONGEST + 1):
-            _, info = seeded_reset(self.env, 0)
-            for name in counters:
-                setattr(self.env.unwrapped, name, int(self.about[0][name]) + n - 1)
-            allowed = action_mask(self.env, info, self.actions.size) if self.masks else [1]
-            try:
-                _, _, over, cut, _ = self.env.step(self.act(int(np.argmax(allowed))))
-            except Exception:  # so late a step may be outside of what the class foresees
-                return None
-            if cut or time.perf_counter() > ends:
-                return n if cut and not over else None
+        with suppress(Exception):  # so late a step may be outside of what the class foresees
+            for n in range(1, LONGEST + 1):
+                seeded_reset(self.env, 0)
+                for name in counters:
+                    setattr(self.env.unwrapped, name, int(self.about[0][name]) + n - 1)
+                cut = self.env.step(self.act(0))[3]
+                if cut or time.perf_counter() > ends:
+                    return n if cut else None
         return None
 
     def names(self) -> list[str]:
@@ -201,8 +200,7 @@ def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bo
             if high - low <= NOISE * float(np.diff(learning.greedy_return, axis=1).std()):
                 continue
         near = curve >= low + LEARNT * (high - low)
-        # In tables returns are exact: what is lost again at the end was met by chance.
-        if near[-1] or (judgement is None and near.any()):
+        if near[-1] or (judgement is None and near.any()):  # in tables chance finds do not count
             return Variant(arguments, task, judgement, float(learning.steps[near.argmax()]))
     return Variant(arguments, task, judgement, math.inf)
 
@@ -336,8 +334,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
 
 def _rounded_up(steps: float) -> int:
     """Return steps rounded up to one digit and zeros."""
-    unit = int(10.0 ** int(math.log10(steps)))
-    return math.ceil(steps / unit) * unit
+    return math.ceil(steps / (unit := int(10.0 ** int(math.log10(steps))))) * unit
 
 
 def _limit(env: Any, known: int | None) -> dict[str, int]:
