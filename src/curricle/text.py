@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 GAP = 2  # spaces between two columns, at least
-NARROWEST_NAME, NARROWEST_WORDS = 12, 20  # characters of a column before its cells fold
+NARROWEST_NAME, NARROWEST_WORDS = 12, 20  # characters of a column that folds, or its longest word
 UNBOUNDED = 10_000  # a width in which nothing folds
 LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5  # of a ``repr``, a value, an array
 
@@ -43,7 +43,8 @@ def text_table(
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     excess = sum(widths) + GAP * (len(widths) - 1) - width
     for column, narrowest in ((-1, NARROWEST_WORDS), (0, NARROWEST_NAME))[not prose :]:
-        room = max(0, widths[column] - max(narrowest, len(heads[column])))
+        words = [heads[column], *(word for row in cells for word in row[column].split())]
+        room = max(0, widths[column] - max(narrowest, *map(len, words)))
         less = max(0, min(excess, room))
         widths[column], excess = widths[column] - less, excess - less
     if excess <= 0:

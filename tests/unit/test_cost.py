@@ -36,7 +36,7 @@ def test_exact_evaluations_are_counted(study_file, monkeypatch):
         cost.costs(study, Arms.of(study))[0].seconds
         for study in (read_study(study_file, set=[f"eval_freq={n}"]) for n in (100, 1))
     )
-    assert often > 2 * rare  # in rare ones, learning takes most of the time
+    assert often > 1.5 * rare  # in rare ones, learning takes most of the time
 
 
 DISTILLED = """

@@ -177,6 +177,13 @@ def test_lines_fit_and_nothing_is_lost(rows, width, prose):
     assert len(there) >= sum(len(re.sub(r"\s", "", cell)) for row in rows for cell in row)
 
 
+def test_a_name_folds_between_its_words_alone():
+    name = "share, constant maximum (initial_value=8.743)"
+    for width in range(25, 80):  # the numbers take 13
+        lines = text_table(["", "return"], [(name, "93.5 [89, 97]")], width)
+        assert any("(initial_value=8.743)" in line for line in lines), width
+
+
 @given(rows=ROWS)
 def test_columns_never_touch(rows):
     lines = text_table(HEADS[:3], [row[:3] for row in rows])

@@ -1,5 +1,6 @@
 """`curricle new`: studies of environments, of one's own too, that run as they are."""
 
+from functools import partial
 from itertools import count
 
 import pytest
@@ -8,7 +9,7 @@ from curricle.errors import ConfigError
 from curricle.interop import from_gymnasium
 from curricle.study import StudyResults, read_study
 from curricle.study.templates import new_study
-from curricle.study.templates.environment import Variant, Way, easier
+from curricle.study.templates.environment import Variant, _arguments, _made, easier
 from curricle.study_file.own_code import load
 
 OWN = """
@@ -76,6 +77,25 @@ class Patient(Robot):
         return super().step(action)[:3] + ({},)
 
 
+class Tired(Robot):  # its battery ends random episodes long before the class truncates
+    def __init__(self, size=5, battery=9):
+        super().__init__(size)
+        self.full = battery
+        self.observation_space = spaces.MultiDiscrete([size, size, battery + 1])
+
+    def reset(self, *, seed=None, options=None):
+        self.battery = self.full
+        return np.append(super().reset(seed=seed)[0], self.battery), {}
+
+    def step(self, action):
+        place, _, over, _, _ = super().step(action)
+        charged = self.row == 1 and self.column == 2
+        self.battery = self.full if charged else self.battery - 1
+        empty = self.battery == 0
+        reward = 10.0 * over - 5.0 * empty - 0.1
+        return np.append(place, self.battery), reward, over or empty, self.steps >= 200, {}
+
+
 class Needy(Robot):
     def __init__(self, size):
         super().__init__(size)
@@ -134,13 +154,14 @@ def test_a_dict_names_its_numbers(robots):
 
 @pytest.mark.parametrize(("name", "readable"), [("Icy", True), ("Labelled", False)])
 def test_a_source_that_no_visited_state_reads_is_left_out(robots, name, readable):
-    way, steps = Way(load(f"robots:{name}", robots), from_gymnasium, {"time_limit": 60}), count(1)
+    recipe, steps = load(f"robots:{name}", robots), count(1)
+    make = partial(_made, partial(from_gymnasium, time_limit=60), recipe)
 
     def trial(arguments, task):
         return Variant(arguments, task, None, next(steps))
 
-    target = Variant({}, way.task({}, 10.0), None, 1000.0)
-    kept = easier(target, way, way.recipe(), trial)
+    target = Variant({}, make({}, 10.0), None, 1000.0)
+    kept = easier(target, make, _arguments(recipe, recipe()), trial)
     assert {"slippery": False} in [variant.arguments for variant in kept]
     # Another size is another area, so that no state of the source is a state of the target.
     assert any("size" in variant.arguments for variant in kept) == readable
@@ -176,4 +197,26 @@ def test_actions_that_are_no_numbers_are_for_a_network(robots):
 def test_the_variant_of_an_id_is_its_argument(robots):
     _, text, notes = new_study("FrozenLake-v1", robots)
     assert "arguments = { is_slippery = false }" in text
-    assert any("easier with is_slippery = false: as many states" in note for note in notes)
+    assert any("easier with is_slippery = false: 16 states" in note for note in notes)
+
+
+def test_a_limit_that_random_play_does_not_live_to_see_is_the_time_limit(robots):
+    _, text, _ = new_study("robots:Tired", robots)
+    assert 'ignore = ["steps"]' in text
+    assert text.count("time_limit = 200") == text.count("[tasks.") >= 1
+
+
+def test_a_proposed_source_can_learn_its_task_within_its_budget(robots):
+    file, text, notes = new_study("robots:Tired", robots)
+    assert "battery_4]" not in text  # the goal is too far, so that there is only a later end
+    (robots / file).write_text(text)
+    plans = list(read_study(robots / file).curricula.values())
+    budgets = {
+        name: plan.node(name).most_steps
+        for plan in plans
+        for name in plan.order
+        if name != "target"
+    }
+    learnt = [int(note.split("learnt in ")[1].split()[0].replace(",", "")) for note in notes[-3:]]
+    assert len(budgets) == len(learnt)
+    assert all(budget >= steps for budget, steps in zip(budgets.values(), learnt, strict=True))

@@ -29,6 +29,7 @@ from curricle.study.running import Done, usable_units
 from curricle.study.store import StudyStore, holds_study
 from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
+from curricle.tasks.live import is_live
 from curricle.tasks.mdp import generative_model, has_tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import UNBOUNDED, counted, duration, text_table
@@ -278,7 +279,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
     ]
     print_table(("cost at most", "seeds", "steps a seed", "time"), rows)
     seconds = sum(cost.seconds for cost in costing)
-    print_text(f"about {duration(seconds)} on one processor, without compilation")
+    print_text(f"about {duration(seconds)} on one processor, without compilation and forecasts")
     if arms.budget is not None and arms.total not in (None, arms.budget):
         steps = arms.budget, arms.total, arms.eval_freq
         sources = any(curriculum.transfers for curriculum in arms.curricula.values())
@@ -361,6 +362,7 @@ LONGEST_COMPARING = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
 ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, from two sources
+PASSES = 4  # a live target is played for its source, the start, the values and their calibration
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
@@ -411,7 +413,8 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
                 f"{work}, so this forecast is for sources learnt perfectly; --forecast trains them"
             )
         elif untrained := [source for source in keys if source not in there]:
-            took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained))
+            live = PASSES * comparing * is_live(curriculum.tasks[arms.target])
+            took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained) + live)
             took += " after tabulating what is distilled" * distilled
             work = f"{', '.join(untrained)} for {counted(len(seeds), 'seed')}"
             print_text(f"training {work}, for the forecast: about {took}")

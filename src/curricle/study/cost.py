@@ -85,7 +85,8 @@ def _exact_seconds(node: Node) -> float:
     if node.evaluation.method == "off" or not has_tables(node.task):
         return 0.0
     checkpoints = node.most_steps // node.eval_freq + 1
-    return checkpoints * sweeping_seconds(node.task, node.evaluation.horizon(node.task))
+    n_actions = generative_model(node.task).actions.size  # of which the greedy action is read
+    return checkpoints * sweeping_seconds(node.task, node.evaluation.horizon(node.task)) / n_actions
 
 
 def sweeping_seconds(task: Any, sweeps: float) -> float:

@@ -9,6 +9,7 @@ import math
 import re
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from copy import deepcopy
 from functools import partial
 from inspect import signature
@@ -21,6 +22,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.ndimage import uniform_filter1d
 
 from curricle.comparison.opponents import visited_states
+from curricle.curriculum.curriculum import SOURCES_SHARE
 from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
@@ -120,7 +122,22 @@ class Play:
         counters, first = self.counters, self.attributes[0]
         named = {name for name in first if counters and re.search(LIMITS, name.lower())}
         stated = [first[name] for name in named - {*counters}]
-        return min([*self.cuts, *(x for x in stated if type(x) is int and x > 1)], default=None)
+        ahead = self._cut_ahead(counters) if counters and not (self.cuts or self.masks) else None
+        seen = min(self.cuts, default=ahead)
+        return seen or min((x for x in stated if type(x) is int and x > 1), default=None)
+
+    def _cut_ahead(self, counters: list[str]) -> int | None:
+        """Return at which step it truncates, seen by setting its counters ahead; None if unseen."""
+        ends = time.perf_counter() + PLAYED
+        with suppress(Exception):  # so late a step may be outside of what the class foresees
+            for n in range(1, LONGEST + 1):
+                seeded_reset(self.env, 0)
+                for name in counters:
+                    setattr(self.env.unwrapped, name, int(self.attributes[0][name]) + n - 1)
+                cut = self.env.step(self.act(0))[3]
+                if cut or time.perf_counter() > ends:
+                    return n if cut else None
+        return None
 
     def names(self) -> list[str]:
         """Return the attributes that the numbers in observations show, ``state_1`` if unknown."""
@@ -174,7 +191,7 @@ def _variant(arguments: dict[str, Any], task: Any, budgets: Any, *, has_goal: bo
             if high - low <= NOISE * float(np.diff(learning.greedy_return, axis=1).std()):
                 continue
         near = curve >= low + LEARNT * (high - low)
-        if near.any():
+        if near[-1] or (judgement is None and near.any()):  # in tables chance finds do not count
             return Variant(arguments, task, judgement, float(learning.steps[near.argmax()]))
     return Variant(arguments, task, judgement, math.inf)
 
@@ -256,6 +273,9 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
             break
         except TaskError as error:
             refusal = refusal or str(error)
+    if "max_seconds" in refusal:
+        ignored = f" and ignore = {json.dumps(play.counters)}" * bool(play.counters)
+        refusal += f'; type = "tabulated"{ignored} in a study searches for an hour'
     if task is None:
         return _of_network(name, recipe, env, notes, refusal)
     live, budgets = is_live(task), BUDGETS
@@ -279,18 +299,22 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
             break
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
-    most, sources = max(budgets, default=LIVE[0]), dict[str, str]()  # name -> arguments
-    for variant in easier(target, partial(_made, way, recipe), _arguments(recipe, env), trial):
-        size, others = variant.task.states.size, task.states.size
-        sizes = f"{size:,} states instead of {others:,}" if size != others else "as many states"
+    sources, variants = (
+        dict[str, Any](),
+        list(easier(target, partial(_made, way, recipe), _arguments(recipe, env), trial)),
+    )
+    most = max(budgets, default=LIVE[0])
+    budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
+    for variant in variants:
+        less = f" instead of {task.states.size:,}" * (variant.task.states.size < task.states.size)
         before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         words = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
-        written = sources[re.sub(r"[^\w-]", "_", words)] = _inline(variant.arguments)
-        notes.append(f"easier with {written}: {sizes}, {steps}")
-    enough = min(max(3 * target.steps, BUDGETS[0]), 2 * most)
-    unit = 10 ** int(math.log10(enough))
-    budget = math.ceil(enough / unit) * unit
+        written = _inline(variant.arguments)
+        more = variant.steps > SOURCES_SHARE * budget
+        stated = _rounded_up(variant.steps) if more else None
+        sources[re.sub(r"[^\w-]", "_", words)] = written, stated
+        notes.append(f"easier with {written}: {variant.task.states.size:,} states{less}, {steps}")
     keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
     kind = "tabulated" if way.func is tabulate else "gymnasium"
     filled = {"kind": kind, "keys": keys, "live": live, "budget": budget, "sources": sources}
@@ -321,6 +345,11 @@ def _ways(env: Any, play: Play) -> list["partial[Any]"]:
             options["names"] = names
         ways.append(partial(from_gymnasium, **options))
     return ways
+
+
+def _rounded_up(steps: float) -> int:
+    """Return steps rounded up to one digit and zeros."""
+    return math.ceil(steps / (unit := int(10.0 ** int(math.log10(steps))))) * unit
 
 
 def _limit(env: Any, known: int | None) -> dict[str, int]:
