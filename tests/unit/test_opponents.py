@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle import QLearning, compare
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, visited_states
-from curricle.errors import ConfigError, SettingError
+from curricle.errors import SettingError
 from curricle.learning import OptimisticQLearning, value_bounds
 from curricle.study import run_study
 from curricle.study.arms import Arms
@@ -36,11 +36,10 @@ def test_all_of_them_play_unasked_and_each_can_be_left_out():
         assert comparison.verdicts["transfer"].rivals == 1 + len(names)
 
 
-def test_a_constant_is_no_control_but_an_opponent(tmp_path):
-    with pytest.raises(SettingError, match=r"a constant is an opponent.*got 'constant'"):
-        compare(corner(), seeds=1, controls=["constant"])
-    with pytest.raises(ConfigError, match=r"a constant is one of the opponents.*got 'constant'"):
-        reader(tmp_path)(CORNER, set=['controls=["constant"]'])
+def test_asked_for_as_a_control_a_constant_plays_as_the_opponent_that_it_is():
+    comparison = compare(corner(), seeds=1, opponents=(), controls=["constant"])
+    assert comparison.scratches == ("scratch", *OF_PHI)
+    assert comparison.controls == {"transfer": ()}
 
 
 def test_a_learner_that_plays_anyway_is_not_played_twice():

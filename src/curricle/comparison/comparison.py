@@ -856,7 +856,7 @@ def comparison_plan(
     if isinstance(controls, str):
         raise SettingError(f"controls must be a list of names: got {controls!r}")
     for control in controls:
-        one_of("a control (a constant is an opponent)", control, CONTROLS, SettingError)
+        one_of("a control", control, CONTROLS, SettingError)
     opponents = check_opponents(opponents)
     check_comparable(arms)
     first = next(iter(arms.values()))

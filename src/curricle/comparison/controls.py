@@ -6,6 +6,8 @@
   longer training helped.
 - ``placebo``: phi's values shuffled over the target's pairs, in the curriculum's portfolio and
   without it. If it helps as much, any values do.
+- ``constant``: adds the opponent of this name (:mod:`curricle.comparison.opponents`) where the
+  setting ``opponents`` leaves it out.
 - ``scaled``: phi halved, and phi doubled. If either is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 - ``unrelated``: the source's task with the outcomes of its pairs exchanged at random, its exact
@@ -41,10 +43,13 @@ from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.search import find_mappings
 from curricle.transfer.transfer import Transfer
 
-Control = Literal["random_start", "pretraining", "placebo", "scaled", "negated", "unrelated"]
+Control = Literal[
+    "random_start", "pretraining", "placebo", "constant", "scaled", "negated", "unrelated"
+]
 CONTROLS: tuple[Control, ...] = get_args(Control)
 PLACEBO, ALONE = "placebo", "placebo, alone"
 UNRELATED = "unrelated"
+WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
 
@@ -57,7 +62,7 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
         )
     if is_observation_task(curriculum.tasks[name]):
         _check_observed(controls, arm, curriculum)
-    elif any(control != "scaled" for control in controls):
+    elif any(control not in WITHOUT_TABLES for control in controls):
         tables(curriculum.tasks[name])
         if curriculum.setting("storage", name).kind == "sparse":
             raise CurriculumError(

@@ -130,6 +130,8 @@ class Plan:
                 f"{node.budget}; give it in steps, or let each arm have its own budget with "
                 "compared = false"
             )
+        if "constant" in controls:
+            opponents = ("constant", *opponents)
 
         def as_long(curriculum: Curriculum) -> Curriculum:
             if total is None:

@@ -26,7 +26,7 @@ from pydantic import (
 
 from curricle.checks import listed, unfit_name
 from curricle.comparison.comparison import compare as compare_curricula
-from curricle.comparison.controls import CONTROLS, Control
+from curricle.comparison.controls import Control
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.comparison.opponents import (
     OPPONENTS,
@@ -72,7 +72,6 @@ from curricle.study_file.schema import (
     shown,
     table,
     unknown,
-    word,
     wrong_at,
 )
 from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
@@ -87,7 +86,6 @@ from curricle.study_file.vary import (
 from curricle.text import counted, shortened
 from curricle.transfer.by_components import member_mappings
 
-OF_CONTROLS = f"be one of {listed(CONTROLS)} (a constant is one of the opponents)"
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
 Messages = Iterator[tuple[KeyPath, str]]  # key path and text of each mistake
 
@@ -122,7 +120,7 @@ class RunTable(Table):
     """Further learners from scratch by name, each what it changes in the target's."""
     opponents: tuple[Opponent, ...] | None = None
     """The learners from scratch that play beside the target's own; all of them by default."""
-    controls: tuple[Annotated[Control, word(OF_CONTROLS, CONTROLS)], ...] | None = None
+    controls: tuple[Control, ...] | None = None
     """Controls of every arm: arms that equal it except for what should help."""
     choose: Flag | None = None
     """Whether the arm is chosen first, by trials of candidate sources of the target and of the arms
