@@ -1,5 +1,6 @@
 """A trial foretells the experiment: fixed seeds, with the rate at which this fails by chance."""
 
+import numpy as np
 import pytest
 
 import curricle as cr
@@ -15,6 +16,7 @@ def test_the_gain_of_a_trial_is_the_gain_of_the_experiment(family):
         plan = pair.curriculum()
         told = cr.forecast(plan, seeds=1, trial=True).used.gain
         came = cr.compare(plan, seeds=20).contrasts["transfer"].strong_gain
-        width = (told.high - told.low) ** 2 + (came.high - came.low) ** 2
+        # An interval is NaN where all seeds have one gain.
+        width = np.nansum([(told.high - told.low) ** 2, (came.high - came.low) ** 2])
         error = width**0.5 / 2 / 2.093  # Student's 97.5 % quantile of 19 degrees of freedom
         assert abs(told.estimate - came.estimate) <= 4 * error + 1e-9, pair.name
