@@ -71,18 +71,7 @@ def take(page: Path, part: str, picture: Path) -> None:
 
 # -- why it works -------------------------------------------------------------------------------
 
-MAZE = """
-.........T
-..P....PPP
-.P..F.....
-......PPP.
-..F.......
-.P...PPPPP
-.P........
-.FF.......
-.P..PPPPP.
-S.........
-"""
+TEMPLATE = HERE.parent / "src/curricle/study/templates/maze.toml"
 SIZE, RESOLUTION = (7.2, 2.9), 110  # inches, dots an inch
 BUDGET, SEEDS, EVAL_FREQ = 40_000, 20, 400
 
@@ -138,7 +127,7 @@ def maze_curves(title: str, shapings: dict[str, cr.QInitialisation | None], name
 
 def milder() -> cr.GridWorld:
     """The maze that `curricle new maze` writes."""
-    return cr.GridWorld(MAZE, rewards=cr.Rewards(fire=-50, near_fire=-20, pit=-100))
+    return cr.read_study(TEMPLATE).curriculum("transfer").tasks["maze"]
 
 
 def levels() -> None:

@@ -21,7 +21,7 @@ from typer import Argument, BadParameter, Option, echo
 from typer.core import TyperGroup
 
 from curricle.checks import listed
-from curricle.study.templates import KINDS, new_study
+from curricle.study.templates import KINDS, file_name, new_study
 
 if TYPE_CHECKING:
     from curricle.study import StudyConfig
@@ -158,11 +158,11 @@ def new(
             "or the id of an environment of Gymnasium's registry: FrozenLake-v1, CartPole-v1, "
             "MiniGrid-DoorKey-5x5-v0"
         )
-        own = "or an environment of your own: the class, or a function that makes it"
-        rows = [*KINDS.items(), ("ID", environments), ("module:Class", own)]
+        classes = "or an environment of your own: the class, or a function that makes it"
+        rows = [*KINDS.items(), ("ID", environments), ("module:Class", classes)]
         echo("\n".join(text_table(("curricle new", "writes"), rows, line_width(), prose=True)))
         return
-    path = file or Path(f"{kind.rpartition(':')[2].replace('/', '-')}.toml")
+    path = file or Path(file_name(kind))
     if path.exists():  # before a search that takes seconds
         raise StoreError(f"a new study needs a new file: {path} is there already")
     if ":" in kind:

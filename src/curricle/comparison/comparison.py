@@ -80,10 +80,9 @@ from curricle.text import UNBOUNDED, brief_repr, counted, folded, or_dash, short
 from curricle.transfer.rollouts import ObservationTarget, target_of
 
 FRACTION = 0.9  # of the way from the random policy's return to the optimum: the default threshold
+# The sources of a threshold:
 STATED, OF_OPTIMUM = "stated", "nine tenths of the way to the optimum"
-MIDPOINT = (
-    "midpoint of scratch's curve: no optimum above random play is known"  # sources of a threshold
-)
+MIDPOINT = "midpoint of scratch's curve: no optimum above random play is known"
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,9 @@ class Reference:
     random_return, optimum : float or None
         Returns of the uniformly random and of an optimal policy. None where the target cannot be
         solved, or is not solved because the threshold was stated.
+    possible : (float, float) or None
+        Lowest and highest return of an episode, within which intervals of mean returns end; None
+        where the tables do not tell, and then the extremes of the curves stand in.
 
     Examples
     --------
@@ -113,7 +115,7 @@ class Reference:
     threshold_from: str = ""
     random_return: float | None = None
     optimum: float | None = None
-    possible: tuple[float, float] | None = None  # lowest and highest of an episode, if known
+    possible: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, target: Target | ObservationTarget, stated: float | None = None) -> Self:

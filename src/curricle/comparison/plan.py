@@ -229,8 +229,8 @@ class Plan:
                     paces[id(node.task)] = random_step_seconds(node.task)
                 steps = node.most_steps + node.most_evaluation_steps
                 seconds += len(unit.seeds) * steps * paces[id(node.task)]
-        words = f"steps in live environments will take at most about {duration(seconds)}"
-        return words if seconds else ""
+        sentence = f"steps in live environments will take at most about {duration(seconds)}"
+        return sentence if seconds else ""
 
     def units(
         self,

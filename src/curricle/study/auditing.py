@@ -87,10 +87,10 @@ def _measures(results: StudyResults, arm: str) -> dict[str, str]:
     }
 
 
-def levels(task: Any, own: Sequence[float] = ()) -> dict[str, float] | None:
+def levels(task: Any, stated: Sequence[float] = ()) -> dict[str, float] | None:
     """Return the range of the levels of Q that are tried; None for a task that is not solved."""
     # From the random policy's value, or the lowest optimal value, to the highest optimal value; 0
-    # and the file's `own` levels are in it.
+    # and the levels that the file states are in it.
     if not has_tables(task):
         return None
     mdp = tables(task)
@@ -99,7 +99,7 @@ def levels(task: Any, own: Sequence[float] = ()) -> dict[str, float] | None:
     except SettingError:  # without a discount values can be too large for an error bound
         return None
     values = best.action_values[~mdp.terminal]
-    low, high = min(0.0, start, values.min(), *own), max(0.0, values.max(), *own)
+    low, high = min(0.0, start, values.min(), *stated), max(0.0, values.max(), *stated)
     return {"low": float(low), "high": float(high)} if low < high else None
 
 
@@ -118,8 +118,8 @@ def as_fair(study: StudyConfig, trials: int = TRIALS) -> StudyConfig:
     data, first = study.to_data(), next(iter(study.curricula.values()))
     space: dict[str, Any] = {"learner": {"learning_rate": RATES}}
     learners = [arm.setting("learner", first.target) for arm in study.curricula.values()]
-    own = [learner.initial_value for learner in learners if starts_anywhere(learner)]
-    if range_ := levels(first.tasks[first.target], own):
+    stated = [learner.initial_value for learner in learners if starts_anywhere(learner)]
+    if range_ := levels(first.tasks[first.target], stated):
         space["tasks"] = {first.target: {"learner": {"initial_value": range_}}}
     number = whole_number("trials of an audit", trials, 1, SettingError)
     tuning = {"trials": number, "space": space}
@@ -134,14 +134,16 @@ def audit(
     *,
     trials: int = TRIALS,
     run: Callable[..., StudyResults] = run_study,
-    **how: Any,
+    **settings: Any,
 ) -> Audit:
     """Run a study as configured and against fair opponents into a folder; return both.
 
     `trials` are of every arm, besides its own settings; `run` is called with each study, its
-    folder and `how`, such as ``workers``. ConfigError if the study is tuned or chosen, or is not
-    compared with scratch.
+    folder and `settings`, such as ``workers``. ConfigError if the study is tuned or chosen, or is
+    not compared with scratch.
     """
     read = study_of(study)
     sides = {CONFIGURED: as_configured(read), FAIR: as_fair(read, trials)}
-    return Audit(*(run(of, str(Path(path) / at), resume=True, **how) for at, of in sides.items()))
+    return Audit(
+        *(run(of, str(Path(path) / at), resume=True, **settings) for at, of in sides.items())
+    )

@@ -21,7 +21,7 @@ def new_study(kind: str, folder: Path = Path()) -> tuple[str, str, list[str]]:
     ``module:Class``, whose module is looked for in the folder.
     """
     if kind in KINDS:
-        return f"{kind}.toml", template(kind), []
+        return file_name(kind), template(kind), []
     # Imported here, as a ready file and the command's help need no more of the library.
     from curricle.errors import ConfigError
     from curricle.study.templates.environment import environment_study
@@ -30,10 +30,15 @@ def new_study(kind: str, folder: Path = Path()) -> tuple[str, str, list[str]]:
     if kind.isalpha() and kind.islower() and (meant := suggestion(kind, KINDS)):
         raise ConfigError(f"there is no study {kind!r} to start from{meant}")
     _, colon, last = kind.rpartition(":")
-    own = bool(colon) and last.isidentifier()
-    name = kind if own else _known(kind)
-    text, notes = environment_study(name, load(name, folder) if own else name)
-    return f"{last.replace('/', '-')}.toml", text, notes
+    is_code = bool(colon) and last.isidentifier()
+    name = kind if is_code else _known(kind)
+    text, notes = environment_study(name, load(name, folder) if is_code else name)
+    return file_name(kind), text, notes
+
+
+def file_name(kind: str) -> str:
+    """Return the name of the file of a kind, of an id or of ``module:Class``."""
+    return f"{kind.rpartition(':')[2].replace('/', '-')}.toml"
 
 
 def template(kind: str) -> str:
