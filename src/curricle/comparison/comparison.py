@@ -628,8 +628,8 @@ class Comparison:
 
     @property
     def sentences(self) -> list[str]:
-        """Sentences on other opponents, controls, clusters of seeds and sources not learnt."""
-        lines = [self.other_opponents]
+        """Sentences on what was not learnt, other opponents, controls and clusters of seeds."""
+        lines = [self.nothing_learnt, self.other_opponents]
         lines += [self.cluster_sentence(name) for name in self.shown]
         lines += [self.control_sentence(name) for name in self.control_verdicts]
         lines += [
@@ -639,6 +639,16 @@ class Comparison:
         ]
         lines += [self.unlearnt(name) or self.level_sentence(name) for name in self.controls]
         return [line for line in (*lines, not_asked(list(self.reasons.values()))) if line]
+
+    @property
+    def nothing_learnt(self) -> str:
+        """A sentence on a threshold that no arm reaches in any seed; empty if an arm does."""
+        if np.isnan(self.threshold) or any(self.times(name).reached.any() for name in self.shown):
+            return ""
+        return (
+            f"no arm reaches the threshold of {self.threshold:.4g} in any seed, so that the gains "
+            "are between arms that did not learn: all may need a larger budget"
+        )
 
     @property
     def other_opponents(self) -> str:

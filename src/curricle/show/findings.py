@@ -37,7 +37,12 @@ class Finding:
 
 
 def headline(comparison: Comparison) -> str:
-    """Return a sentence on which curricula paid, or why there is no verdict."""
+    """Return sentences on which curricula paid, or why there is no verdict."""
+    warning = comparison.nothing_learnt
+    return _paid(comparison) + (warning and f" {_sentence(warning)}")
+
+
+def _paid(comparison: Comparison) -> str:
     verdicts = comparison.verdicts
     if comparison.withheld:
         return _sentence(comparison.withheld)
