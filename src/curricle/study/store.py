@@ -466,6 +466,8 @@ class StudyStore:
         with read_errors(self.path):
             if not (self.path / STUDY).exists():
                 lacks = f"{self.path} has none"
+                if isinstance(self.path, Path) and self.path.suffix == ".toml":
+                    lacks += f"; the results of a study's file are in {self.path.stem}-results"
                 if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
                     lacks = f"there is no {self.path.bucket}"
                 gone = FileNotFoundError(errno.ENOENT, "it is not there", str(self.path / STUDY))
