@@ -81,6 +81,9 @@ def energy(values: FloatArray) -> FloatArray:
 
 
 # -- Müller and Kudenko 2025: a shift of the potential ---------------------------------------------
+#
+# Phi + b / (discount - 1) adds b to every step: b = (1 - discount) Q0 - r, with r the reward of a
+# step that reaches nothing, makes what a step is worth the difference of the potentials alone.
 
 
 def costly_grid(size: int) -> cr.FiniteMDP:
@@ -96,9 +99,9 @@ def linear(values: FloatArray) -> FloatArray:
 
 
 def exponential(values: FloatArray) -> FloatArray:
-    """Return a potential that grows by a tenth a step towards the goal, plus the shift."""
+    """Return a potential that grows by a factor, from 1 at the start to 32, plus the shift."""
     steps = -0.8 * worlds.distance(values)
-    return steps.max() * 0.9**steps + values[0]
+    return 32.0 ** (1 - steps / steps.max()) + values[0]
 
 
 # -- Adamczyk et al. 2025: the values that are learnt, as the potential ----------------------------

@@ -97,6 +97,10 @@ def test_the_mountain_car_of_wiewiora_cottrell_elkan():
 
 
 def test_the_shift_of_mueller_and_kudenko_is_a_level():
+    stated = [
+        of(np.full((1, 400, 4), -100.0)) for of in (potentials.linear, potentials.exponential)
+    ]
+    assert [(phi.min(), phi.max()) for phi in stated] == [(-100, -62), (-99, -68)]
     study = read_study(tables.CLAIMS["bias"], set=["tasks.grid.budget=4_000"])
     low = read_study(
         tables.CLAIMS["bias"],
