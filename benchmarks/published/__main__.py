@@ -47,9 +47,9 @@ def played(folder: Path) -> dict[str, Audit]:
 
 def way_to_optimum(name: str, results: StudyResults) -> float:
     """Return how far the optimum of a claim's target is above the random policy's return."""
-    reference = results.comparison.reference
-    if reference.optimum is None:  # the threshold is stated, and nothing was solved
-        plan = next(iter(read_study(CLAIMS[name]).curricula.values()))
+    reference, study = results.comparison.reference, read_study(CLAIMS[name])
+    if study.threshold is not None:  # then the target was not solved
+        plan = next(iter(study.curricula.values()))
         reference = Reference.of(Target.of(plan.tasks[plan.target]))
     low, high = reference.random_return, reference.optimum
     return 1.0 if low is None or high is None else high - low
