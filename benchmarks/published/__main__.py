@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from curricle.comparison.comparison import Reference
+from curricle.planning import Target
 from curricle.show.report import write_audit
 from curricle.statistics import Interval, mean_interval
 from curricle.statistics.curves import SCRATCH
@@ -43,19 +45,27 @@ def played(folder: Path) -> dict[str, Audit]:
     return {name: Audit(*both) for name, both in sides.items()}
 
 
-def share(gain: Interval, results: StudyResults) -> str:
-    """Return a gain as a share of the way from the random policy's return to the optimum."""
-    reference = results.comparison.reference
+def way_to_optimum(name: str, results: StudyResults) -> float:
+    """Return how far the optimum of a claim's target is above the random policy's return."""
+    reference, study = results.comparison.reference, read_study(CLAIMS[name])
+    if study.threshold is not None:  # then the target was not solved
+        plan = next(iter(study.curricula.values()))
+        reference = Reference.of(Target.of(plan.tasks[plan.target]))
     low, high = reference.random_return, reference.optimum
-    way = 1.0 if low is None or high is None else high - low
+    return 1.0 if low is None or high is None else high - low
+
+
+def share(gain: Interval, way: float) -> str:
+    """Return a gain as a share of the way from the random policy's return to the optimum."""
     estimate, *ends = (f"{number / way:+.2f}" for number in (gain.estimate, gain.low, gain.high))
     return f"{estimate} [{', '.join(ends)}]"
 
 
 def rows(audits: dict[str, Audit]) -> Iterator[tuple[str, ...]]:
     """Yield the row of each arm: gain over scratch as configured; over the best opponent, fair."""
-    for made in audits.values():
+    for name, made in audits.items():
         before, after = made.configured, made.fair
+        way = way_to_optimum(name, after)
         for arm, contrast in after.comparison.contrasts.items():
             if arm not in after.comparison.verdicts:
                 continue
@@ -64,9 +74,9 @@ def rows(audits: dict[str, Audit]) -> Iterator[tuple[str, ...]]:
             yield (
                 f"{after.record.name}, {len(after.seeds)} seeds",
                 arm,
-                share(before.comparison.against(SCRATCH)[arm].gain, before),
+                share(before.comparison.against(SCRATCH)[arm].gain, way),
                 first.answer,
-                share(contrast.strong_gain, after),
+                share(contrast.strong_gain, way),
                 "tuned scratch" if tuned == SCRATCH else tuned,
                 contrast.answer,
             )

@@ -22,7 +22,8 @@ FOLDERS = {
     "no curriculum, .5": "QLearning-NoneCurriculum",
     "object-oriented, given sources, .9": "PITAMQLearning-PrunedCurriculum",
     "object-oriented, made sources, .95": "PITAMQLearning-PrunedGeneratedCurriculum",
-    "Svetlik's graph, .5": "VFReuseQLearning-SvetlikCurriculum_0.5alpha",
+    "Svetlik's graph, .5": "VFReuseQLearning-SvetlikCurriculum",
+    "Svetlik's graph, .9 by its course": "VFReuseQLearning-SvetlikCurriculum_0.5alpha",
 }
 
 

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from benchmarks.published import __main__ as tables, potentials, worlds
+from benchmarks.published import __main__ as tables, grids, potentials, worlds
+from curricle.planning import Target
 from curricle.study import audit, read_study
 from curricle.study.auditing import as_configured, as_fair
 
 FEW = {
     "office": ["budget=2_000", "tasks.office.budget=2_000", "tasks.office.eval_freq=200"],
     "grid": ["tasks.grid.budget=1_000", "tasks.grid.eval_freq=100"],
+    "objects": ["tasks.maze.budget=200"],  # its threshold is stated
 }
 
 
@@ -23,8 +25,10 @@ def test_every_claim_can_be_audited(name):
     assert as_configured(study).scratch_curricula()
     if name not in ("grid_50", "advice"):  # which take seconds to solve
         fair = as_fair(study, 2)
-        assert {len(plan.tasks) for plan in fair.tune.arms.values()} <= {2}
-        assert len(fair.tune.variants) == 3 * (len(study.arms) + 1)
+        tasks = {len(plan.tasks) for plan in study.curricula.values()}
+        assert {len(plan.tasks) for plan in fair.tune.arms.values()} == tasks
+        played = len(study.arms) + len(study.scratch_curricula())
+        assert len(fair.tune.variants) == 3 * played
         json.dumps(fair.to_data())
 
 
@@ -63,6 +67,40 @@ def test_the_rooms_of_cipollone():
     assert values[0] < values[3] < values[4] < values[6]
 
 
+def test_the_mazes_of_silva_and_costa():
+    # steps to the treasure: returns of 18.37, 261.5 and 1,455 are those of their logs
+    for name, treasure, steps in (
+        ("maze", 200, 20), ("line", 200, 9), ("pits", 2000, 20), ("six", 2000, 4)
+    ):  # fmt: skip
+        late = 0.9 ** (steps - 1)
+        value = cr.solve(grids.maze(name, treasure)).start_value
+        assert value == pytest.approx(late * treasure - (1 - late) / 0.1)
+    study = read_study(tables.CLAIMS["graph"])
+    read = {
+        edge.source: edge.mapping.coverage().mapped for edge in study.curricula["sum"].transfers
+    }
+    assert all(share > 0 for share in read.values())
+    assert read["near"] == 1.0  # the free grid has all cells of the maze
+
+
+def test_values_by_shared_objects():
+    target, source = grids.maze("pits", 2000), grids.maze("six", 2000)
+    (edge,) = read_study(tables.CLAIMS["mapping"]).curricula["average"].transfers
+    values = np.random.default_rng(0).normal(size=(18, 4))
+    values[source.state(2, 4)] = 0.0  # not visited
+    index = edge.mapping.index  # (S, A), source pairs; negative at the target's ends
+    read = np.where(index < 0, np.nan, values.ravel()[index])[None]
+    found = grids.shared(read)
+    # no pit or fire is near, and the source has no state with the treasure at this place
+    assert not found[target.state(1, 0)].any()
+    # too few pits and fires are near: the state of the source with the treasure at this place
+    near, there = target.state(0, 4), source.state(0, 0)
+    np.testing.assert_allclose(found[near], values[there])
+    bias = grids.biased(read)[near]
+    assert bias.argmax() == values[there].argmax()
+    np.testing.assert_allclose(np.sort(bias), values[there].max() + np.array([0, 0, 0, 1]))
+
+
 @pytest.mark.parametrize("name", FEW)
 def test_the_tables(name, tmp_path):
     study = read_study(tables.CLAIMS[name], set=["seeds=8", *FEW[name]])
@@ -72,8 +110,10 @@ def test_the_tables(name, tmp_path):
     rows = [*tables.rows(audits)]
     assert [row[1] for row in rows] == [*study.arms]
     assert all(len(row) == len(tables.HEADS) for row in rows)
-    low, high = (getattr(made.fair.comparison.reference, at) for at in ("random_return", "optimum"))
-    gain = made.fair.comparison.contrasts[rows[0][1]].strong_gain.estimate / (high - low)
+    plan = next(iter(study.curricula.values()))
+    target = Target.of(plan.tasks[plan.target])
+    way = target.optimum - target.random_return
+    gain = made.fair.comparison.contrasts[rows[0][1]].strong_gain.estimate / way
     assert rows[0][4].startswith(f"{gain:+.2f} [")
     assert {row[0] for row in tables.made_of(made)} == {"as configured", "fair"}
 
