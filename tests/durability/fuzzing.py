@@ -15,9 +15,9 @@ from curricle.cli.output import print_preview
 from curricle.errors import CurricleError
 from curricle.study import read_study
 
-SECONDS = 60
+SECONDS = 240
 """Of processor time: a study that takes more hangs, however busy the machine is. Compiling loops
-takes up to 20, distilling the miniatures of a network up to 30."""
+takes up to 20, distilling the miniatures of a network up to 30, trials of three arms up to 120."""
 WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
 ADDRESSES = 8 << 30
@@ -91,6 +91,8 @@ def outcome(text: str, folder: Path, what: Callable[[Path], None] = previewed) -
             what(path)
     except CurricleError as error:
         return "refused", str(error)
+    except MemoryError:  # of which the command says a sentence
+        return "refused", "not enough memory"
     except Hang as error:
         last = traceback.format_exc()
         own = str(path.parent) in last or traceback.extract_tb(error.__traceback__)[-2].line == CALL

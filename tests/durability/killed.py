@@ -1,8 +1,8 @@
 """Run a study again and again in a process that is killed at a random moment, until it is whole.
 
 Usage: python killed.py STUDY.toml FOLDER KILLS SEED [processes]. Prints how many runs were killed
-for each folder FOLDER/0, FOLDER/1, ... that came to its end, and at last how many processes were
-alive two seconds after the run that had started them. FOLDER/whole is the study run in one go.
+for each folder FOLDER/0, FOLDER/1, ... that came to its end, and at last how many processes that
+they had started do not end. FOLDER/whole is the study run in one go.
 """
 
 import os
@@ -16,8 +16,8 @@ from curricle.study import WorkerProcesses, read_study, run_study
 
 MARK = "CURRICLE_KILLED_RUN"
 """A variable in the environment of processes that a run starts: which run."""
-GRACE = 2.0
-"""Seconds in which those have to end; much for a machine that is not overloaded."""
+GRACE = 60.0
+"""Seconds in which the last of them have to end: less than one where nobody uses the machine."""
 
 
 def run(study, folder, processes):
@@ -54,14 +54,14 @@ def killed_run(study, folder, processes, mark, delay):
 
 
 def alive(mark):
-    """How many processes that a run started are alive."""
+    """How many processes are alive that runs started whose names begin so."""
     found = 0
     for place in Path("/proc").glob("[0-9]*"):
         try:
             environment = (place / "environ").read_bytes().split(b"\0")
         except OSError:  # it has just ended
             continue
-        found += f"{MARK}={mark}".encode() in environment
+        found += any(of.startswith(f"{MARK}={mark}".encode()) for of in environment)
     return found
 
 
@@ -72,7 +72,6 @@ def main(file, folder, kills, seed, processes):
     assert not killed_run(study, folder / "warm", processes, "warm", 600.0)
     lasted = time.perf_counter() - started
     draws, done, attempt = random.Random(seed), 0, 0
-    ended, left = list[tuple[float, str]](), 0
     while done < kills:
         here, whole = 0, False
         while not whole:
@@ -81,13 +80,12 @@ def main(file, folder, kills, seed, processes):
             delay = draws.uniform(0.0, 1.5 * lasted)  # so that a run gets to its end, too
             whole = not killed_run(study, folder / str(attempt), processes, mark, delay)
             here += not whole
-            ended.append((time.perf_counter(), mark))
-            while ended and time.perf_counter() - ended[0][0] >= GRACE:
-                left += alive(ended.pop(0)[1])
         print(here, flush=True)
         done, attempt = done + here, attempt + 1
-    time.sleep(GRACE)
-    print(left + sum(alive(mark) for _, mark in ended), flush=True)
+    end = time.perf_counter() + GRACE
+    while (left := alive(f"{os.getpid()}-")) and time.perf_counter() < end:
+        time.sleep(0.1)
+    print(left, flush=True)
 
 
 if __name__ == "__main__":

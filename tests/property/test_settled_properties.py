@@ -5,7 +5,14 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from curricle import StoppingRule
-from curricle.learning.stopping import MIN_EVALUATIONS, RECENT, share_of_rise
+from curricle.learning.stopping import (
+    MIN_EVALUATIONS,
+    RECENT,
+    _recent_return,
+    _share_of_rise,
+    recent_return,
+    share_of_rise,
+)
 
 RETURNS = arrays(
     np.float64, st.integers(1, 120), elements=st.floats(-1e6, 1e6) | st.just(float("nan"))
@@ -41,3 +48,13 @@ def test_it_does_not_depend_on_the_scale_of_rewards(greedy, scale, shift):
     for checkpoint in range(40, 80):
         share, other = (share_of_rise(g, checkpoint) for g in (greedy, scale * greedy + shift))
         np.testing.assert_allclose(share, other, atol=1e-9)
+
+
+@given(RETURNS | arrays(np.float64, 80, elements=st.floats(-1e-3, 1e-3)))
+def test_python_decides_as_compiled_loops_do_bit_for_bit(greedy):
+    for checkpoint in range(len(greedy)):
+        for python, body in ((share_of_rise, _share_of_rise), (recent_return, _recent_return)):
+            pair = np.array([python(greedy, checkpoint), float(body(greedy, checkpoint))])
+            assert (
+                pair[:1].tobytes() == pair[1:].tobytes() or np.isnan(pair).all() or not pair.any()
+            )

@@ -1,6 +1,7 @@
 """Greedy rollouts of a potential, and the fit of its scale to them, within a budget."""
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from curricle.errors import CalibrationError, CurriculumError, PotentialError, S
 from curricle.learning.record import WarmUp
 from curricle.tasks.observation_task import ObservationTask
 from curricle.transfer import FunctionValues, ObservationPotential
-from curricle.transfer.calibration import fit_calibration
+from curricle.transfer.calibration import fit_calibration, fitted_scale
 from curricle.transfer.potential import mapped_potential
 from curricle.transfer.rollouts import greedy_rollouts
 from curricle.transfer.transfer import Calibrate
@@ -319,3 +320,19 @@ def test_taxi_is_compared_with_itself_calibrated_within_30_000_steps():
         warnings.simplefilter("ignore")  # of seeds that are refused
         comparison = cr.compare({"calibrated": plan}, seeds=2, opponents=())
     assert list(comparison.arms) == ["scratch", "calibrated"]
+
+
+def test_a_scale_is_fitted_in_units_in_which_nothing_overflows():
+    rng = np.random.default_rng(0)
+    phi, returns = rng.normal(size=(2, 50))
+
+    def fitted(by):
+        zeros = np.zeros(50)
+        how = {"bootstrap_discount": zeros, "bootstrapped_value": zeros}
+        return fitted_scale(SimpleNamespace(predicted=by * phi, return_to_go=returns, **how))
+
+    scale, explained = fitted(1.0)
+    assert scale == pytest.approx(phi @ returns / (phi @ phi))
+    assert explained == pytest.approx(scale * (phi @ returns) / (returns @ returns))
+    for by in (2.0**900, 2.0**-900):
+        assert fitted(by) == (scale / by, explained)

@@ -194,8 +194,15 @@ class Node:
 
     def unlearnt(self, result: LearningResult) -> BoolArray:
         """Return the seeds that used all steps and have not learnt the task, (K,) bool."""
-        last = [decisions[-1:] for decisions in self.decisions(result)]
-        return np.array([any(decision.criterion == UNLEARNT for decision in of) for of in last])
+        if not isinstance(self.budget, StoppingRule) or self.distilled:
+            return np.zeros(len(result.seeds), np.bool_)
+        kernel = self.budget.kernel(*levels(self.budget, self.task, self.evaluation, target_of))
+        ended = np.searchsorted(result.steps, result.steps_used, side="right") - 1
+        last = [
+            self.budget.decision(kernel, greedy, checkpoint, int(result.steps[checkpoint]))
+            for greedy, checkpoint in zip(result.greedy_return, ended.tolist(), strict=True)
+        ]
+        return np.array([decision.criterion == UNLEARNT for decision in last])
 
     def decisions(self, result: LearningResult) -> Decisions:
         """Return the stopping rule's decisions at each seed's checkpoints."""

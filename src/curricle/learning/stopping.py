@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from numba.extending import register_jitable
 
+from curricle.arrays import FloatArray
 from curricle.checks import number, whole_number
 from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import BATCHES, GreedyEvaluation, Target
-from curricle.tasks.kernel import INLINED
+from curricle.tasks.kernel import INLINED, compiled_as
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.text import counted
 
@@ -136,20 +137,24 @@ class StoppingRule:
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
             if used is not None and step > used:
                 break
-            ends = bool(stops(kernel, greedy, checkpoint, step))
-            decision = Decision(
-                self,
-                kernel,
-                step,
-                ends,
-                lowest=float(lowest_of_last(kernel, greedy, checkpoint)),
-                share=float(share_of_rise(greedy, checkpoint)),
-                recent=float(recent_return(greedy, checkpoint)),
-            )
-            decisions.append(decision)
-            if ends or step >= self.max_steps:
+            decisions.append(self.decision(kernel, greedy, checkpoint, step))
+            if decisions[-1].ends or step >= self.max_steps:
                 break
         return decisions
+
+    def decision(
+        self, kernel: "StoppingKernel", greedy: FloatArray, checkpoint: int, step: int
+    ) -> "Decision":
+        """Return the decision at one checkpoint of a seed, `step` steps after its start."""
+        return Decision(
+            self,
+            kernel,
+            step,
+            bool(stops(kernel, greedy, checkpoint, step)),
+            lowest=float(lowest_of_last(kernel, greedy, checkpoint)),
+            share=float(share_of_rise(greedy, checkpoint)),
+            recent=float(recent_return(greedy, checkpoint)),
+        )
 
 
 _BOUNDS: dict[str, tuple[float, ...]] = {
@@ -195,8 +200,7 @@ def lowest_of_last(rule, greedy, checkpoint):
     return lowest
 
 
-@plain_and_inlined
-def share_of_rise(greedy, checkpoint):
+def _share_of_rise(greedy, checkpoint):
     """Return by how much the return rose lately, as a share of its range; NaN if that is 0."""
     # The longer a run takes, the longer is the part in which its return must not rise.
     recent = int(RECENT * checkpoint) + 1
@@ -217,14 +221,38 @@ def share_of_rise(greedy, checkpoint):
     return rise / (highest - lowest)
 
 
-@plain_and_inlined
-def recent_return(greedy, checkpoint):
+@compiled_as(_share_of_rise)
+def share_of_rise(greedy: FloatArray, checkpoint: int) -> float:
+    """Return the same in Python, bit for bit, for runs of ten thousand checkpoints."""
+    seen, recent = greedy[: checkpoint + 1], int(RECENT * checkpoint) + 1
+    before = int(RECENT * RECENT * checkpoint) + 1
+    if recent - before < MIN_EVALUATIONS:
+        return math.nan
+    extent = float(np.fmax.reduce(seen) - np.fmin.reduce(seen))
+    if not extent > 0:
+        return math.nan
+    return (_mean_in_order(seen[recent:]) - _mean_in_order(seen[before:recent])) / extent
+
+
+def _mean_in_order(values: FloatArray) -> float:
+    """Return a mean whose sum is added up from the first to the last, as compiled loops do."""
+    return float(np.add.accumulate(values)[-1] / len(values))
+
+
+def _recent_return(greedy, checkpoint):
     """Return the mean of the evaluations in the last three tenths of the steps; NaN before any."""
     first = int(RECENT * checkpoint) + 1
     total = 0.0
     for i in range(first, checkpoint + 1):
         total += greedy[i]
     return total / (checkpoint + 1 - first) if checkpoint >= first else np.nan
+
+
+@compiled_as(_recent_return)
+def recent_return(greedy: FloatArray, checkpoint: int) -> float:
+    """Return the same in Python, bit for bit."""
+    recent = greedy[int(RECENT * checkpoint) + 1 : checkpoint + 1]
+    return _mean_in_order(recent) if len(recent) else math.nan
 
 
 @plain_and_inlined

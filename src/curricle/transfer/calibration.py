@@ -182,11 +182,18 @@ def fitted_scale(rollouts: GreedyRollouts) -> tuple[float, float]:
     used = phi != 0
     if not used.any():
         return math.nan, math.nan
-    phi, returns = phi[used], rollouts.return_to_go[used]
+    # Each in units of a power of 2, in which no square overflows and nothing is rounded.
+    (phi, unit), (returns, other) = map(_in_units, (phi[used], rollouts.return_to_go[used]))
     product, length = _inner(phi, returns), _inner(phi, phi)
     squares = length * _inner(returns, returns)
     explained = product**2 / squares if squares > 0 else 0.0
-    return product / length if length > 0 else 0.0, explained
+    return product / length * (other / unit) if length > 0 else 0.0, explained
+
+
+def _in_units(values: FloatArray) -> tuple[FloatArray, float]:
+    """Return values below 2 and the power of 2 by which they are to be multiplied."""
+    unit = 2.0 ** (math.frexp(float(abs(values).max()))[1] - 1)
+    return values / unit, unit
 
 
 def _inner(left: FloatArray, right: FloatArray) -> float:

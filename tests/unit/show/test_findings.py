@@ -45,7 +45,8 @@ def test_a_headline_claims_nothing_that_was_not_shown():
 def test_it_is_said_where_no_arm_learns():
     result = compared(good=line(4), bad=line(-5))
     warning = "o arm reaches the threshold of 5 in any seed"
-    assert warning in headline(result) and f"n{warning}" in result.text()
+    assert warning in headline(result)
+    assert f"n{warning}" in result.text()
     assert warning not in headline(compared(good=line(6), bad=line(-5)))
 
 
