@@ -37,7 +37,7 @@ cluster: .venv/cluster.stamp ## the tests of Dask, Ray and S3 (installs them)
 dask: .venv/dask.stamp ## the shortest tests of Dask alone (installs it)
 	$(BIN)/python -m pytest -n0 tests/cluster/test_engines.py -k "changes_nothing and not ray" $(ARGS)
 
-mutations: .venv/test.stamp ## make mistakes in a copy; the fast tests must catch each (ARGS="lock")
+mutations: .venv/deep.stamp ## make mistakes in a copy; the tests must catch each (installs torch; ARGS="lock")
 	$(BIN)/python tests/mutations.py --jobs $(WORKERS) $(ARGS)
 
 lint: .venv/dev.stamp ## ruff: rules and layout
