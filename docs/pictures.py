@@ -1,12 +1,14 @@
-"""Take or draw the documentation's pictures: pictures.py [theory | PAGE SELECTOR NAME].
+"""Take or draw the documentation's pictures: pictures.py [theory | survives | PAGE SELECTOR NAME].
 
 Without arguments the studies of PAGES are run in a temporary folder, as these pages say, and all
 PICTURES are taken of their reports. Needs Chromium and Playwright (the extra ``test``).
-With ``theory`` those of why_it_works.md are drawn, in half a minute.
+With ``theory`` those of why_it_works.md are drawn, in half a minute; with ``survives`` that of
+what_survives.md, from the table of the page.
 """
 
 import io
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -175,11 +177,44 @@ def aggregates() -> None:
     save(figure, "why_aggregates.png")
 
 
+# -- what survives --------------------------------------------------------------------------------
+
+GAIN = re.compile(r"^([+-][\d.]+) \[([+-][\d.]+), ([+-][\d.]+)\]$")
+
+
+def survives() -> None:
+    """The gains of the page's table, as configured and against fair opponents."""
+    lines = (HERE / "what_survives.md").read_text("utf-8").splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line[:1] == "|"]
+    rows = [row for row in cells if len(row) == 7 and GAIN.match(row[2])]
+    figure, plot = axes("What survives of published gains", "gain, as a share of the way", "")
+    figure.set_size_inches(SIZE[0], 0.8 + 0.19 * len(rows))
+    for column, colour, label, shift in (
+        (2, "C1", "as configured, over scratch", -0.16),
+        (4, "C0", "fair, over the best opponent", 0.16),
+    ):
+        gains = np.array(
+            [[float(part) for part in GAIN.match(row[column]).groups()] for row in rows]
+        )
+        places = np.arange(len(rows)) + shift
+        errors = np.abs(gains[:, 1:].T - gains[:, 0])
+        plot.errorbar(gains[:, 0], places, xerr=errors, fmt="o", ms=4, color=colour, label=label)
+    plot.axvline(0, color="0.6", linewidth=0.8)
+    names = [re.sub(r"\[(.*?)\]\(.*?\)", r"\1", row[0]) for row in rows]
+    labels = [f"{name}: {row[1]}" for name, row in zip(names, rows, strict=True)]
+    plot.set_yticks(np.arange(len(rows)), labels, fontsize=7)
+    plot.set_ylim(len(rows) - 0.5, -0.5)
+    plot.legend(frameon=False, loc="lower right")
+    save(figure, "what_survives.png")
+
+
 if __name__ == "__main__":
     if len(sys.argv) == 1:
         of_pages()
     elif sys.argv[1] == "theory":
         for draw in (loops, levels, portfolio, aggregates):
             draw()
+    elif sys.argv[1] == "survives":
+        survives()
     else:
         take(Path(sys.argv[1]), sys.argv[2], HERE / sys.argv[3])
