@@ -1,0 +1,129 @@
+"""How deep is worth it? The audits of curricula of one to five sources, as tables and a figure.
+
+    python -m benchmarks.published play published-results depth_keys depth_pursuit depth_maze
+    python -m benchmarks.published.depth table published-results
+    python -m benchmarks.published.depth figure published-results how_deep.png
+    python -m benchmarks.published.depth shares published-results    # other shares for the sources
+
+Gains are shares of the way from the random policy's return to the optimum.
+"""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from benchmarks.published.__main__ import CLAIMS, markdown, played, share
+from curricle.statistics.curves import SCRATCH
+from curricle.study import StudyResults, read_study, run_study
+from curricle.study.auditing import as_fair
+
+DEPTHS = ("one source", "two sources", "three sources", "four sources", "five sources")
+FAMILIES = {"depth_keys": "key, lock, pits", "depth_pursuit": "hunt", "depth_maze": "random maze"}
+SHARES, FEW = (0.03, 0.1, 0.3), "200-229"
+TRIALS = 20
+
+
+def rows(folder: Path) -> Iterator[tuple[str, ...]]:
+    """Yield the gains of a depth in each family: as configured; over scratch, over the best."""
+    audits = played(folder)
+    for depth in DEPTHS:
+        for name, family in FAMILIES.items():
+            made = audits[name]
+            before, after = made.configured, made.fair
+            at = before.comparison.against(SCRATCH)[depth].gain
+            over = after.comparison.against(SCRATCH)[depth].gain
+            best = after.comparison.contrasts[depth].strong_gain
+            gains = share(at, before), share(over, after), share(best, after)
+            yield depth, family, *gains, after.comparison.contrasts[depth].answer
+
+
+def beside(results: StudyResults) -> Iterator[tuple[str, ...]]:
+    """Yield the gain of each depth over the others, from the same seeds."""
+    for rival in DEPTHS:
+        against = results.comparison.against(rival)
+        of = (share(against[arm].gain, results) if arm in against else "" for arm in DEPTHS)
+        yield f"over {rival}", *of
+
+
+def figure(folder: Path, path: Path) -> None:
+    """Draw the gain over the best opponent, and over scratch as configured, by depth."""
+    drawn = Figure(figsize=(9, 3), layout="constrained")
+    all_axes = drawn.subplots(1, len(FAMILIES), sharex=True)
+    audits = played(folder)
+    for axes, (name, family) in zip(all_axes, FAMILIES.items(), strict=True):
+        for side, label in (
+            ("configured", "as configured, over scratch"),
+            ("fair", "fair, over the best opponent"),
+        ):
+            results = getattr(audits[name], side)
+            comparison, reference = results.comparison, results.comparison.reference
+            way = reference.optimum - reference.random_return
+            first = side == "configured"
+            scratch = comparison.against(SCRATCH) if first else {}
+            gains = [
+                scratch[arm].gain if first else comparison.contrasts[arm].strong_gain
+                for arm in DEPTHS
+            ]
+            middle = [gain.estimate / way for gain in gains]
+            spread = [
+                [(g.estimate - g.low) / way for g in gains],
+                [(g.high - g.estimate) / way for g in gains],
+            ]
+            axes.errorbar(range(1, 6), middle, spread, marker="o", capsize=3, label=label)
+        axes.axhline(0.0, color="0.6", linewidth=0.8)
+        axes.set(title=family, xlabel="sources before the target")
+    all_axes[0].set_ylabel("gain, share of the way")
+    all_axes[-1].legend(fontsize=8)
+    drawn.savefig(path, dpi=110)
+
+
+def of_share(name: str, part: float) -> list[str]:
+    """Return the settings with which sources share a part of the target's steps, at one total."""
+    study = read_study(CLAIMS[name])
+    changes = []
+    for arm, plan in study.curricula.items():
+        target, sources = plan.target, plan.ancestors(plan.target)
+        steps = int(plan.setting("budget", target))
+        budget = round(part * steps) // len(sources)
+        changes += [f'arms."{arm}".tasks.{source}.budget={budget}' for source in sources]
+    of_target = f"budget={round((1.1 - part) * steps)}", f"eval_freq={steps // 100}"
+    return [*changes, *(f"tasks.{target}.{setting}" for setting in of_target)]
+
+
+def shares(folder: Path) -> Iterator[tuple[str, ...]]:
+    """Yield the gains of all depths by the share of the sources, after fewer trials and seeds."""
+    for name, family in FAMILIES.items():
+        for part in SHARES:
+            study = read_study(CLAIMS[name], set=[f"seeds={FEW}", *of_share(name, part)])
+            fair = as_fair(study, TRIALS).varied(opponents=("optimistic",), controls=())
+            at = folder / f"{name}_{part:.3f}"
+            results = run_study(fair, str(at), resume=True, workers=1)
+            of = results.comparison.contrasts
+            yield family, f"{part:.0%}", *(share(of[arm].strong_gain, results) for arm in DEPTHS)
+
+
+def main() -> None:
+    """Print the tables, draw the figure, or play the other shares."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("what", choices=["table", "figure", "shares"])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("path", type=Path, nargs="?", default=Path("how_deep.png"))
+    given = parser.parse_args()
+    if given.what == "figure":
+        figure(given.folder, given.path)
+    elif given.what == "shares":
+        print(markdown(("family", "share of the sources", *DEPTHS), shares(given.folder)))
+    else:
+        heads = ("", "family", "as configured", "fair, over scratch", "over the best", "verdict")
+        print(markdown(heads, rows(given.folder)))
+        for name, made in played(given.folder).items():
+            if name in FAMILIES:
+                print(f"\n{name}\n\n{markdown(('', *DEPTHS), beside(made.fair))}")
+
+
+if __name__ == "__main__":
+    main()
