@@ -12,17 +12,19 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.published.__main__ import CLAIMS, markdown, played, share
 from curricle.statistics.curves import SCRATCH
 from curricle.study import StudyResults, read_study, run_study
-from curricle.study.auditing import as_fair
+from curricle.study.auditing import CONFIGURED, FAIR, as_fair
 
 DEPTHS = ("one source", "two sources", "three sources", "four sources", "five sources")
 FAMILIES = {"depth_keys": "key, lock, pits", "depth_pursuit": "hunt", "depth_maze": "random maze"}
 SHARES, FEW = (0.03, 0.1, 0.3), "200-229"
 TRIALS = 20
+LABELS = {CONFIGURED: "as configured, over scratch", FAIR: "fair, over the best opponent"}
 
 
 def rows(folder: Path) -> Iterator[tuple[str, ...]]:
@@ -53,25 +55,21 @@ def figure(folder: Path, path: Path) -> None:
     all_axes = drawn.subplots(1, len(FAMILIES), sharex=True)
     audits = played(folder)
     for axes, (name, family) in zip(all_axes, FAMILIES.items(), strict=True):
-        for side, label in (
-            ("configured", "as configured, over scratch"),
-            ("fair", "fair, over the best opponent"),
-        ):
+        for side, label in LABELS.items():
             results = getattr(audits[name], side)
             comparison, reference = results.comparison, results.comparison.reference
             way = reference.optimum - reference.random_return
-            first = side == "configured"
-            scratch = comparison.against(SCRATCH) if first else {}
+            scratch = comparison.against(SCRATCH)
             gains = [
-                scratch[arm].gain if first else comparison.contrasts[arm].strong_gain
+                scratch[arm].gain if side == CONFIGURED else comparison.contrasts[arm].strong_gain
                 for arm in DEPTHS
             ]
-            middle = [gain.estimate / way for gain in gains]
-            spread = [
-                [(g.estimate - g.low) / way for g in gains],
-                [(g.high - g.estimate) / way for g in gains],
-            ]
-            axes.errorbar(range(1, 6), middle, spread, marker="o", capsize=3, label=label)
+            low, middle, high = (
+                np.array([getattr(gain, end) / way for gain in gains])
+                for end in ("low", "estimate", "high")
+            )
+            ends = middle - low, high - middle
+            axes.errorbar(range(1, 6), middle, ends, marker="o", capsize=3, label=label)
         axes.axhline(0.0, color="0.6", linewidth=0.8)
         axes.set(title=family, xlabel="sources before the target")
     all_axes[0].set_ylabel("gain, share of the way")

@@ -57,7 +57,7 @@ def drawn_levels() -> tuple[cr.FiniteMDP, tuple[int, ...]]:
             names.append((maze, row, column, heading))
             ends.append(row * SIDE + column == goal)
             ahead = row + AHEAD[heading][0], column + AHEAD[heading][1]
-            inside = 0 <= min(ahead) and max(ahead) < SIDE
+            inside = min(ahead) >= 0 and max(ahead) < SIDE
             if not inside or ahead[0] * SIDE + ahead[1] in wall:
                 ahead = row, column
             entered = ahead[0] * SIDE + ahead[1] == goal and not ends[-1]
