@@ -4,6 +4,7 @@
     python -m benchmarks.published.depth table published-results
     python -m benchmarks.published.depth figure published-results how_deep.png
     python -m benchmarks.published.depth shares published-results    # other shares for the sources
+    python -m benchmarks.published.depth singles published-results   # a single source of each size
 
 Gains are shares of the way from the random policy's return to the optimum.
 """
@@ -73,7 +74,7 @@ def figure(folder: Path, path: Path) -> None:
         axes.axhline(0.0, color="0.6", linewidth=0.8)
         axes.set(title=family, xlabel="sources before the target")
     all_axes[0].set_ylabel("gain, share of the way")
-    all_axes[-1].legend(fontsize=8)
+    drawn.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     drawn.savefig(path, dpi=110)
 
 
@@ -90,16 +91,45 @@ def of_share(name: str, part: float) -> list[str]:
     return [*changes, *(f"tasks.{target}.{setting}" for setting in of_target)]
 
 
+def fewer(folder: Path, file: Path, changes: list[str]) -> StudyResults:
+    """Return the results of a changed study against scratch and the optimistic learner, tuned."""
+    study = read_study(file, set=[f"seeds={FEW}", *changes])
+    fair = as_fair(study, TRIALS).varied(opponents=("optimistic",), controls=())
+    return run_study(fair, str(folder), resume=True, workers=1)
+
+
 def shares(folder: Path) -> Iterator[tuple[str, ...]]:
-    """Yield the gains of all depths by the share of the sources, after fewer trials and seeds."""
+    """Yield the gains of all depths by the share of the sources."""
     for name, family in FAMILIES.items():
         for part in SHARES:
-            study = read_study(CLAIMS[name], set=[f"seeds={FEW}", *of_share(name, part)])
-            fair = as_fair(study, TRIALS).varied(opponents=("optimistic",), controls=())
-            at = folder / f"{name}_{part:.3f}"
-            results = run_study(fair, str(at), resume=True, workers=1)
+            results = fewer(folder / f"{name}_{part:.2f}", CLAIMS[name], of_share(name, part))
             of = results.comparison.contrasts
             yield family, f"{part:.0%}", *(share(of[arm].strong_gain, results) for arm in DEPTHS)
+
+
+def single(name: str) -> str:
+    """Return the study file with an arm for each source alone."""
+    study, arms = read_study(CLAIMS[name]), dict[str, str]()
+    mapping = "same_position" if name == "depth_maze" else "family"
+    for plan in study.curricula.values():
+        for source in plan.ancestors(plan.target):
+            edge = f'source = "{source}", target = "target", mapping = "{mapping}"'
+            arms[source] = f"[arms.{source}]\ntransfers = [{{ {edge} }}]\n"
+    del arms[next(iter(study.curricula["one source"].ancestors("target")))]  # is an arm already
+    return "\n".join([CLAIMS[name].read_text(), *arms.values()])
+
+
+def singles(folder: Path) -> Iterator[tuple[str, ...]]:
+    """Yield the gain of a single source of each size, and of each depth."""
+    for name, family in FAMILIES.items():
+        file = folder / f"{name}_singles.toml"
+        file.write_text(single(name))
+        results = fewer(file.with_suffix(""), file, [])
+        for arm, contrast in results.comparison.contrasts.items():
+            if arm in results.comparison.verdicts:
+                unlearnt = results.comparison[arm].unlearnt.values()
+                missed = f"{max(seeds.mean() for seeds in unlearnt):.0%}"
+                yield family, arm, share(contrast.strong_gain, results), missed
 
 
 def main() -> None:
@@ -107,7 +137,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("what", choices=["table", "figure", "shares"])
+    parser.add_argument("what", choices=["table", "figure", "shares", "singles"])
     parser.add_argument("folder", type=Path)
     parser.add_argument("path", type=Path, nargs="?", default=Path("how_deep.png"))
     given = parser.parse_args()
@@ -115,6 +145,8 @@ def main() -> None:
         figure(given.folder, given.path)
     elif given.what == "shares":
         print(markdown(("family", "share of the sources", *DEPTHS), shares(given.folder)))
+    elif given.what == "singles":
+        print(markdown(("family", "arm", "gain", "a source not learnt"), singles(given.folder)))
     else:
         heads = ("", "family", "as configured", "fair, over scratch", "over the best", "verdict")
         print(markdown(heads, rows(given.folder)))
