@@ -21,7 +21,7 @@ import numpy as np
 import curricle as cr
 from benchmarks.published.__main__ import CLAIMS, TRIALS, markdown, share
 from curricle.comparison.comparison import Arm, Comparison
-from curricle.statistics.curves import SCRATCH
+from curricle.statistics.curves import SCRATCH, Curve
 from curricle.study import StudyResults, read_study
 from curricle.study.auditing import CONFIGURED, FAIR, as_fair
 from curricle.tasks import GoalDistance, goal_distance, with_start
@@ -200,34 +200,30 @@ def curves(folder: Path, name: str, of: str, seeds: tuple[int, ...] | None = Non
     )
 
 
-def compared(folder: Path, name: str, side: str) -> Comparison:
-    """Return a side of an audit with the teachers among its arms."""
-    comparison = StudyResults(folder / name / side).comparison
-    arms = {arm: of for arm, of in comparison.arms.items() if not of.control}
-    at = comparison.scratch.curve.steps
+def compared(folder: Path, name: str, results: StudyResults) -> Comparison:
+    """Return the comparison of a side of an audit, with the teachers among its arms."""
+    arms = {arm: of for arm, of in results.comparison.arms.items() if not of.control}
+    at = results.comparison.scratch.curve.steps
     for teacher in TEACHERS[name].teachers:
         with np.load(folder / name / f"{teacher}.npz") as kept:
-            arms[teacher] = Arm(cr.statistics.curves.Curve(at, kept[side]))
-    return replace(comparison, arms=arms)
+            arms[teacher] = Arm(Curve(at, kept[results.store.path.name]))
+    return replace(results.comparison, arms=arms)
 
 
 def rows(folder: Path, name: str) -> Iterator[tuple[str, ...]]:
-    """Yield the row of each teacher: gain over scratch as configured; over the best, fair."""
-    before, after = (compared(folder, name, side) for side in (CONFIGURED, FAIR))
-    for arm in TEACHERS[name].teachers:
-        first, contrast = before.contrasts[arm], after.contrasts[arm]
-        with np.load(folder / name / f"{arm}.npz") as kept:
-            best = ", ".join(kept["best"])
-        yield (
-            arm,
-            share(before.against(SCRATCH)[arm].gain, before),
-            first.answer,
-            share(contrast.strong_gain, after),
-            after.best_opponent(arm),
-            contrast.answer,
-            f"{np.median(before.times(arm).steps):,.0f}; {np.median(after.times(arm).steps):,.0f}",
-            best,
-        )
+    """Yield the rows of each teacher: gain over scratch as configured; over the best, fair."""
+    for side in (CONFIGURED, FAIR):
+        results = StudyResults(folder / name / side)
+        made = compared(folder, name, results)
+        for arm in TEACHERS[name].teachers:
+            over, contrast = made.against(SCRATCH)[arm].gain, made.contrasts[arm]
+            with np.load(folder / name / f"{arm}.npz") as kept:
+                best = ", ".join(kept["best"]) * (side == FAIR)
+            gains = share(over, results), share(contrast.strong_gain, results)
+            times, mean = made.times(arm), made.mean_return(arm).estimate
+            steps = f"{np.median(times.steps):,.0f}, {(~times.reached).sum()} never"
+            rival = made.best_opponent(arm)
+            yield side, arm, *gains, rival, contrast.answer, steps, f"{mean:.3f}", best
 
 
 def main() -> None:
@@ -238,7 +234,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("names", nargs="*", default=[*TEACHERS])
     given = parser.parse_args()
-    heads = ("teacher", "as configured", "verdict", "fair", "best opponent", "verdict", "steps", "")
+    heads = ("", "teacher", "over scratch", "over the best", "the best", "verdict", "steps")
+    heads = (*heads, "mean return", "best of the trials")
     for name in given.names:
         for teacher in TEACHERS[name].teachers:
             if not (given.folder / name / f"{teacher}.npz").exists():
