@@ -3,10 +3,10 @@
     python -m benchmarks.published play published-results depth_keys depth_pursuit depth_maze
     python -m benchmarks.published.depth table published-results
     python -m benchmarks.published.depth figure published-results how_deep.png
-    python -m benchmarks.published.depth shares published-results    # other shares for the sources
     python -m benchmarks.published.depth singles published-results   # a single source of each size
 
-Gains are shares of the way from the random policy's return to the optimum.
+Gains are shares of the way from the random policy's return to the optimum. Single sources have
+fewer trials and seeds.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from curricle.study.auditing import CONFIGURED, FAIR, as_fair
 
 DEPTHS = ("one source", "two sources", "three sources", "four sources", "five sources")
 FAMILIES = {"depth_keys": "key, lock, pits", "depth_pursuit": "hunt", "depth_maze": "random maze"}
-SHARES, FEW = (0.03, 0.1, 0.3), "200-229"
+FEW = "200-229"
 TRIALS = 20
 LABELS = {CONFIGURED: "as configured, over scratch", FAIR: "fair, over the best opponent"}
 
@@ -78,35 +78,6 @@ def figure(folder: Path, path: Path) -> None:
     drawn.savefig(path, dpi=110)
 
 
-def of_share(name: str, part: float) -> list[str]:
-    """Return the settings with which sources share a part of the target's steps, at one total."""
-    study = read_study(CLAIMS[name])
-    changes = []
-    for arm, plan in study.curricula.items():
-        target, sources = plan.target, plan.ancestors(plan.target)
-        steps = int(plan.setting("budget", target))
-        budget = round(part * steps) // len(sources)
-        changes += [f'arms."{arm}".tasks.{source}.budget={budget}' for source in sources]
-    of_target = f"budget={round((1.1 - part) * steps)}", f"eval_freq={steps // 100}"
-    return [*changes, *(f"tasks.{target}.{setting}" for setting in of_target)]
-
-
-def fewer(folder: Path, file: Path, changes: list[str]) -> StudyResults:
-    """Return the results of a changed study against scratch and the optimistic learner, tuned."""
-    study = read_study(file, set=[f"seeds={FEW}", *changes])
-    fair = as_fair(study, TRIALS).varied(opponents=("optimistic",), controls=())
-    return run_study(fair, str(folder), resume=True, workers=1)
-
-
-def shares(folder: Path) -> Iterator[tuple[str, ...]]:
-    """Yield the gains of all depths by the share of the sources."""
-    for name, family in FAMILIES.items():
-        for part in SHARES:
-            results = fewer(folder / f"{name}_{part:.2f}", CLAIMS[name], of_share(name, part))
-            of = results.comparison.contrasts
-            yield family, f"{part:.0%}", *(share(of[arm].strong_gain, results) for arm in DEPTHS)
-
-
 def single(name: str) -> str:
     """Return the study file with an arm for each source alone."""
     study, arms = read_study(CLAIMS[name]), dict[str, str]()
@@ -124,7 +95,9 @@ def singles(folder: Path) -> Iterator[tuple[str, ...]]:
     for name, family in FAMILIES.items():
         file = folder / f"{name}_singles.toml"
         file.write_text(single(name))
-        results = fewer(file.with_suffix(""), file, [])
+        fair = as_fair(read_study(file, set=[f"seeds={FEW}"]), TRIALS)
+        fair = fair.varied(opponents=("optimistic",), controls=())
+        results = run_study(fair, str(file.with_suffix("")), resume=True, workers=1)
         for arm, contrast in results.comparison.contrasts.items():
             if arm in results.comparison.verdicts:
                 unlearnt = results.comparison[arm].unlearnt.values()
@@ -133,18 +106,16 @@ def singles(folder: Path) -> Iterator[tuple[str, ...]]:
 
 
 def main() -> None:
-    """Print the tables, draw the figure, or play the other shares."""
+    """Print the tables, draw the figure, or play single sources."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("what", choices=["table", "figure", "shares", "singles"])
+    parser.add_argument("what", choices=["table", "figure", "singles"])
     parser.add_argument("folder", type=Path)
     parser.add_argument("path", type=Path, nargs="?", default=Path("how_deep.png"))
     given = parser.parse_args()
     if given.what == "figure":
         figure(given.folder, given.path)
-    elif given.what == "shares":
-        print(markdown(("family", "share of the sources", *DEPTHS), shares(given.folder)))
     elif given.what == "singles":
         print(markdown(("family", "arm", "gain", "a source not learnt"), singles(given.folder)))
     else:

@@ -58,12 +58,17 @@ def test_the_rings_hold_every_start_of_the_spiral():
     assert cr.solve(target).start_value == pytest.approx(0.864, abs=0.001)
 
 
-@pytest.mark.parametrize("part", depth.SHARES)
-def test_all_shares_and_depths_have_one_total(part):
-    study = read_study(tables.CLAIMS["depth_keys"], set=depth.of_share("depth_keys", part))
+@pytest.mark.parametrize("name", depth.FAMILIES)
+def test_all_depths_have_one_total_and_each_size_is_an_arm(name, tmp_path):
+    study = read_study(tables.CLAIMS[name])
     assert tuple(study.arms) == depth.DEPTHS
     for number, plan in enumerate(study.curricula.values(), 1):
         sources = plan.ancestors("target")
         assert len(sources) == number
         steps = sum(plan.setting("budget", source).max_steps for source in sources)
-        assert steps + plan.setting("budget", "target") == pytest.approx(165_000, abs=10)
+        assert steps == pytest.approx(plan.setting("budget", "target") / 10, abs=5)
+    file = tmp_path / "singles.toml"
+    file.write_text(depth.single(name))
+    arms = read_study(file).curricula
+    alone = {tuple(plan.ancestors("target")) for plan in arms.values() if len(plan.tasks) == 2}
+    assert len(alone) == len(arms) - 4
