@@ -1,0 +1,247 @@
+"""Published teachers, played by the protocol of the other claims: tasks, and the audit of teachers.
+
+    python -m benchmarks.published play published-results starts levels      # first
+    python -m benchmarks.published.teachers published-results                # goes on after a kill
+
+A study file cannot name a teacher. So the file of a claim has the tasks, learner and opponents, and
+its audit has scratch, opponents, and the trials of the learning rate and of the level of Q. A
+teacher gets the same total of steps in all its tasks, and its best of the same trials on the same
+seeds. Uniform draws from the same tasks are its placebo.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import curricle as cr
+from benchmarks.published.__main__ import CLAIMS, TRIALS, markdown, share
+from curricle.comparison.comparison import Arm, Comparison
+from curricle.statistics.curves import SCRATCH, Curve
+from curricle.study import StudyResults, read_study
+from curricle.study.auditing import CONFIGURED, FAIR, as_fair
+from curricle.tasks import GoalDistance, goal_distance, with_start
+from curricle.teaching import (
+    Learnability,
+    PrioritizedLevelReplay,
+    ReverseCurriculum,
+    Uniform,
+    teach,
+)
+
+# -- Rutherford et al. 2024: mazes of MiniGrid -----------------------------------------------------
+
+SIDE, WALLS, MAZES, STARTS = 13, 60, 5, 20
+AHEAD = ((0, 1), (1, 0), (0, -1), (-1, 0))  # east, south, west, north
+
+
+@cache
+def drawn_levels() -> tuple[cr.FiniteMDP, tuple[int, ...]]:
+    """Return five of their mazes as a task, and the states in which the levels start.
+
+    A maze has 60 walls and a goal, drawn anew; a start is a free cell and a heading. Goals cannot
+    always be reached, as in theirs.
+    """
+    rng, outcomes, names, ends, starts = np.random.default_rng(0), [], [], [], []
+    number = np.arange(SIDE**2 * 4).reshape(SIDE, SIDE, 4)
+    for maze in range(MAZES):
+        cells = rng.permutation(SIDE**2)
+        wall, goal = {*cells[:WALLS].tolist()}, cells[WALLS]
+        free = rng.choice(cells[WALLS + 1 :], STARTS)
+        starts += (maze * number.size + free * 4 + rng.integers(4, size=STARTS)).tolist()
+        for row, column, heading in np.ndindex(number.shape):
+            names.append((maze, row, column, heading))
+            ends.append(row * SIDE + column == goal)
+            ahead = row + AHEAD[heading][0], column + AHEAD[heading][1]
+            inside = min(ahead) >= 0 and max(ahead) < SIDE
+            if not inside or ahead[0] * SIDE + ahead[1] in wall:
+                ahead = row, column
+            entered = ahead[0] * SIDE + ahead[1] == goal and not ends[-1]
+            moves = (row, column, (heading - 1) % 4), (row, column, (heading + 1) % 4)
+            pays = (0.0, 0.0, float(entered))
+            outcomes.append(
+                [
+                    [(1.0, maze * number.size + int(number[to]), paid)]
+                    for to, paid in zip((*moves, (*ahead, heading)), pays, strict=True)
+                ]
+            )
+    sizes = zip(("maze", "row", "column", "heading"), (MAZES, *number.shape), strict=True)
+    task = cr.FiniteMDP.from_outcomes(
+        outcomes,
+        terminal=ends,
+        start=starts[0],
+        discount=0.99,
+        time_limit=250,
+        states=cr.Space([cr.Component(*pair) for pair in sizes], names),
+        actions=cr.Space([cr.Component("move", 3, labels=("left", "right", "forward"))]),
+    )
+    return task, tuple(starts)
+
+
+def levels(*, nearest: int = MAZES * STARTS) -> Any:
+    """Return their levels as one task, or the nearest to their goals of those with a way."""
+    task, starts = drawn_levels()
+    far = goal_distance(task)[[*starts]]
+    order = np.argsort(np.where(far < 0, far.max() + 1, far), kind="stable")[:nearest]
+    chances = np.bincount(np.array(starts)[order], minlength=len(task.terminal)) / len(order)
+    return with_start(task, chances)
+
+
+# -- teachers and their tasks ----------------------------------------------------------------------
+
+RING = 4  # cells; their random walks of 50 or 100 steps go about as far from the good starts
+
+
+def rings(target: Any) -> dict[str, Any]:
+    """Return a task's starts in rings around the goal, from the inside, and the task."""
+    farthest = int(goal_distance(target)[target.mdp.start > 0].max())
+    near = {
+        f"from {low}": with_start(target, GoalDistance(low, min(low + RING - 1, farthest)))
+        for low in range(1, farthest + 1, RING)
+    }
+    return {**near, "target": target}
+
+
+def each_level(target: Any) -> dict[str, Any]:
+    """Return a task for each level, and all of them as the target, which is not drawn."""
+    starts = np.flatnonzero(target.mdp.start)
+    return {**{f"level {s}": with_start(target, [s]) for s in starts}, "target": target}
+
+
+class Claim(NamedTuple):
+    """The teachers of a claim, the published first, and the function that makes their tasks."""
+
+    tasks: Any
+    teachers: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ButLast:
+    """A teacher that draws all tasks but the last, in which it is evaluated."""
+
+    teacher: Any
+
+    @property
+    def uses_goal(self) -> bool:
+        """Whether the teacher reads successes."""
+        return bool(getattr(self.teacher, "uses_goal", False))
+
+    def start(self, n_tasks: int) -> Any:
+        """Return the memory before the first episode."""
+        return self.teacher.start(n_tasks - 1)
+
+    def update(self, memory: Any, episode: Any) -> Any:
+        """Return the memory after an episode."""
+        return self.teacher.update(memory, episode)
+
+    def probabilities(self, memory: Any) -> Any:
+        """Return the probabilities of the tasks, (M,)."""
+        return np.append(self.teacher.probabilities(memory), 0.0)
+
+
+TEACHERS = {
+    "starts": Claim(
+        rings,
+        {
+            "reverse curriculum": ButLast(ReverseCurriculum(r_min=0.1, r_max=0.9)),
+            "reverse curriculum, no start mastered": ButLast(ReverseCurriculum(r_max=1.0)),
+            "uniform over rings": ButLast(Uniform()),
+        },
+    ),
+    "levels": Claim(
+        each_level,
+        {
+            # a 25th of the levels, and half of the episodes in them, are theirs
+            "learnability": ButLast(Learnability(rho=0.5, top=4, window=10)),
+            "prioritised level replay": ButLast(PrioritizedLevelReplay()),
+        },
+    ),
+}
+
+
+# -- their audit -----------------------------------------------------------------------------------
+
+
+def settings(study: Any) -> list[dict[str, float]]:
+    """Return the settings of the trials of an audit: learning rate and level of Q."""
+    variants = as_fair(study, TRIALS).tune.variants.values()
+    values = [variant.values for variant in variants if variant.arm == SCRATCH]
+    return [{key.rsplit(".", 1)[-1]: value for key, value in of.items()} for of in values]
+
+
+def curves(folder: Path, name: str, of: str, seeds: tuple[int, ...] | None = None) -> None:
+    """Train a teacher as configured and with its best trial, and keep its curves in a folder."""
+    study, (make, teachers) = read_study(CLAIMS[name]), TEACHERS[name]
+    side = StudyResults(folder / name / CONFIGURED)
+    first = next(iter(study.curricula.values()))
+    learner, target = first.setting("learner", first.target), first.tasks[first.target]
+    total, eval_freq = side.record.total, side.record.eval_freq
+    how = {"target": "target", "eval_freq": eval_freq, "workers": 1}
+    how["evaluation"] = first.setting("evaluation", first.target)
+    tasks = make(target)
+
+    def trained(changes: Mapping[str, float], chosen: Any) -> Any:
+        result = teach(tasks, teachers[of], replace(learner, **changes), total, seeds=chosen, **how)
+        return result.learning.greedy_return
+
+    trials = settings(study)
+    tuning = as_fair(study, TRIALS).tune.seeds
+    scores = [float(np.nanmean(trained(trial, tuning))) for trial in trials]
+    best = trials[int(np.argmax(scores))]
+    chosen = side.seeds if seeds is None else seeds
+    np.savez(
+        folder / name / f"{of}.npz",
+        best=[f"{key} {value:.3g}" for key, value in best.items()],
+        **{CONFIGURED: trained({}, chosen), FAIR: trained(best, chosen)},
+    )
+
+
+def compared(folder: Path, name: str, results: StudyResults) -> Comparison:
+    """Return the comparison of a side of an audit, with the teachers among its arms."""
+    arms = {arm: of for arm, of in results.comparison.arms.items() if not of.control}
+    at = results.comparison.scratch.curve.steps
+    for teacher in TEACHERS[name].teachers:
+        with np.load(folder / name / f"{teacher}.npz") as kept:
+            arms[teacher] = Arm(Curve(at, kept[results.store.path.name]))
+    return replace(results.comparison, arms=arms)
+
+
+def rows(folder: Path, name: str) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of each teacher: gain over scratch as configured; over the best, fair."""
+    for side in (CONFIGURED, FAIR):
+        results = StudyResults(folder / name / side)
+        made = compared(folder, name, results)
+        for arm in TEACHERS[name].teachers:
+            over, contrast = made.against(SCRATCH)[arm].gain, made.contrasts[arm]
+            with np.load(folder / name / f"{arm}.npz") as kept:
+                best = ", ".join(kept["best"]) * (side == FAIR)
+            gains = share(over, results), share(contrast.strong_gain, results)
+            times, mean = made.times(arm), made.mean_return(arm).estimate
+            steps = f"{np.median(times.steps):,.0f}, {(~times.reached).sum()} never"
+            rival = made.best_opponent(arm)
+            yield side, arm, *gains, rival, contrast.answer, steps, f"{mean:.3f}", best
+
+
+def main() -> None:
+    """Train the teachers that have no curves yet, and print a table for each claim."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("names", nargs="*", default=[*TEACHERS])
+    given = parser.parse_args()
+    heads = ("", "teacher", "over scratch", "over the best", "the best", "verdict", "steps")
+    heads = (*heads, "mean return", "best of the trials")
+    for name in given.names:
+        for teacher in TEACHERS[name].teachers:
+            if not (given.folder / name / f"{teacher}.npz").exists():
+                curves(given.folder, name, teacher)
+        print(f"\n{name}\n\n{markdown(heads, rows(given.folder, name))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

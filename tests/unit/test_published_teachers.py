@@ -1,0 +1,74 @@
+"""The teachers of published claims, and the depths of curricula: their tasks and totals."""
+
+import numpy as np
+import pytest
+
+import curricle as cr
+from benchmarks.published import __main__ as tables, depth, teachers
+from curricle.study import read_study
+from curricle.tasks import goal_distance
+from curricle.teaching import Episode, Learnability, ReverseCurriculum
+
+
+def test_the_mazes_of_rutherford():
+    task, starts = teachers.drawn_levels()
+    assert len(starts) == 100
+    place = task.states.decode()
+    for maze in range(teachers.MAZES):
+        goals = task.terminal & (place["maze"] == maze)
+        assert goals.sum() == 4  # a cell, four headings
+        # the cells that a move from elsewhere enters are those without a wall
+        inside = (place["maze"] == maze) & ~task.terminal
+        entered = task.next_state[task.outcome_row[inside, 2], 0]
+        moved = entered[entered != np.flatnonzero(inside)]
+        assert len({*(moved // 4)}) <= 13**2 - 60
+    assert task.reward.max() == 1.0
+    assert not task.terminal[[*starts]].any()
+
+
+def test_the_nearest_levels_come_first():
+    every, nearest = teachers.levels(), teachers.levels(nearest=25)
+    far = goal_distance(every)
+    chosen = far[nearest.mdp.start > 0]
+    assert chosen.min() > 0
+    assert chosen.max() <= np.sort(far[every.mdp.start > 0][far[every.mdp.start > 0] >= 0])[25]
+    assert every.mdp.start.sum() == pytest.approx(1.0)
+
+
+def test_a_teacher_leaves_the_last_task_to_the_evaluation():
+    of_tasks = teachers.ButLast(Learnability(rho=0.0))
+    assert of_tasks.uses_goal
+    memory = of_tasks.start(4)
+    np.testing.assert_allclose(of_tasks.probabilities(memory), [1 / 3, 1 / 3, 1 / 3, 0])
+    episode = Episode(0, np.ones(1), np.ones(1), True, 0.9)
+    outward = teachers.ButLast(ReverseCurriculum(replay=0.0))
+    memory = outward.update(outward.start(4), episode)
+    np.testing.assert_allclose(outward.probabilities(memory), [0, 1, 0, 0])
+
+
+def test_the_rings_hold_every_start_of_the_spiral():
+    study = read_study(tables.CLAIMS["starts"])
+    target = study.curricula["rings of starts"].tasks["target"]
+    assert int(goal_distance(target).max()) == 59
+    *near, last = teachers.rings(target).values()
+    assert last is target
+    covered = np.sum([task.mdp.start > 0 for task in near], axis=0)
+    np.testing.assert_array_equal(covered, target.mdp.start > 0)
+    # a corridor four cells wide: no way is shorter than its length in cells of the published maze
+    assert cr.solve(target).start_value == pytest.approx(0.864, abs=0.001)
+
+
+@pytest.mark.parametrize("name", depth.FAMILIES)
+def test_all_depths_have_one_total_and_each_size_is_an_arm(name, tmp_path):
+    study = read_study(tables.CLAIMS[name])
+    assert tuple(study.arms) == depth.DEPTHS
+    for number, plan in enumerate(study.curricula.values(), 1):
+        sources = plan.ancestors("target")
+        assert len(sources) == number
+        steps = sum(plan.setting("budget", source).max_steps for source in sources)
+        assert steps == pytest.approx(plan.setting("budget", "target") / 10, abs=5)
+    file = tmp_path / "singles.toml"
+    file.write_text(depth.single(name))
+    arms = read_study(file).curricula
+    alone = {tuple(plan.ancestors("target")) for plan in arms.values() if len(plan.tasks) == 2}
+    assert len(alone) == len(arms) - 4
