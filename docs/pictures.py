@@ -190,8 +190,8 @@ def survives() -> None:
     figure, plot = axes("What survives of published gains", "gain, as a share of the way", "")
     figure.set_size_inches(SIZE[0], 0.8 + 0.19 * len(rows))
     for column, colour, label, shift in (
-        (2, "C1", "as configured, over scratch", -0.16),
-        (4, "C0", "fair, over the best opponent", 0.16),
+        (2, "C0", "as configured, over scratch", -0.16),
+        (4, "C1", "fair, over the best opponent", 0.16),
     ):
         gains = np.array(
             [[float(part) for part in GAIN.match(row[column]).groups()] for row in rows]

@@ -130,7 +130,8 @@ def main() -> None:
     if given.what == "rewards":
         print(markdown(("arm", "rewards"), rewards()))
         return
-    audits = played(given.folder)
+    # The table of depths is that of depth.py.
+    audits = {name: of for name, of in played(given.folder).items() if not name.startswith("depth")}
     print(markdown(HEADS, rows(audits)))
     heads = ("", "arm", "best of the trials", "steps until learnt, median", "mean return")
     for name, made in audits.items():
