@@ -13,23 +13,26 @@ from curricle.study.auditing import as_configured, as_fair
 
 FEW = {
     "office": ["budget=2_000", "tasks.office.budget=2_000", "tasks.office.eval_freq=200"],
-    "grid": ["tasks.grid.budget=1_000", "tasks.grid.eval_freq=100"],
     "objects": ["tasks.maze.budget=200"],  # its threshold is stated
 }
 
 
-@pytest.mark.parametrize("name", tables.CLAIMS)
+SLOW = {"grid_50": pytest.mark.slow, "advice": pytest.mark.slow}  # their levels take seconds
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=SLOW.get(name, ())) for name in tables.CLAIMS]
+)
 def test_every_claim_can_be_audited(name):
     study = read_study(tables.CLAIMS[name])
     assert len(study.seeds) == 100
     assert as_configured(study).scratch_curricula()
-    if name not in ("grid_50", "advice"):  # which take seconds to solve
-        fair = as_fair(study, 2)
-        tasks = {len(plan.tasks) for plan in study.curricula.values()}
-        assert {len(plan.tasks) for plan in fair.tune.arms.values()} == tasks
-        played = len(study.arms) + len(study.scratch_curricula())
-        assert len(fair.tune.variants) == 3 * played
-        json.dumps(fair.to_data())
+    fair = as_fair(study, 2)
+    tasks = {len(plan.tasks) for plan in study.curricula.values()}
+    assert {len(plan.tasks) for plan in fair.tune.arms.values()} == tasks
+    played = len(study.arms) + len(study.scratch_curricula())
+    assert len(fair.tune.variants) == 3 * played
+    json.dumps(fair.to_data())
 
 
 def test_the_grid_of_ng_harada_russell():
