@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.published.__main__ import CLAIMS, markdown, played, share
+from benchmarks.published.__main__ import CLAIMS, markdown, played, share, way_to_optimum
 from curricle.statistics.curves import SCRATCH
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.auditing import CONFIGURED, FAIR, as_fair
@@ -34,19 +34,20 @@ def rows(folder: Path) -> Iterator[tuple[str, ...]]:
     for depth in DEPTHS:
         for name, family in FAMILIES.items():
             made = audits[name]
-            before, after = made.configured, made.fair
+            before, after, way = made.configured, made.fair, way_to_optimum(name, made.fair)
             at = before.comparison.against(SCRATCH)[depth].gain
             over = after.comparison.against(SCRATCH)[depth].gain
             best = after.comparison.contrasts[depth].strong_gain
-            gains = share(at, before), share(over, after), share(best, after)
+            gains = share(at, way), share(over, way), share(best, way)
             yield depth, family, *gains, after.comparison.contrasts[depth].answer
 
 
-def beside(results: StudyResults) -> Iterator[tuple[str, ...]]:
+def beside(name: str, results: StudyResults) -> Iterator[tuple[str, ...]]:
     """Yield the gain of each depth over the others, from the same seeds."""
+    way = way_to_optimum(name, results)
     for rival in DEPTHS:
         against = results.comparison.against(rival)
-        of = (share(against[arm].gain, results) if arm in against else "" for arm in DEPTHS)
+        of = (share(against[arm].gain, way) if arm in against else "" for arm in DEPTHS)
         yield f"over {rival}", *of
 
 
@@ -98,11 +99,12 @@ def singles(folder: Path) -> Iterator[tuple[str, ...]]:
         fair = as_fair(read_study(file, set=[f"seeds={FEW}"]), TRIALS)
         fair = fair.varied(opponents=("optimistic",), controls=())
         results = run_study(fair, str(file.with_suffix("")), resume=True, workers=1)
+        way = way_to_optimum(name, results)
         for arm, contrast in results.comparison.contrasts.items():
             if arm in results.comparison.verdicts:
                 unlearnt = results.comparison[arm].unlearnt.values()
                 missed = f"{max(seeds.mean() for seeds in unlearnt):.0%}"
-                yield family, arm, share(contrast.strong_gain, results), missed
+                yield family, arm, share(contrast.strong_gain, way), missed
 
 
 def main() -> None:
@@ -123,7 +125,7 @@ def main() -> None:
         print(markdown(heads, rows(given.folder)))
         for name, made in played(given.folder).items():
             if name in FAMILIES:
-                print(f"\n{name}\n\n{markdown(('', *DEPTHS), beside(made.fair))}")
+                print(f"\n{name}\n\n{markdown(('', *DEPTHS), beside(name, made.fair))}")
 
 
 if __name__ == "__main__":

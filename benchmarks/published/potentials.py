@@ -10,6 +10,7 @@ from numba import njit
 
 import curricle as cr
 from curricle.arrays import FloatArray, IntArray
+from curricle.learning import OptimisticQLearning
 from curricle.statistics import mean_interval, paired_difference
 
 from . import worlds
@@ -185,6 +186,14 @@ def mean_returns(settings: Settings, seeds: range) -> FloatArray:
     return np.array([bootstrapped(after, settings, rng).mean() for rng in rngs])
 
 
+def optimistic_returns(seeds: range) -> FloatArray:
+    """Return the mean greedy return of each seed of the optimistic learner, in the same grid."""
+    lines = ["." * 9 + "T"] + ["." * 10] * 9
+    task = worlds.grid(lines, start=(9, 0), slip=0.0, step=-1.0, discount=0.98, time_limit=500)
+    result = cr.learn(task, OptimisticQLearning(), budget=10_000, eval_freq=100, seeds=seeds)
+    return np.asarray(result.greedy_return[:, 1:].mean(axis=1))
+
+
 def best_settings(first: Settings, trials: int) -> Settings:
     """Return the best of `first` and `trials` others on three seeds; eta stays 0 if it is 0."""
     draws = np.random.default_rng(0).random((trials, 3))
@@ -206,6 +215,9 @@ def main() -> None:
         returns = [mean_returns(settings, range(100, 200)) for settings in (scratch, own)]
         print(f"{side}: {scratch} {mean_interval(returns[0])}; {own} {mean_interval(returns[1])}")
         print(f"    gain {paired_difference(returns[1], returns[0])}")
+    rival = optimistic_returns(range(100, 200))
+    print(f"optimistic: {mean_interval(rival)}")
+    print(f"    gain over it, fair {paired_difference(returns[1], rival)}")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import curricle as cr
-from benchmarks.published.__main__ import CLAIMS, TRIALS, markdown, share
+from benchmarks.published.__main__ import CLAIMS, TRIALS, markdown, share, way_to_optimum
 from curricle.comparison.comparison import Arm, Comparison
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.study import StudyResults, read_study
@@ -214,12 +214,12 @@ def rows(folder: Path, name: str) -> Iterator[tuple[str, ...]]:
     """Yield the rows of each teacher: gain over scratch as configured; over the best, fair."""
     for side in (CONFIGURED, FAIR):
         results = StudyResults(folder / name / side)
-        made = compared(folder, name, results)
+        made, way = compared(folder, name, results), way_to_optimum(name, results)
         for arm in TEACHERS[name].teachers:
             over, contrast = made.against(SCRATCH)[arm].gain, made.contrasts[arm]
             with np.load(folder / name / f"{arm}.npz") as kept:
                 best = ", ".join(kept["best"]) * (side == FAIR)
-            gains = share(over, results), share(contrast.strong_gain, results)
+            gains = share(over, way), share(contrast.strong_gain, way)
             times, mean = made.times(arm), made.mean_return(arm).estimate
             steps = f"{np.median(times.steps):,.0f}, {(~times.reached).sum()} never"
             rival = made.best_opponent(arm)
