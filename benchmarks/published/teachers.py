@@ -36,6 +36,7 @@ from curricle.teaching import (
 # -- Rutherford et al. 2024: mazes of MiniGrid -----------------------------------------------------
 
 SIDE, WALLS, MAZES, STARTS = 13, 60, 5, 20
+DRAW = 2  # the first by which about 16 % of the levels have no way to the goal, as on average
 AHEAD = ((0, 1), (1, 0), (0, -1), (-1, 0))  # east, south, west, north
 
 
@@ -43,15 +44,15 @@ AHEAD = ((0, 1), (1, 0), (0, -1), (-1, 0))  # east, south, west, north
 def drawn_levels() -> tuple[cr.FiniteMDP, tuple[int, ...]]:
     """Return five of their mazes as a task, and the states in which the levels start.
 
-    A maze has 60 walls and a goal, drawn anew; a start is a free cell and a heading. Goals cannot
-    always be reached, as in theirs.
+    A maze has 60 walls, drawn with repetition, and a goal in a free cell; a start is a free cell and
+    a heading. Goals cannot always be reached, as in theirs.
     """
-    rng, outcomes, names, ends, starts = np.random.default_rng(0), [], [], [], []
+    rng, outcomes, names, ends, starts = np.random.default_rng(DRAW), [], [], [], []
     number = np.arange(SIDE**2 * 4).reshape(SIDE, SIDE, 4)
     for maze in range(MAZES):
-        cells = rng.permutation(SIDE**2)
-        wall, goal = {*cells[:WALLS].tolist()}, cells[WALLS]
-        free = rng.choice(cells[WALLS + 1 :], STARTS)
+        wall = {*rng.integers(SIDE**2, size=WALLS).tolist()}
+        goal, *cells = rng.permutation([cell for cell in range(SIDE**2) if cell not in wall])
+        free = rng.choice(cells, STARTS)
         starts += (maze * number.size + free * 4 + rng.integers(4, size=STARTS)).tolist()
         for row, column, heading in np.ndindex(number.shape):
             names.append((maze, row, column, heading))

@@ -21,7 +21,7 @@ def test_the_mazes_of_rutherford():
         inside = (place["maze"] == maze) & ~task.terminal
         entered = task.next_state[task.outcome_row[inside, 2], 0]
         moved = entered[entered != np.flatnonzero(inside)]
-        assert len({*(moved // 4)}) <= 13**2 - 60
+        assert 13**2 - 60 <= len({*(moved // 4)}) + 10 <= 13**2 - 30
     assert task.reward.max() == 1.0
     assert not task.terminal[[*starts]].any()
 
