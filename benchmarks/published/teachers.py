@@ -44,8 +44,8 @@ AHEAD = ((0, 1), (1, 0), (0, -1), (-1, 0))  # east, south, west, north
 def drawn_levels() -> tuple[cr.FiniteMDP, tuple[int, ...]]:
     """Return five of their mazes as a task, and the states in which the levels start.
 
-    A maze has 60 walls, drawn with repetition, and a goal in a free cell; a start is a free cell and
-    a heading. Goals cannot always be reached, as in theirs.
+    A maze has 60 walls, drawn with repetition, and a goal in a free cell; a start is a free cell
+    and a heading. Goals cannot always be reached, as in theirs.
     """
     rng, outcomes, names, ends, starts = np.random.default_rng(DRAW), [], [], [], []
     number = np.arange(SIDE**2 * 4).reshape(SIDE, SIDE, 4)

@@ -70,7 +70,7 @@ def test_an_optimist_learns_no_value_of_an_unavailable_action():
     assert result.greedy_return[0, -1] > cr.planning.Target.of(task).random_return
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 def test_sparse_tables_equal_dense_ones(dtype):
     task = with_masks(random_mdp(7, n_states=9, n_actions=4, time_limit=8), 7)
     results = [

@@ -90,6 +90,7 @@ def test_every_shaping_and_a_portfolio(way, pair, monkeypatch):
     learn_both(tasks, learner, shaping=way(np.random.default_rng(0).normal(size=shape)))
 
 
+@pytest.mark.slow
 def test_sparse_tables(pair):
     mdp, live = pair(4, time_limit=9)
     storage = cr.Storage("sparse")

@@ -15,7 +15,12 @@ from curricle.study.tuning import tuned_study
 PLAYED_HERE = [name for name in DOMAINS if name != "DoorKey" or find_spec("minigrid")]
 
 
-@pytest.mark.parametrize("name", PLAYED_HERE)
+SLOW = {"DoorKey": pytest.mark.slow}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=SLOW.get(name, ())) for name in PLAYED_HERE]
+)
 def test_a_domains_targets_have_the_same_trials(name):
     file, development, judged = DOMAINS[name]
     studies = [case.study(file) for case in (development[0], *judged[:3])]

@@ -22,7 +22,10 @@ LEARNERS = {
     "greedy": QLearning(learning_rate=0.3, epsilon=0.2, initial_value=-1.5),
     "harmonic": QLearning(learning_rate=cr.learning.harmonic(0.9, 0.05, half=5)),
 }
-LEARNT = [*((name, "float64") for name in LEARNERS), ("greedy", "float32")]
+LEARNT = [
+    *((name, "float64") for name in LEARNERS),
+    pytest.param("greedy", "float32", marks=pytest.mark.slow),
+]
 """Each a loop of its own to compile; a table's precision does not depend on the exploration."""
 
 
