@@ -5,7 +5,8 @@ import pytest
 
 import curricle as cr
 from benchmarks.published import __main__ as tables, depth, teachers
-from curricle.study import read_study
+from curricle.study import audit, read_study
+from curricle.study.auditing import CONFIGURED, FAIR
 from curricle.tasks import goal_distance
 from curricle.teaching import Episode, Learnability, ReverseCurriculum
 
@@ -56,6 +57,36 @@ def test_the_rings_hold_every_start_of_the_spiral():
     np.testing.assert_array_equal(covered, target.mdp.start > 0)
     # a corridor four cells wide: no way is shorter than its length in cells of the published maze
     assert cr.solve(target).start_value == pytest.approx(0.864, abs=0.001)
+
+
+@pytest.mark.slow
+def test_the_table_of_a_claims_teachers(tmp_path, monkeypatch):
+    monkeypatch.setattr(teachers, "TRIALS", 1)
+    few = ["seeds=8", "tasks.target.budget=1_000", "tasks.target.eval_freq=100"]
+    study = read_study(tables.CLAIMS["levels"], set=few)
+    audit(study, tmp_path / "levels", trials=1, progress=False)
+    for teacher in teachers.TEACHERS["levels"].teachers:
+        teachers.curves(tmp_path, "levels", teacher)
+    rows = [*teachers.rows(tmp_path, "levels")]
+    assert [row[:2] for row in rows] == [
+        (side, teacher)
+        for side in (CONFIGURED, FAIR)
+        for teacher in teachers.TEACHERS["levels"].teachers
+    ]
+    assert all(row[2][0] in "+-" and "[" in row[3] for row in rows)
+
+
+@pytest.mark.slow
+def test_the_tables_and_the_figure_of_depths(tmp_path, monkeypatch):
+    monkeypatch.setattr(depth, "FAMILIES", {"depth_keys": "key, lock, pits", "depth_maze": "maze"})
+    for name in depth.FAMILIES:
+        study = read_study(tables.CLAIMS[name], set=["seeds=8", "tasks.target.budget=1_000"])
+        made = audit(study, tmp_path / name, trials=1, progress=False)
+        rows = [*depth.beside(name, made.fair)]
+        assert [len(row) for row in rows] == [1 + len(depth.DEPTHS)] * len(depth.DEPTHS)
+    assert [row[0] for row in depth.rows(tmp_path)] == [d for d in depth.DEPTHS for _ in range(2)]
+    depth.figure(tmp_path, tmp_path / "deep.png")
+    assert (tmp_path / "deep.png").stat().st_size > 1_000
 
 
 @pytest.mark.parametrize("name", depth.FAMILIES)

@@ -343,7 +343,7 @@ class StudyResults:
         """Whether the study also learns the target from scratch, for as many steps."""
         return self.record.total is not None and SCRATCH in self.record.arms
 
-    @property
+    @cached_property
     def comparison(self) -> Comparison:
         """The comparison of the arms with learning from scratch (:func:`compare_studies`)."""
         return compare_studies([self])
