@@ -204,7 +204,7 @@ def survives() -> None:
     labels = [f"{name}: {row[1]}" for name, row in zip(names, rows, strict=True)]
     plot.set_yticks(np.arange(len(rows)), labels, fontsize=7)
     plot.set_ylim(len(rows) - 0.5, -0.5)
-    plot.legend(frameon=False, loc="lower right")
+    plot.legend(frameon=False, loc="center right")
     save(figure, "what_survives.png")
 
 
