@@ -10,7 +10,7 @@ fewer trials and seeds.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.published.__main__ import CLAIMS, markdown, played, share, way_to_optimum
 from curricle.statistics.curves import SCRATCH
-from curricle.study import StudyResults, read_study, run_study
+from curricle.study import Audit, StudyResults, read_study, run_study
 from curricle.study.auditing import CONFIGURED, FAIR, as_fair
 
 DEPTHS = ("one source", "two sources", "three sources", "four sources", "five sources")
@@ -28,13 +28,12 @@ TRIALS = 20
 LABELS = {CONFIGURED: "as configured, over scratch", FAIR: "fair, over the best opponent"}
 
 
-def rows(folder: Path) -> Iterator[tuple[str, ...]]:
+def rows(audits: Mapping[str, Audit]) -> Iterator[tuple[str, ...]]:
     """Yield the gains of a depth in each family: as configured; over scratch, over the best."""
-    audits = played(folder)
+    ways = {name: way_to_optimum(name, audits[name].fair) for name in FAMILIES}
     for depth in DEPTHS:
         for name, family in FAMILIES.items():
-            made = audits[name]
-            before, after, way = made.configured, made.fair, way_to_optimum(name, made.fair)
+            before, after, way = audits[name].configured, audits[name].fair, ways[name]
             at = before.comparison.against(SCRATCH)[depth].gain
             over = after.comparison.against(SCRATCH)[depth].gain
             best = after.comparison.contrasts[depth].strong_gain
@@ -59,8 +58,7 @@ def figure(folder: Path, path: Path) -> None:
     for axes, (name, family) in zip(all_axes, FAMILIES.items(), strict=True):
         for side, label in LABELS.items():
             results = getattr(audits[name], side)
-            comparison, reference = results.comparison, results.comparison.reference
-            way = reference.optimum - reference.random_return
+            comparison, way = results.comparison, way_to_optimum(name, results)
             scratch = comparison.against(SCRATCH)
             gains = [
                 scratch[arm].gain if side == CONFIGURED else comparison.contrasts[arm].strong_gain
@@ -122,10 +120,10 @@ def main() -> None:
         print(markdown(("family", "arm", "gain", "a source not learnt"), singles(given.folder)))
     else:
         heads = ("", "family", "as configured", "fair, over scratch", "over the best", "verdict")
-        print(markdown(heads, rows(given.folder)))
-        for name, made in played(given.folder).items():
-            if name in FAMILIES:
-                print(f"\n{name}\n\n{markdown(('', *DEPTHS), beside(name, made.fair))}")
+        audits = played(given.folder)
+        print(markdown(heads, rows(audits)))
+        for name in FAMILIES:
+            print(f"\n{name}\n\n{markdown(('', *DEPTHS), beside(name, audits[name].fair))}")
 
 
 if __name__ == "__main__":

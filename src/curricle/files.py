@@ -207,6 +207,11 @@ def place_at(path: Any) -> Place:
     return RemotePath.of(path) if isinstance(path, str) and "://" in path else Path(path)
 
 
+def results_folder(study_file: str | PathLike[str]) -> str:
+    """Return the name of the default folder of a study file's results, FILE-results."""
+    return f"{Path(study_file).stem}-results"
+
+
 LONGEST_NAME = 100  # characters before its checksum; file systems allow 255 bytes in all
 PART = ".part"  # ends a file while it is written; a killed run may leave it, and it means nothing
 

@@ -84,7 +84,9 @@ def test_the_tables_and_the_figure_of_depths(tmp_path, monkeypatch):
         made = audit(study, tmp_path / name, trials=1, progress=False)
         rows = [*depth.beside(name, made.fair)]
         assert [len(row) for row in rows] == [1 + len(depth.DEPTHS)] * len(depth.DEPTHS)
-    assert [row[0] for row in depth.rows(tmp_path)] == [d for d in depth.DEPTHS for _ in range(2)]
+    assert [row[0] for row in depth.rows(tables.played(tmp_path))] == [
+        d for d in depth.DEPTHS for _ in range(2)
+    ]
     depth.figure(tmp_path, tmp_path / "deep.png")
     assert (tmp_path / "deep.png").stat().st_size > 1_000
 

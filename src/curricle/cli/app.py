@@ -128,8 +128,6 @@ def _announce_imports() -> None:
 
 # -- The commands ----------------------------------------------------------------------------------
 
-"""What a shell completes after `curricle new`; a test holds that these are all."""
-
 
 @app.command()
 def new(
@@ -502,9 +500,8 @@ def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
     from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
 
-    gc.set_threshold(
-        50_000, 20, 50
-    )  # imports make objects that stay: searching them took a tenth of the time
+    # Imports make objects that stay: searching them took a tenth of the time.
+    gc.set_threshold(50_000, 20, 50)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # ? for signs that an encoding lacks

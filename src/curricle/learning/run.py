@@ -318,10 +318,9 @@ class Run:
 
     def plain(self, shaping: Shaping | None) -> bool:
         """Return whether this is Q-learning on unshaped rewards, which has a loop of its own."""
+        # The fast loop keeps maxima, which a mask that comes later would make wrong.
         if self.learner.update != Q_LEARNING or masks_actions(self.task):
-            return (
-                False  # the fast loop keeps maxima, which a mask that comes later would make wrong
-            )
+            return False
         return shaping is None or (shaping.starts_at_potential and shaping.portfolio is None)
 
     def check_sparse(self, settings: Sequence[SeedSettings]) -> None:

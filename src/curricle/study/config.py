@@ -39,6 +39,7 @@ from curricle.design.candidates import candidate_named
 from curricle.design.choice import FIRST_SEED
 from curricle.display import printed
 from curricle.errors import ConfigError, CurricleError, SettingError
+from curricle.files import results_folder
 from curricle.learning.stopping import limits, spacing
 from curricle.statistics.curves import SCRATCH
 from curricle.study.record import TunedRecord, VariantRecord
@@ -359,7 +360,7 @@ class StudyConfig(RunTable):
     @property
     def results_folder(self) -> str:
         """The name of the default folder of its results, FILE-results."""
-        return f"{Path(self.file).stem}-results"
+        return results_folder(self.file)
 
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:

@@ -35,6 +35,7 @@ from curricle.files import (
     place_at,
     read_bounded,
     remove_folder,
+    results_folder,
     sealed,
     unsealed,
     write_whole,
@@ -467,7 +468,7 @@ class StudyStore:
             if not (self.path / STUDY).exists():
                 lacks = f"{self.path} has none"
                 if isinstance(self.path, Path) and self.path.suffix == ".toml":
-                    lacks += f"; the results of a study's file are in {self.path.stem}-results"
+                    lacks += f"; the results of a study's file are in {results_folder(self.path)}"
                 if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
                     lacks = f"there is no {self.path.bucket}"
                 gone = FileNotFoundError(errno.ENOENT, "it is not there", str(self.path / STUDY))

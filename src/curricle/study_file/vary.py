@@ -300,9 +300,10 @@ def all_tuned(
         trials[arm] = Variant(arm, partial(_relearnt, plan), {"tune": tuning}, {})
         tried = [made for made in _tried(trials[arm], tune).values() if made.values]
         trials |= {f"{arm}, trial {n}": made for n, made in enumerate(tried, 2)}
-    own = {arm: trials[arm] for arm in (*scratches, *arms)}
+    as_stated = {arm: trials[arm] for arm in (*scratches, *arms)}
     of_scratch = [label for label, trial in trials.items() if trial.arm in scratches]
-    return {**_fields(own, scratches), "tune": {"seeds": tune.seeds, **_fields(trials, of_scratch)}}
+    tuned = {"seeds": tune.seeds, **_fields(trials, of_scratch)}
+    return {**_fields(as_stated, scratches), "tune": tuned}
 
 
 def _relearnt(plan: Raw, study: Raw) -> dict[str, Any]:

@@ -299,21 +299,19 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
             break
     if target.judgement is not None and target.judgement.refusal:
         notes.append(f"there is nothing to learn: {target.judgement.refusal}")
-    sources, variants = (
-        dict[str, Any](),
-        list(easier(target, partial(_made, way, recipe), _arguments(recipe, env), trial)),
-    )
+    make, sources = partial(_made, way, recipe), dict[str, Any]()
+    variants = easier(target, make, _arguments(recipe, env), trial)
     most = max(budgets, default=LIVE[0])
     budget = _rounded_up(min(max(3 * target.steps, BUDGETS[0]), 2 * most))
     for variant in variants:
         less = f" instead of {task.states.size:,}" * (variant.task.states.size < task.states.size)
         before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
-        words = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
+        label = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
         written = _inline(variant.arguments)
         more = variant.steps > SOURCES_SHARE * budget
         stated = _rounded_up(variant.steps) if more else None
-        sources[re.sub(r"[^\w-]", "_", words)] = written, stated
+        sources[re.sub(r"[^\w-]", "_", label)] = written, stated
         notes.append(f"easier with {written}: {variant.task.states.size:,} states{less}, {steps}")
     keys = {KEYS.get(key, key): getattr(x, "ignore", x) for key, x in way.keywords.items()}
     kind = "tabulated" if way.func is tabulate else "gymnasium"
