@@ -49,6 +49,7 @@ def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
         "tasks.target.evaluation.sampled=false",  # nothing is hidden
         f'tasks.small.members=[{{ factory = "levels:Grid", arguments = {arguments} }}]',
         "tasks.small.encode=levels:numbered",
+        f"tasks.small.charged={held}",
         *(f"scratch_learners.zoo.{setting}" for setting in zoo),
     ]
 

@@ -117,7 +117,7 @@ class Miniatures(ObservationTask):
     resets: int = RESETS
     held_out: float = HELD_OUT
     max_states: int = MOST_STATES
-    charged: bool = True  # whether an arm pays for the steps in the models
+    charged: int = 1  # steps that an arm pays for each action in each state
     shuffled: bool = False  # whether each observation has the answer of another: a placebo
 
     def __repr__(self) -> str:
@@ -153,8 +153,8 @@ class Miniatures(ObservationTask):
 
     @property
     def cost(self) -> int:
-        """The steps that an arm is charged: all `transitions`, or 0 if `charged` is false."""
-        return self.transitions if self.charged else 0
+        """The steps that an arm is charged: `transitions`, each `charged` times."""
+        return self.transitions * self.charged
 
 
 def miniatures(
@@ -162,7 +162,7 @@ def miniatures(
     resets: int = RESETS,
     held_out: float = HELD_OUT,
     max_states: int = MOST_STATES,
-    charged: bool = True,
+    charged: int = 1,
     tested_on: Sequence[ObservationTask] = (),
 ) -> Miniatures:
     """Return small relatives of a task as a source that takes no steps in an environment.
@@ -178,9 +178,10 @@ def miniatures(
         Resets and most states of each member.
     held_out : float
         Share of levels to hold out, up to 0.9; at least one level of each member is not held out.
-    charged : bool
-        Whether each action in each state counts as a step of the source, once however many seeds
-        are distilled from it: :func:`compare` then charges it as it charges learning.
+    charged : int
+        Steps of the source that each action in each state counts as, once however many seeds are
+        distilled from it; :func:`compare` charges them as it charges learning. It is n for members
+        each of whose actions is held for n steps; 0 leaves the models' steps out.
     tested_on : sequence of ObservationTask
         Relatives for tests only, best in the order of their size.
 
@@ -224,7 +225,7 @@ def miniatures(
     whole_number("resets of miniatures", resets, 1, TaskError)
     whole_number("max_states of miniatures", max_states, 1, TaskError)
     number("held_out of miniatures", held_out, TaskError, low=0, high=0.9)
-    instance("charged of miniatures", charged, bool, TaskError)
+    whole_number("charged of miniatures", charged, 0, TaskError)
     return Miniatures(
         first.make, first.discount, first.time_limit, tuple(members), tuple(tested_on),
         resets, held_out, max_states, charged,

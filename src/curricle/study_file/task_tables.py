@@ -327,6 +327,7 @@ DistilledTask = table_of(
     without=("members", "tested_on"),
     resets=Count,
     max_states=Count,
+    charged=Whole,
 )
 
 
