@@ -38,4 +38,3 @@ from .search import (
     score_mapping as score_mapping,
 )
 from .transfer import Calibrate as Calibrate, Transfer as Transfer
-from .warping import by_component_warping as by_component_warping

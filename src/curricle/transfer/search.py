@@ -40,7 +40,6 @@ from curricle.transfer.mapping import (
 )
 from curricle.transfer.pair import NOT_PROVEN, Proposal, TaskPair
 from curricle.transfer.transfer import Transfer
-from curricle.transfer.warping import by_component_warping
 
 NAN = float("nan")
 TIED = 1e-9  # largest difference of ties for a greedy policy, in units of the largest value
@@ -275,13 +274,7 @@ def _residuals(
 Search = Callable[[TaskPair], Iterable[Proposal]]
 """A search for mappings; it raises MappingError where it does not apply."""
 
-SEARCHES: tuple[Search, ...] = (
-    by_name,
-    by_alignment,
-    by_homomorphism,
-    by_component_warping,
-    by_lax_bisimulation,
-)
+SEARCHES: tuple[Search, ...] = (by_name, by_alignment, by_homomorphism, by_lax_bisimulation)
 LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping must regain in mapped states to be used unseen."""
 MOST_UNEXPLAINED = 0.75  # largest `unexplained` of a mapping to be used unseen
