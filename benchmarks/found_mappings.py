@@ -26,7 +26,7 @@ import numpy as np
 import curricle as cr
 from benchmarks.pairs import Pair, Split, pairs
 from benchmarks.pairs.pair import Family, levels
-from benchmarks.pairs.worlds import by_cell, cropped, grid, redrawn
+from benchmarks.pairs.worlds import cropped, grid, redrawn
 from curricle.errors import MappingError
 from curricle.paper.mazes import maze
 from curricle.statistics import mean_return
@@ -192,13 +192,13 @@ def unseen() -> list[Pair]:
         for slip in (0.0, 0.2):
             rules = {"rewards": {}, "step": -1.0, "slip": slip, "time_limit": 150}
             lines, name = drawn(seed), f"walls {seed}, slip {slip:g}"
-            maze = family.target(name, grid(lines, **rules), 30_000)
+            family.target(name, grid(lines, **rules), 30_000)
             part = cropped(lines, (0, 5), (5, 10), **{**rules, "starts": "."})
-            family.add("near", name, part, by_cell(maze, part), budget=2_000)
+            family.add("near", name, part, budget=2_000)
     rules = {"rewards": {"C": -19.0}, "step": -1.0, "time_limit": 200}
-    cliff = family.target("cliff", grid(CLIFF, back_to_start="C", **rules), 30_000)
+    family.target("cliff", grid(CLIFF, back_to_start="C", **rules), 30_000)
     end = cropped(CLIFF, (0, 4), (13, 20), ends="GC", starts=".", **rules)
-    family.add("near", "cliff of 20", end, by_cell(cliff, end), budget=2_000)
+    family.add("near", "cliff of 20", end, budget=2_000)
     return list(family.pairs.values())
 
 

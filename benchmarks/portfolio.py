@@ -25,7 +25,7 @@ import numpy as np
 import curricle as cr
 from benchmarks.pairs import Pair, pairs
 from benchmarks.pairs.pair import Family, default
-from benchmarks.pairs.worlds import by_place, task_of
+from benchmarks.pairs.worlds import task_of
 from benchmarks.portfolio_pairs import UNSEEN
 from curricle.learning import OptimisticQLearning
 from curricle.planning.policy_evaluation import Target
@@ -58,8 +58,8 @@ def lines(split: str) -> Family:
     """Return lines whose source knows the near prize alone."""
     family = Family("deceptive", "verification" if split == "verification" else "development")
     for n in (8, 10, 12) if split == "verification" else (9, 11, 13):
-        target, source = family.target(f"line {n}", line(n), 15_000), line(n, far=0.0)
-        family.add("near", f"near prize, {n}", source, by_place(target, source), budget=1000)
+        family.target(f"line {n}", line(n), 15_000)
+        family.add("near", f"near prize, {n}", line(n, far=0.0), budget=1000)
     return family
 
 
@@ -85,10 +85,9 @@ def bets(goal: int, chance: float) -> cr.FiniteMDP:
 def gamblers() -> Family:
     """Return the gambler's problem with 32 coins, from a kinder one and a fair one."""
     family = Family("gambler", "verification")
-    target = family.target("32 coins", bets(32, 0.4), 40_000)
+    family.target("32 coins", bets(32, 0.4), 40_000)
     for kind, chance in (("near", 0.45), ("far", 0.5)):
-        source = bets(32, chance)
-        family.add(kind, f"chance {chance}", source, by_place(target, source), budget=4_000)
+        family.add(kind, f"chance {chance}", bets(32, chance), budget=4_000)
     return family
 
 

@@ -139,10 +139,21 @@ class Family:
         return task
 
     def add(
-        self, kind: str, label: str, source: Any, *mappings: Any, budget: int, **settings: Any
-    ) -> None:
-        """Add a pair with the present target."""
+        self, kind: str, label: str, source: Any, *reads: Any, budget: int, turned: bool = False,
+        **settings: Any,
+    ) -> None:  # fmt: skip
+        """Add a pair with the present target.
+
+        Each of `reads` makes a transfer: a mapping, or a function as `cr.from_function` takes it;
+        by default the source is read by the target's names. `turned`: the last action but so many.
+        """
         target_name, target, target_budget = self._target
+        mappings = [
+            read if isinstance(read, StateActionMapping) else cr.from_function(target, source, read)
+            for read in reads or [lambda state, action: (state, action)]
+        ]
+        if turned:
+            mappings = [StateActionMapping(target, source, of.index[:, ::-1]) for of in mappings]
         name = f"{self.name}/{label}"
         self.pairs[name] = Pair(
             name=name,
@@ -153,7 +164,7 @@ class Family:
             target_name=target_name,
             source=source,
             target=target,
-            mappings=mappings,
+            mappings=tuple(mappings),
             source_budget=budget,
             target_budget=target_budget,
             **settings,

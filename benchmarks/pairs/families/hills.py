@@ -8,7 +8,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import reversed_actions, task_of
+from ..worlds import task_of
 
 PLACES, SPEEDS = np.linspace(-1.2, 0.5, 24), np.linspace(-0.07, 0.07, 17)
 HELD = 5
@@ -55,16 +55,11 @@ def hill(*, engine: float = 0.001, gravity: float = 0.0025, left: bool = False) 
 def hills() -> Family:
     """Return the car, 40,000 steps."""
     family = Family("hills", "fresh")
-    target = family.target("car", hill(), 40_000)
-
-    def same(source: cr.FiniteMDP) -> Any:
-        return cr.from_function(target, source, lambda state, action: (state, action))
-
+    family.target("car", hill(), 40_000)
     strong, flat, other = hill(engine=0.0015), hill(gravity=0.00125), hill(left=True)
-    family.add("near", "a stronger engine", strong, same(strong), budget=10_000)
-    family.add("far", "a flatter valley", flat, same(flat), budget=10_000)
-    family.add("wrong goal", "the other hill", other, same(other), budget=10_000)
-    family.add("mirrored", "left for right", strong,
-               reversed_actions(target, strong, same(strong)), budget=10_000)  # fmt: skip
+    family.add("near", "a stronger engine", strong, budget=10_000)
+    family.add("far", "a flatter valley", flat, budget=10_000)
+    family.add("wrong goal", "the other hill", other, budget=10_000)
+    family.add("mirrored", "left for right", strong, budget=10_000, turned=True)
     family.spoil("a stronger engine")
     return family

@@ -41,11 +41,6 @@ def changed(
     )  # fmt: skip
 
 
-def by_names(taxi: cr.FiniteMDP, source: cr.FiniteMDP, change: Any = lambda state: state) -> Any:
-    """Return the mapping by names, the state changed before."""
-    return cr.from_function(taxi, source, lambda state, action: (change(dict(state)), action))
-
-
 def taxis() -> Family:
     """Return Taxi-v4, 100,000 steps."""
     family = Family("taxi", "verification")
@@ -76,26 +71,23 @@ def taxis() -> Family:
         reward=lambda s, a, to, r: -r if a >= PICK_UP else r,
     )  # fmt: skip
 
-    def same_way(state: Any) -> Any:
-        return {**state, "destination": 0 * state["destination"]}
+    def same_way(state: Any, action: Any) -> Any:
+        return {**state, "destination": 0 * state["destination"]}, action
 
-    def next_place(state: Any) -> Any:
-        return {**state, "destination": (state["destination"] + 1) % 4}
+    def next_place(state: Any, action: Any) -> Any:
+        return {**state, "destination": (state["destination"] + 1) % 4}, action
 
-    def turned(state: Any) -> Any:
-        return {**state, "row": 4 - state["row"], "column": 4 - state["column"]}
+    def turned(state: Any, action: Any) -> Any:
+        return {**state, "row": 4 - state["row"], "column": 4 - state["column"]}, action
 
-    by_name = cr.project(taxi, one)
-    family.add("near", "two places", two, cr.project(taxi, two), budget=20_000)
-    family.add("near", "fetching alone", fetch, by_names(taxi, fetch), budget=20_000)
-    family.add("far", "one destination", one, by_name, budget=15_000)
-    family.add("far", "the ride alone", ride, by_names(taxi, ride), budget=20_000)
-    family.add("wrong goal", "every destination as one", one, by_names(taxi, one, same_way),
-               budget=15_000)  # fmt: skip
     other = changed(taxi, everything)
-    family.add("wrong goal", "the next destination", other, by_names(taxi, other, next_place),
-               budget=20_000)  # fmt: skip
-    family.add("mirrored", "turned round", other, by_names(taxi, other, turned), budget=20_000)
-    family.add("useless", "paid for illegal stops", lost, by_names(taxi, lost), budget=15_000)
+    family.add("near", "two places", two, cr.project(taxi, two), budget=20_000)
+    family.add("near", "fetching alone", fetch, budget=20_000)
+    family.add("far", "one destination", one, cr.project(taxi, one), budget=15_000)
+    family.add("far", "the ride alone", ride, budget=20_000)
+    family.add("wrong goal", "every destination as one", one, same_way, budget=15_000)
+    family.add("wrong goal", "the next destination", other, next_place, budget=20_000)
+    family.add("mirrored", "turned round", other, turned, budget=20_000)
+    family.add("useless", "paid for illegal stops", lost, budget=15_000)
     family.spoil("fetching alone")
     return family
