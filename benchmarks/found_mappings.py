@@ -4,15 +4,14 @@
     python -m benchmarks.found_mappings families --split verification --seeds 10
     python -m benchmarks.found_mappings searches
 
-`auto`: gains over scratch of a mapping that is found, as a share of those by hand, all steps
-charged. `families`: pairs of the benchmark, or made after it, beside their own mappings.
+`auto`: gains over scratch of a mapping that is found and of those by hand, all steps charged.
+`families`: pairs of the benchmark, or made after it, beside their own mappings.
 `searches`: which search makes the first mapping of each two tasks that the benchmark's pairs have.
 Potentials start Q, without a portfolio, most of whose gain would be its optimistic learner's.
 """
 
 import argparse
 import math
-import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -51,30 +50,21 @@ SIDE = 5
 def gains(
     name: str, target: Any, source: Any, by_hand: list[cr.Transfer], made: Callable, seeds: int
 ) -> None:
-    """Print the gain of the mapping that is found as a share of that by hand, all steps charged."""
-    began = time.perf_counter()
+    """Print the gains of the mappings by hand and of the mapping that is found."""
     arms = {"by hand": made(by_hand)}
     try:
         best, words = auto_mapping(target, source), ""
     except MappingError:
         best, words = find_mappings(target, source)[0], "refused, and accepted all the same: "
     arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
-    words += str(best)
-    seconds = time.perf_counter() - began
-    print(f"  {name}: searched {seconds:.1f} s; {words}")
+    print(f"  {name}: {words}{best}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = cr.compare(arms, seeds=seeds, opponents=())
-    each = {arm: found.arms[arm].strong_gain(found.scratch) for arm in arms}
-    mean = {arm: float(gain.mean()) for arm, gain in each.items()}
     for arm in arms:
-        time_to = found.times(arm).median().estimate
-        error = each[arm].std(ddof=1) / np.sqrt(seeds)
-        gain = f"{mean[arm]:.4g} +- {error:.2g}"
-        print(f"    {arm}: gain {gain}, learnt after {time_to:,.0f} steps (median)")
-    scratch = found.times("scratch").median().estimate
-    share = mean["auto"] / mean["by hand"]
-    print(f"    scratch: learnt after {scratch:,.0f}; auto / by hand: {share:.0%}", flush=True)
+        gain = found.arms[arm].strong_gain(found.scratch)
+        error = gain.std(ddof=1) / np.sqrt(seeds)
+        print(f"    {arm}: gain {gain.mean():.4g} +- {error:.2g}", flush=True)
 
 
 def of(target: Any, source: Any, *, budget: Any = None, **settings: Any) -> Callable:
