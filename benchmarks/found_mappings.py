@@ -31,12 +31,7 @@ from curricle.paper.mazes import maze
 from curricle.statistics import mean_return
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.mdp import same_task
-from curricle.transfer import (
-    StateActionMapping,
-    TaskPair,
-    auto_mapping,
-    find_mappings,
-)
+from curricle.transfer import StateActionMapping, TaskPair, auto_mapping, find_mappings
 from curricle.transfer.search import SEARCHES, clears_bar
 from examples import cliff_walking, taxi
 

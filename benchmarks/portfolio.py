@@ -24,7 +24,7 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs import Pair, pairs
-from benchmarks.pairs.pair import Family, default
+from benchmarks.pairs.pair import Family, levels
 from benchmarks.pairs.worlds import task_of
 from benchmarks.portfolio_pairs import UNSEEN
 from curricle.learning import OptimisticQLearning
@@ -116,21 +116,18 @@ def chosen(split: Any) -> Iterator[Pair]:
         yield replace(pair, name=f"{pair.name}, negated", kind="negated", scale=-pair.scale)
 
 
-def level(task: Any, **settings: Any) -> tuple[float, float]:
-    """Return the random policy's return and the optimum."""
-    target = Target.of(task, cr.GreedyEvaluation(method="exact", **settings))
-    return float(target.random_return), float(target.optimum)
-
-
 def played(pair: Pair, seeds: int) -> dict[str, Any]:
     """Return the scores of all arms of a pair."""
     task, steps = pair.target, pair.target_budget
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        curriculum = default(pair)
+        freq = {"target": pair.eval_freq}
+        curriculum = pair.curriculum(shaping=None, budget={"target": steps}, eval_freq=freq)
         source = curriculum.train(seeds, only="source", workers=1)["source"]
         potentials = curriculum.potentials("target", {"source": source})
-    greedy, training = level(task), level(task, discounted=False)
+    random, optimum = levels(task)
+    training = Target.of(task, cr.GreedyEvaluation(method="exact", discounted=False))
+    way = training.optimum - training.random_return
     portfolio = [cr.QInitialisation(phi, portfolio=cr.Portfolio()) for phi in potentials]
     arms: dict[str, Any] = {
         "scratch": {},
@@ -145,17 +142,14 @@ def played(pair: Pair, seeds: int) -> dict[str, Any]:
             task, budget=steps, seeds=seeds, eval_freq=steps // PARTS, workers=1,
             evaluation=cr.GreedyEvaluation(method="exact"), **settings,
         )  # fmt: skip
-        curve = result.training_return[:, 1:].copy()
-        for k in range(curve.shape[1]):  # a part in which no episode ends keeps the last mean
-            last = curve[:, k - 1] if k else np.full(len(curve), training[0])
-            curve[:, k] = np.where(np.isnan(curve[:, k]), last, curve[:, k])
+        curve = result.training_return.copy()
+        curve[:, 0] = training.random_return
+        for k in range(1, curve.shape[1]):  # a part in which no episode ends keeps the last mean
+            curve[:, k] = np.where(np.isnan(curve[:, k]), curve[:, k - 1], curve[:, k])
+        gain = float(curve[:, 1:].mean() - training.random_return)
         height = mean_return(Curve(result.steps, result.greedy_return)).mean()
-        row[arm] = {
-            "t": np.nan,
-            "g": (height - greedy[0]) / (greedy[1] - greedy[0]),
-        }
-        if training[1] > training[0]:
-            row[arm]["t"] = (curve.mean() - training[0]) / (training[1] - training[0])
+        row[arm] = {"t": gain / way if way > 0 else np.nan}
+        row[arm]["g"] = (height - random) / (optimum - random)
         if arm == "portfolio":
             row["share"] = float(result.source_share[:, 1:].mean())
     return row

@@ -68,32 +68,17 @@ class Pair:
         return self.target_budget // CHECKPOINTS
 
     @property
-    def total(self) -> int:
-        """Steps of the target and the source together, in whole checkpoints."""
-        return -(-(self.target_budget + self.source_budget) // self.eval_freq) * self.eval_freq
-
-    @property
     def label(self) -> str:
         """The name within its family."""
         return self.name.partition("/")[2]
 
-    def transfers(self, **settings: Any) -> list[cr.Transfer]:
-        """Return the transfers; `settings` are those of Transfer, such as ``calibrate``."""
-        settings = {"scale": self.scale, **settings}
-        return [cr.Transfer("source", "target", one, **settings) for one in self.mappings]
+    def transfers(self) -> list[cr.Transfer]:
+        """Return the transfers."""
+        return [cr.Transfer("source", "target", one, self.scale) for one in self.mappings]
 
-    def curriculum(self, *, calibrate: Any = False, **settings: Any) -> cr.Curriculum:
+    def curriculum(self, **settings: Any) -> cr.Curriculum:
         """Return the curriculum of a source and a target, by default by the raw potential.
 
-        Parameters
-        ----------
-        calibrate : bool or Calibrate
-            Of the transfers.
-        **settings
-            Of the Curriculum.
-
-        Notes
-        -----
         Checkpoints and their exact evaluation are how the benchmark looks, not how anything learns.
         Aggregates belong to the mapping of a pair.
         """
@@ -106,16 +91,9 @@ class Pair:
         }
         return cr.Curriculum(
             {"source": self.source, "target": self.target},
-            self.transfers(calibrate=calibrate),
+            self.transfers(),
             **{**given, **settings},
         )
-
-
-def default(pair: Pair) -> cr.Curriculum:
-    """Return a curriculum with nothing set but the target's budget."""
-    return pair.curriculum(
-        shaping=None, budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
-    )
 
 
 @cache
