@@ -99,14 +99,10 @@ def grid(
 
     return task_of(
         list(cells),
-        ("row", "column"),
-        cr.Component("move", 4, labels=tuple(MOVES)),
-        outcomes,
-        ends=lambda cell: cells[cell] in ends,
-        starts=lambda cell: cells[cell] in starts,
-        discount=discount,
-        time_limit=time_limit,
-    )
+        ("row", "column"), cr.Component("move", 4, labels=tuple(MOVES)), outcomes,
+        ends=lambda cell: cells[cell] in ends, starts=lambda cell: cells[cell] in starts,
+        discount=discount, time_limit=time_limit,
+    )  # fmt: skip
 
 
 def cropped(

@@ -42,14 +42,11 @@ def hill(*, engine: float = 0.001, gravity: float = 0.0025, left: bool = False) 
     top = 0 if left else len(PLACES) - 1
     return task_of(
         [tuple(point) for point in np.ndindex(len(PLACES), len(SPEEDS))],
-        ("place", "speed"),
-        cr.Component("push", 3, labels=("left", "none", "right")),
-        outcomes,
+        ("place", "speed"), cr.Component("push", 3, labels=("left", "none", "right")), outcomes,
         ends=lambda point: point[0] == top,
         starts=lambda point: -0.6 <= PLACES[point[0]] <= -0.4 and point[1] == len(SPEEDS) // 2,
-        discount=0.99,
-        time_limit=100,
-    )
+        discount=0.99, time_limit=100,
+    )  # fmt: skip
 
 
 def hills() -> Family:

@@ -41,14 +41,11 @@ def locked(lines: list[str], *, step: float, goal: float, limit: int) -> cr.Fini
 
     return task_of(
         [(*cell, key) for cell in cells for key in (0, 1)],
-        ("row", "column", "key"),
-        cr.Component("move", 4, labels=tuple(MOVES)),
-        outcomes,
+        ("row", "column", "key"), cr.Component("move", 4, labels=tuple(MOVES)), outcomes,
         ends=lambda point: cells[point[:2]] == "G",
         starts=lambda point: cells[point[:2]] == "S" and point[2] == 0,
-        discount=0.97,
-        time_limit=limit,
-    )
+        discount=0.97, time_limit=limit,
+    )  # fmt: skip
 
 
 def in_phase(key: int) -> Any:

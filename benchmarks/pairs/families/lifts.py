@@ -38,12 +38,9 @@ def lift(
     return task_of(
         [tuple(point) for point in np.ndindex(floors + 1, ROOM + 1, *[2] * floors)],
         ("floor", "load", *(f"call_{k}" for k in range(1, floors + 1))),
-        cr.Component("move", 3, labels=("up", "down", "open")),
-        outcomes,
-        starts=lambda point: not any(point),
-        discount=0.95,
-        time_limit=100,
-    )
+        cr.Component("move", 3, labels=("up", "down", "open")), outcomes,
+        starts=lambda point: not any(point), discount=0.95, time_limit=100,
+    )  # fmt: skip
 
 
 def lifts() -> Family:

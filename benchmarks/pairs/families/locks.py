@@ -32,14 +32,10 @@ def lock(
 
     return task_of(
         [(at,) for at in range(first, last + 1)],
-        ("place",),
-        cr.Component("digit", 4),
-        outcomes,
-        ends=lambda point: point[0] == last,
-        starts=lambda point: point[0] == first,
-        discount=0.95,
-        time_limit=100,
-    )
+        ("place",), cr.Component("digit", 4), outcomes,
+        ends=lambda point: point[0] == last, starts=lambda point: point[0] == first,
+        discount=0.95, time_limit=100,
+    )  # fmt: skip
 
 
 def locks() -> Family:

@@ -36,12 +36,9 @@ def shop(wear: tuple[float, ...], *, value: float = 3.0, per_wear: float = -0.3)
     return task_of(
         [tuple(point) for point in np.ndindex(*[BROKEN + 1] * len(wear))],
         tuple(f"wear_{k + 1}" for k in range(len(wear))),
-        cr.Component("renew", len(wear) + 1),
-        outcomes,
-        starts=lambda point: not any(point),
-        discount=0.95,
-        time_limit=100,
-    )
+        cr.Component("renew", len(wear) + 1), outcomes,
+        starts=lambda point: not any(point), discount=0.95, time_limit=100,
+    )  # fmt: skip
 
 
 def machines() -> Family:

@@ -29,13 +29,9 @@ def single(room: int, arrivals: float, *, holding: float = -0.5) -> cr.FiniteMDP
 
     return task_of(
         [(n,) for n in range(room + 1)],
-        ("waiting",),
-        cr.Component("service", 2, labels=("slow", "fast")),
-        outcomes,
-        starts=lambda point: True,
-        discount=0.92,
-        time_limit=80,
-    )
+        ("waiting",), cr.Component("service", 2, labels=("slow", "fast")), outcomes,
+        starts=lambda point: True, discount=0.92, time_limit=80,
+    )  # fmt: skip
 
 
 def served(room: int, arrivals: tuple[float, ...], costs: tuple[float, ...]) -> cr.FiniteMDP:
@@ -56,12 +52,9 @@ def served(room: int, arrivals: tuple[float, ...], costs: tuple[float, ...]) -> 
     return task_of(
         [tuple(point) for point in np.ndindex(*[room + 1] * n_queues)],
         tuple(f"queue_{i + 1}" for i in range(n_queues)),
-        cr.Component("serve", 2, labels=("first", "second")),
-        outcomes,
-        starts=lambda point: True,
-        discount=0.9,
-        time_limit=60,
-    )
+        cr.Component("serve", 2, labels=("first", "second")), outcomes,
+        starts=lambda point: True, discount=0.9, time_limit=60,
+    )  # fmt: skip
 
 
 def one_of_two(queue: int) -> Any:

@@ -57,14 +57,11 @@ def race(lines: list[str], *, fastest: int = 2, slip: float = 0.1) -> cr.FiniteM
 
     return task_of(
         [(*cell, up, right) for cell in cells for up in speeds for right in speeds],
-        ("row", "column", "up", "right"),
-        cr.Component("change", 9),
-        outcomes,
+        ("row", "column", "up", "right"), cr.Component("change", 9), outcomes,
         ends=lambda point: cells[point[:2]] == "G",
         starts=lambda point: point in [(*cell, 0, 0) for cell in home],
-        discount=0.99,
-        time_limit=100,
-    )
+        discount=0.99, time_limit=100,
+    )  # fmt: skip
 
 
 def races() -> Family:
