@@ -4,10 +4,10 @@ Families are split. The library's constants (thresholds, caps, shares) are fitte
 families alone; what the library says of itself is judged on the verification families and on the
 fresh ones, which were written before they were played. A family lies in one split as a whole.
 
-pairs.toml is the study of a target, with nothing set but its budget; all targets have such a study:
+The TOML files here are studies of a target from all its sources, with nothing set but budgets:
 
-    python -m benchmarks.pairs play pairs
-    python -m benchmarks.pairs gains pairs/*          # the tables of docs/trust.md
+    curricle run benchmarks/pairs/river.toml
+    python -m benchmarks.pairs river-results          # the tables of docs/trust.md
 """
 
 from benchmarks.pairs.families import DEVELOPMENT, FAMILIES, FRESH, VERIFICATION, pairs_of

@@ -1,24 +1,24 @@
-"""Play the studies of the pairs, and print the tables of docs/trust.md from their folders.
+"""Print the tables of docs/trust.md from folders of the studies here.
 
-    python -m benchmarks.pairs play pairs                   # goes on after a kill
-    python -m benchmarks.pairs play raw --set shaping=QInitialisation \\
-        --set controls=[] --set opponents=[]
-    python -m benchmarks.pairs play again --paid pairs      # what pays, on 40 fresh seeds
-    python -m benchmarks.pairs forecasts > forecasts.json
+    for study in benchmarks/pairs/*.toml; do
+        name=$(basename $study .toml)
+        curricle run $study --out pairs/$name
+        curricle run $study --out raw/$name --set shaping=QInitialisation \\
+            --set controls=[] --set opponents=[]
+    done
+    python -m benchmarks.pairs forecasts benchmarks/pairs/*.toml > forecasts.json
+    python -m benchmarks.pairs again pairs/* | sh       # what pays, on 40 fresh seeds, into again/
     python -m benchmarks.pairs gains pairs/* --beside raw --again again --forecasts forecasts.json
 
-A study has a target that is not of development, and an arm for each of its sources but those that
-learn for too long, which a budget that is not stated never does. `raw` is phi alone, without the
-portfolio of the default; other ways in are played like it and stand beside it. Gains are shares of
-the way from the random policy's return to the optimum, of the mean over all steps, sources charged,
-with Student intervals at 95 %. A sensible source is near or far.
+`raw` is phi alone, without the portfolio of the default; other ways in are played like it and stand
+beside it. Gains are shares of the way from the random policy's return to the optimum, of the mean
+over all steps, sources charged, with Student intervals at 95 %. A sensible source is near or far.
 """
 
 import argparse
 import json
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -26,80 +26,23 @@ import numpy as np
 from scipy.stats import rankdata
 
 import curricle as cr
-from benchmarks.pairs import Pair, pairs
 from benchmarks.pairs.families import pairs_of
 from benchmarks.pairs.pair import SENSIBLE, levels
 from curricle.comparison.opponents import CONSTANTS
 from curricle.statistics import mean_interval
 from curricle.statistics.curves import SCRATCH
-from curricle.study import StudyConfig, StudyResults
+from curricle.study import StudyResults
 
-FILE = Path(__file__).with_name("pairs.toml")
 OPTIMISTIC = "scratch, OptimisticQLearning"
 FRESH_SEEDS = "1000-1039"
-TOO_LONG = "too large"
 MUCH, SLIGHT = 0.1, 0.01
 """Shares of the way: that no default should lose, and that make a difference."""
-
-
-# -- The studies -----------------------------------------------------------------------------------
-
-
-def settings_of(of_target: Sequence[Pair]) -> list[str]:
-    """Return the settings of the study of a target by which it differs from the file."""
-    target, arms = of_target[0], []
-    for pair in of_target:
-        source = pair.label.removesuffix(f", {pair.kind}")
-        changes = [f"tasks.source.task = {json.dumps(source)}"]
-        if pair.kind == "negated":
-            changes.append(f"transfers.0.scale = {pair.scale}")
-        if pair.kind == "unlearnt":
-            changes.append(f"tasks.source.budget = {pair.source_budget}")
-        if pair.aggregate is not cr.mean:
-            changes.append(f'aggregate = "{pair.aggregate.__name__}"')
-        arms.append(f"{json.dumps(f'{pair.kind}: {source}')} = {{ {', '.join(changes)} }}")
-    return [
-        f"name={target.family}, {target.target_name}",
-        f"tasks.source.world={target.family}",
-        f"tasks.source.task={target.target_name}",  # every arm has another
-        f"tasks.target.world={target.family}",
-        f"tasks.target.task={target.target_name}",
-        f"tasks.target.budget={target.target_budget}",
-        f"tasks.target.eval_freq={target.eval_freq}",
-        f"arms={{ {', '.join(arms)} }}",
-    ]
-
-
-@cache
-def settings_by_study() -> dict[str, list[str]]:
-    """Return the settings of each study by its name."""
-    played = [pair for pair in (*pairs("verification"), *pairs("fresh")) if pair.kind != TOO_LONG]
-    by_target = groupby(played, key=lambda pair: f"{pair.family}, {pair.target_name}")
-    return {name: settings_of([*of_target]) for name, of_target in by_target}
-
-
-def study_of(name: str, changes: Sequence[str] = (), arms: Sequence[str] = ()) -> StudyConfig:
-    """Return a study by its name, with changes, and with all of its arms by default."""
-    return cr.read_study(FILE, set=[*settings_by_study()[name], *changes], arms=arms)
-
-
-def play(home: Path, changes: Sequence[str], paid: Path | None) -> None:
-    """Run all studies into a folder; or on fresh seeds those arms that paid in another folder."""
-    for name in settings_by_study():
-        study = study_of(name, changes)
-        if paid is not None:
-            before = stored(paid, [Path(name)]).values()
-            arms = [arm for played in before for arm in played.arms if played.pays(arm)]
-            if not arms:
-                continue
-            study = study_of(name, [*changes, f"seeds={FRESH_SEEDS}"], arms)
-        cr.run_study(study, home / name, resume=True)
 
 
 class Played:
     """A study of one target: the comparison of its arms, and what else is known of them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: str) -> None:
         results = StudyResults(folder)
         self.name, self.comparison = results.record.name, results.comparison
         world, _, target = self.name.partition(", ")
@@ -131,9 +74,10 @@ class Played:
 Beside = Mapping[str, Mapping[str, Played]]  # ways in: by name, each study by its own
 
 
-def stored(home: Path, folders: Sequence[Path]) -> dict[str, Played]:
+def stored(home: str, folders: Sequence[str]) -> dict[str, Played]:
     """Return the studies in a folder whose names some folders have, those that are there."""
-    played = [Played(home / folder.name) for folder in folders if (home / folder.name).exists()]
+    there = [Path(home) / Path(folder).name for folder in folders]
+    played = [Played(str(path)) for path in there if path.exists()]
     return {study.name: study for study in played}
 
 
@@ -149,16 +93,18 @@ Foreseen = dict[str, dict[str, tuple[float, float, float, bool]]]
 """By study and arm: gain, its low and high end, and whether phi is said to be anti-knowledge."""
 
 
-def forecasts(changes: Sequence[str] = ()) -> Foreseen:
+def forecasts(files: Sequence[str], changes: Sequence[str] = ()) -> Foreseen:
     """Return what is forecast for each arm of each study."""
     foreseen: Foreseen = {}
-    for name in settings_by_study():
-        foreseen[name] = {}
-        for arm in study_of(name).arms:
-            used = cr.forecast(study_of(name, changes, [arm]), trial=True).used
+    for file in files:
+        study = cr.read_study(file, set=changes)
+        foreseen[study.name] = {}
+        for arm in study.arms:
+            part = cr.read_study(file, set=changes, arms=[arm])
+            used = cr.forecast(part, trial=True).used
             assert used.gain is not None, "a trial was asked for"
             of_arm = used.gain.estimate, used.gain.low, used.gain.high, bool(used.anti_knowledge)
-            foreseen[name][arm] = of_arm
+            foreseen[study.name][arm] = of_arm
     return foreseen
 
 
@@ -292,30 +238,37 @@ def confirmed(studies: Sequence[Played], again: Mapping[str, Played]) -> Iterato
     yield f"{len(paying)} pay; on fresh seeds {len(still)} of the {len(tried)} that were played"
 
 
+def commands(folders: Sequence[str]) -> Iterator[str]:
+    """Yield the commands that play what pays on fresh seeds, against all opponents."""
+    for folder in folders:
+        study, name = Played(folder), Path(folder).name
+        arms = [f"--arm {shlex.quote(arm)}" for arm in study.arms if study.pays(arm)]
+        if arms:
+            file = f"benchmarks/pairs/{name}.toml --seeds {FRESH_SEEDS} --out again/{name}"
+            yield f"curricle run {file} {' '.join(arms)}"
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.pairs", description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    parser.add_argument("what", choices=["play", "gains", "forecasts"])
-    parser.add_argument("paths", nargs="*", type=Path, help="to play into; else of results")
-    parser.add_argument("--paid", type=Path, help="play what paid here, on fresh seeds")
-    parser.add_argument(
-        "--beside", nargs="*", default=[], type=Path, help="folders of such folders"
-    )
-    parser.add_argument("--again", type=Path, help="the folder of the folders of fresh seeds")
+    parser.add_argument("what", choices=["gains", "forecasts", "again"])
+    parser.add_argument("paths", nargs="+", help="folders of results; of forecasts study files")
+    parser.add_argument("--beside", nargs="*", default=[], help="folders of such folders, by name")
+    parser.add_argument("--again", help="the folder of the folders of fresh seeds")
     parser.add_argument("--forecasts", type=Path)
-    parser.add_argument("--set", action="append", default=[], help="of the studies: KEY=VALUE")
+    parser.add_argument("--set", action="append", default=[], help="of forecasts: KEY=VALUE")
     options = parser.parse_args(arguments)
-    if options.what == "play":
-        play(options.paths[0], options.set, options.paid)
-        return
     if options.what == "forecasts":
-        print(json.dumps(forecasts(options.set), indent=1))
+        print(json.dumps(forecasts(options.paths, options.set), indent=1))
+        return
+    if options.what == "again":
+        print("\n".join(commands(options.paths)))
         return
     studies = [Played(folder) for folder in options.paths]
-    beside = {home.name: stored(home, options.paths) for home in options.beside}
+    beside = {Path(home).name: stored(home, options.paths) for home in options.beside}
     again = stored(options.again, options.paths) if options.again else {}
     heads = "".join(f"{head:>11}" for head in ("gain", *beside))
     print(f"{'':<45}{heads}{'over the best':>22}  opponent")

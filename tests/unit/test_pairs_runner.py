@@ -1,16 +1,16 @@
 """The studies of the benchmark of pairs, and the tables that are printed from their folders."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks.pairs import __main__ as tables, pairs
 from benchmarks.pairs.families import FRESH, VERIFICATION
-from curricle import compare, evaluate, run_study, solve
-from curricle.study import StudyResults
+from curricle import compare, evaluate, read_study, run_study, solve
 
-STOCK = "stocks, one good"
+STUDIES = {file.stem: file for file in sorted(Path("benchmarks/pairs").glob("*.toml"))}
 FEW = ["seeds=8", "tasks.target.budget=1_200", "tasks.target.eval_freq=120"]
 ARMS = ["near: less demand", "negated: less demand", "far: half the price"]
 
@@ -19,16 +19,16 @@ ARMS = ["near: less demand", "negated: less demand", "far: half the price"]
 def folders(tmp_path_factory):
     home = tmp_path_factory.mktemp("pairs")
     for place, set in ("pairs", []), ("raw", ["shaping=QInitialisation", "controls=[]"]):
-        run_study(tables.study_of(STOCK, [*FEW, *set], ARMS), home / place / STOCK)
+        study = read_study(STUDIES["stock"], set=[*FEW, *set], arms=ARMS)
+        run_study(study, home / place / "stock")
     return home
 
 
 def test_every_verification_and_fresh_pair_is_an_arm_of_a_study():
     """But for those whose source learns too long, which a budget that is not stated never does."""
     arms = set()
-    for name in tables.settings_by_study():
-        study = tables.study_of(name)
-        assert study.name == name
+    for file in STUDIES.values():
+        study = read_study(file)
         for arm, plan in study.curricula.items():
             (pair,) = (pair for pair in pairs_of(study.name) if described(pair) == arm)
             assert plan.tasks["target"] is plan.transfers[0].mapping.target
@@ -54,8 +54,8 @@ def described(pair):
 
 
 def test_gains_are_those_of_a_comparison(folders):
-    played = tables.Played(folders / "pairs" / STOCK)
-    plan = tables.study_of(STOCK, FEW, ARMS)
+    played = tables.Played(str(folders / "pairs/stock"))
+    plan = read_study(STUDIES["stock"], set=FEW, arms=ARMS)
     expected = compare({arm: plan.curricula[arm] for arm in ARMS}, seeds=8)
     for arm in ARMS:
         gains = expected[arm].strong_gain(expected.scratch) / played.way
@@ -68,25 +68,20 @@ def test_gains_are_those_of_a_comparison(folders):
 
 
 def test_the_tables_say_what_pays_and_whether_the_forecasts_were_right(folders, tmp_path, capsys):
-    stored = folders / "pairs" / STOCK
+    stored = str(folders / "pairs/stock")
     played = tables.Played(stored)
     foreseen = {played.name: {arm: (*played.gain(arm), False) for arm in ARMS}}
     file = tmp_path / "forecasts.json"
     file.write_text(json.dumps(foreseen))
-    tables.main(["gains", str(stored), "--beside", str(folders / "raw"), "--forecasts", str(file)])
+    tables.main(["gains", stored, "--beside", str(folders / "raw"), "--forecasts", str(file)])
     text = capsys.readouterr().out
     assert "verification: 1 targets" in text
     assert "rank correlation within targets: 1.00" in text
     assert all(f"  {arm}" in text for arm in ARMS)
     assert "2 sensible sources" in text
-
-
-def test_what_paid_is_played_again_on_fresh_seeds(folders, tmp_path, monkeypatch):
-    monkeypatch.setattr(tables.Played, "pays", lambda study, arm: arm == ARMS[0])
-    tables.main(["play", str(tmp_path), "--paid", str(folders / "pairs"), "--set", FEW[1]])
-    again = StudyResults(tmp_path / STOCK)
-    assert [*again.comparison.controls] == ARMS[:1]
-    assert again.seeds == tuple(range(1000, 1040))
+    tables.main(["again", stored])
+    paying = [arm for arm in ARMS if played.pays(arm)]
+    assert capsys.readouterr().out.count("--arm") == len(paying)
 
 
 def test_ranks_are_compared_within_targets_only():
