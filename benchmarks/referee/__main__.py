@@ -37,10 +37,6 @@ FRESH = [*range(1000, 1040)]
 MANY = 10  # targets from which on intervals are over targets, not over seeds
 
 
-LEVELS = {"four_rooms": (0.0, 1.0), "block_dude": (-40.0, 0.0)}
-"""Families that the file of keys is for, too: the range of their levels of Q."""
-
-
 class Case(NamedTuple):
     """A target of a domain: the settings of its study file."""
 
@@ -51,18 +47,11 @@ class Case(NamedTuple):
     def study(self, file: str) -> StudyConfig:
         """Return the study of this target."""
         ends = f"low = {self.budget // 100}, high = {3 * self.budget // 10}, log = true"
-        changes = list[str]()
-        if file in LEVELS:
-            tasks, (low, high) = ("target", "half", "most", "half_way"), LEVELS[file]
-            tuned = "tasks.target.learner.initial_value", "unknown_value"
-            changes += [f"tasks.{task}.family={file}" for task in tasks]
-            changes += [f"tune.space.{key}={{ low = {low}, high = {high} }}" for key in tuned]
-        changes += [f"{key}={json.dumps(value)}" for key, value in self.settings.items()]
+        changes = [f"{key}={json.dumps(value)}" for key, value in self.settings.items()]
         changes.append(f"tune.space.budget.max_steps={{ {ends} }}")
         changes += [f"budget.max_steps={self.budget // 10}", f"tasks.target.budget={self.budget}"]
         changes.append(f"name={file}, {self.name}")
-        read = "keys" if file in LEVELS else file
-        return cr.read_study(HERE / f"{read}.toml", set=changes)
+        return cr.read_study(HERE / f"{file}.toml", set=changes)
 
 
 def sized(key: str, size: Any, budget: int, half: int, most: int, half_way: int) -> Case:
