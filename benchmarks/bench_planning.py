@@ -32,10 +32,6 @@ def factored(task):
     return cr.solve(task, tolerance=TOLERANCE).values
 
 
-def with_optimal_actions(task):
-    return cr.solve(task, tolerance=TOLERANCE).optimal
-
-
 def staying(task):
     """Return a policy that costs nothing to know: every predator stays where it is."""
     return task, np.zeros(task.states.size, dtype=np.int64)
@@ -95,7 +91,6 @@ def modified_policy_iteration(model):
 # name: (what is printed, what is made ready, what is solved, turns)
 CASES = {
     "factored": ("solve(pursuit), no tables", lambda task: task, factored, 30),
-    "optimal": ("... and its optimal actions", lambda task: task, with_optimal_actions, 10),
     "generic": ("solve(pursuit.mdp)", tables, factored, 20),
     "stay": ("evaluate(pursuit, staying)", staying, evaluated, 10),
     "uniform": ("evaluate(pursuit, uniform policy)", uniform, evaluated, 5),

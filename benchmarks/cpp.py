@@ -1,7 +1,4 @@
-"""The C++ reference: compiled into a temporary folder, given its tables, run.
-
-python benchmarks/cpp.py [--quick]    the reference alone, every variant
-"""
+"""The C++ reference: compiled into a temporary folder, given its tables, run."""
 
 import json
 import shutil
@@ -13,13 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from timing import arguments, in_turns
 
 from curricle.paper.mazes import maze
 
 SOURCE = Path(__file__).with_name("reference.cpp")
 FLAGS = ("-std=c++17", "-O3", "-march=native")
-VARIANTS = ("W1 ties", "W1 cached", "W1 successor", "W1 naive", "W2 ties", "W2 cached", "W2 naive")
 
 
 @dataclass(frozen=True)
@@ -73,22 +68,3 @@ def write_tables(path: Path) -> None:
         file.write(mdp.next_state[row, 0].astype(np.int32).tobytes())
         file.write(mdp.reward[row, 0].astype(np.float64).tobytes())
         file.write(mdp.terminal.astype(np.uint8).tobytes())
-
-
-def main() -> None:
-    given = arguments(__doc__).parse_args()
-    steps = 1_000_000 if given.quick else 10_000_000
-    with reference() as built:
-        if built is None:
-            print("no compiler: skipped")
-            return
-        runs = [
-            (*variant.split(), dtype) for variant in VARIANTS for dtype in ("float32", "float64")
-        ]
-        contestants = {" ".join(run): lambda run=run: 1e9 / built.rate(*run, steps) for run in runs}
-        for name, found in in_turns(contestants, given.turns or 5).items():
-            print(f"{name:<24}{np.median(found):8.2f} ns a step, at best {min(found):.2f}")
-
-
-if __name__ == "__main__":
-    main()

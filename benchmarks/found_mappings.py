@@ -1,20 +1,17 @@
 """Mappings that are found, beside those made by hand: what they gain, and which search finds them.
 
-    python -m benchmarks.found_mappings auto approximate [--seeds 20] [--only maze]
+    python -m benchmarks.found_mappings auto [--seeds 20] [--only maze]
     python -m benchmarks.found_mappings families --split verification --seeds 10
     python -m benchmarks.found_mappings searches
 
-`auto`: gains over scratch of a mapping that is found, as a share of those by hand, all steps
-charged. `approximate`: the same for tasks that do not correspond exactly: a maze and its crop,
-renumbered, and tasks whose components have unequal numbers of values, nameless. `families`: pairs
-of the benchmark, or made after it, beside their own mappings. `searches`: which search makes the
-first mapping of each two tasks that the benchmark's pairs have. Potentials start Q, without a
-portfolio, most of whose gain would be its optimistic learner's.
+`auto`: gains over scratch of a mapping that is found and of those by hand, all steps charged.
+`families`: pairs of the benchmark, or made after it, beside their own mappings.
+`searches`: which search makes the first mapping of each two tasks that the benchmark's pairs have.
+Potentials start Q, without a portfolio, most of whose gain would be its optimistic learner's.
 """
 
 import argparse
 import math
-import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,34 +25,18 @@ import numpy as np
 import curricle as cr
 from benchmarks.pairs import Pair, Split, pairs
 from benchmarks.pairs.pair import Family, levels
-from benchmarks.pairs.worlds import by_cell, cropped, grid, redrawn
+from benchmarks.pairs.worlds import cropped, grid, redrawn
 from curricle.errors import MappingError
 from curricle.paper.mazes import maze
 from curricle.statistics import mean_return
 from curricle.statistics.curves import SCRATCH
-from curricle.tasks.mdp import same_task, tables
-from curricle.transfer import (
-    StateActionMapping,
-    TaskPair,
-    auto_mapping,
-    family_mappings,
-    find_mappings,
-)
+from curricle.tasks.mdp import same_task
+from curricle.transfer import StateActionMapping, TaskPair, auto_mapping, find_mappings
 from curricle.transfer.search import SEARCHES, clears_bar
 from examples import cliff_walking, taxi
-from tests.renumbering import nameless
 
 SIDE = 5
 """Of the paper's maze's corner."""
-NAMELESS_PAIRS = (
-    "mazes/2, treasure",
-    "chain/30 from 8",
-    "chain/30 from 15",
-    "deep-sea/10 from 5, one for four",
-    "frozen-lake/fewer slips, a dry crop",
-    "keys/the last room",
-)
-"""Of `benchmarks.pairs`: components of unequal numbers of values, and a mapping that gains."""
 
 
 # -- gains ---------------------------------------------------------------------------------------
@@ -64,30 +45,21 @@ NAMELESS_PAIRS = (
 def gains(
     name: str, target: Any, source: Any, by_hand: list[cr.Transfer], made: Callable, seeds: int
 ) -> None:
-    """Print the gain of the mapping that is found as a share of that by hand, all steps charged."""
-    began = time.perf_counter()
+    """Print the gains of the mappings by hand and of the mapping that is found."""
     arms = {"by hand": made(by_hand)}
     try:
         best, words = auto_mapping(target, source), ""
     except MappingError:
         best, words = find_mappings(target, source)[0], "refused, and accepted all the same: "
     arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
-    words += str(best)
-    seconds = time.perf_counter() - began
-    print(f"  {name}: searched {seconds:.1f} s; {words}")
+    print(f"  {name}: {words}{best}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = cr.compare(arms, seeds=seeds, opponents=())
-    each = {arm: found.arms[arm].strong_gain(found.scratch) for arm in arms}
-    mean = {arm: float(gain.mean()) for arm, gain in each.items()}
     for arm in arms:
-        time_to = found.times(arm).median().estimate
-        error = each[arm].std(ddof=1) / np.sqrt(seeds)
-        gain = f"{mean[arm]:.4g} +- {error:.2g}"
-        print(f"    {arm}: gain {gain}, learnt after {time_to:,.0f} steps (median)")
-    scratch = found.times("scratch").median().estimate
-    share = mean["auto"] / mean["by hand"]
-    print(f"    scratch: learnt after {scratch:,.0f}; auto / by hand: {share:.0%}", flush=True)
+        gain = found.arms[arm].strong_gain(found.scratch)
+        error = gain.std(ddof=1) / np.sqrt(seeds)
+        print(f"    {arm}: gain {gain.mean():.4g} +- {error:.2g}", flush=True)
 
 
 def of(target: Any, source: Any, *, budget: Any = None, **settings: Any) -> Callable:
@@ -177,49 +149,6 @@ def cliff_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]
     yield "cliff, a narrow one at the goal's end", wide, narrow, [edge(mapping)], made
 
 
-def approximate_cases() -> Iterator[tuple[str, Any, Any, list[cr.Transfer], Callable]]:
-    """Yield tasks that do not correspond exactly, renumbered or nameless."""
-    for size, smaller, *budget in (
-        (8, 6, 4_000, 60_000),
-        (7, 5, 4_000, 60_000),
-        (12, 7, 10_000, 200_000),
-    ):
-        member = cr.tasks.key_lock_pit_family
-        target, source = member(size=size), member(size=smaller)
-        yield nameless_case(
-            f"key-lock-pit {size}x{size} from {smaller}x{smaller}",
-            family_mappings(target, source)[0], eval_freq={"target": 200},
-            budget=dict(zip(("source", "target"), budget, strict=True)),
-        )  # fmt: skip
-    target, source = (cr.tasks.four_rooms_family(size=size) for size in (13, 9))
-    yield nameless_case(
-        "four rooms 13x13 from 9x9", family_mappings(target, source)[0],
-        budget={"source": 6_000, "target": 100_000},
-    )  # fmt: skip
-    for pair in pairs():
-        if pair.name in NAMELESS_PAIRS:
-            yield nameless_case(
-                pair.name, pair.mappings[0], eval_freq={"target": pair.eval_freq},
-                budget={"source": pair.source_budget, "target": pair.target_budget},
-            )  # fmt: skip
-
-
-def nameless_case(
-    name: str, by_hand: StateActionMapping, **settings: Any
-) -> tuple[str, Any, Any, list[cr.Transfer], Callable]:
-    """Return nameless copies of a mapping's tasks, and the mapping between them."""
-    rng, n_moves = np.random.default_rng(0), by_hand.source.actions.size
-    (target, new, moved), (source, there, moves) = (
-        nameless(tables(task), rng) for task in (by_hand.target, by_hand.source)
-    )
-    state, action = np.divmod(np.maximum(by_hand.index, 0), n_moves)
-    image = np.where(by_hand.index >= 0, there[state] * n_moves + moves[action], by_hand.index)
-    index = np.empty_like(image)
-    index[np.ix_(new, moved)] = image
-    mapping = StateActionMapping(target, source, index, by_hand.unmapped_value)
-    return f"{name}, nameless", target, source, [edge(mapping)], of(target, source, **settings)
-
-
 # -- the pairs of the families, and some that came later -------------------------------------------
 # Mazes with walls drawn at random and a cliff of 20 columns, -1 a step; each from the part at its
 # goal. They came after the rules by which mappings are chosen, and changed nothing of them; the
@@ -248,13 +177,13 @@ def unseen() -> list[Pair]:
         for slip in (0.0, 0.2):
             rules = {"rewards": {}, "step": -1.0, "slip": slip, "time_limit": 150}
             lines, name = drawn(seed), f"walls {seed}, slip {slip:g}"
-            maze = family.target(name, grid(lines, **rules), 30_000)
+            family.target(name, grid(lines, **rules), 30_000)
             part = cropped(lines, (0, 5), (5, 10), **{**rules, "starts": "."})
-            family.add("near", name, part, by_cell(maze, part), budget=2_000)
+            family.add("near", name, part, budget=2_000)
     rules = {"rewards": {"C": -19.0}, "step": -1.0, "time_limit": 200}
-    cliff = family.target("cliff", grid(CLIFF, back_to_start="C", **rules), 30_000)
+    family.target("cliff", grid(CLIFF, back_to_start="C", **rules), 30_000)
     end = cropped(CLIFF, (0, 4), (13, 20), ends="GC", starts=".", **rules)
-    family.add("near", "cliff of 20", end, by_cell(cliff, end), budget=2_000)
+    family.add("near", "cliff of 20", end, budget=2_000)
     return list(family.pairs.values())
 
 
@@ -402,8 +331,7 @@ def digest(mapping: StateActionMapping) -> bytes:
 def main() -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    known = "auto", "approximate", "families", "searches"
-    parser.add_argument("parts", nargs="+", choices=known)
+    parser.add_argument("parts", nargs="+", choices=("auto", "families", "searches"))
     parser.add_argument("--seeds", type=int, default=20, help="of learning")
     parser.add_argument("--only", default="", help="cases whose name begins so")
     parser.add_argument(
@@ -415,12 +343,11 @@ def main() -> None:
         first_searches()
     if "families" in options.parts:
         families(options.split, options.seeds, options.only)
-    for part, cases in (("auto", auto_cases), ("approximate", approximate_cases)):
-        if part in options.parts:
-            print(f"\n{part}: gain over scratch, all steps charged, {options.seeds} seeds")
-            for name, *case in cases():
-                if name.startswith(options.only):
-                    gains(name, *case, options.seeds)
+    if "auto" in options.parts:
+        print(f"\nauto: gain over scratch, all steps charged, {options.seeds} seeds")
+        for name, *case in auto_cases():
+            if name.startswith(options.only):
+                gains(name, *case, options.seeds)
 
 
 if __name__ == "__main__":

@@ -7,28 +7,23 @@ LEARNING_RATE, EPSILON = 0.1, 0.1
 
 
 class TableEnv(gym.Env):
-    """A finite MDP as a Gymnasium environment, as a user would write it."""
+    """A finite MDP without chance as a Gymnasium environment, as a user would write it."""
 
     def __init__(self, mdp):
         self.mdp = mdp
         self.observation_space = gym.spaces.Discrete(mdp.states.size)
         self.action_space = gym.spaces.Discrete(mdp.actions.size)
-        self.outcomes = mdp.probability.shape[1]
         self.state = 0
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        starts = self.mdp.start_states
-        self.state = int(starts[self.np_random.integers(len(starts))])
+        self.state = int(self.mdp.start_states[0])
         return self.state, {}
 
     def step(self, action):
         row = self.mdp.outcome_row[self.state, action]
-        outcome = 0
-        if self.outcomes > 1:
-            outcome = np.searchsorted(self.mdp.cumulative[row], self.np_random.random(), "right")
-        self.state = int(self.mdp.next_state[row, outcome])
-        reward = float(self.mdp.reward[row, outcome])
+        self.state = int(self.mdp.next_state[row, 0])
+        reward = float(self.mdp.reward[row, 0])
         return self.state, reward, bool(self.mdp.terminal[self.state]), False, {}
 
 

@@ -24,8 +24,8 @@ import numpy as np
 
 import curricle as cr
 from benchmarks.pairs import Pair, pairs
-from benchmarks.pairs.pair import Family, default
-from benchmarks.pairs.worlds import by_place, task_of
+from benchmarks.pairs.pair import Family, levels
+from benchmarks.pairs.worlds import task_of
 from benchmarks.portfolio_pairs import UNSEEN
 from curricle.learning import OptimisticQLearning
 from curricle.planning.policy_evaluation import Target
@@ -58,8 +58,8 @@ def lines(split: str) -> Family:
     """Return lines whose source knows the near prize alone."""
     family = Family("deceptive", "verification" if split == "verification" else "development")
     for n in (8, 10, 12) if split == "verification" else (9, 11, 13):
-        target, source = family.target(f"line {n}", line(n), 15_000), line(n, far=0.0)
-        family.add("near", f"near prize, {n}", source, by_place(target, source), budget=1000)
+        family.target(f"line {n}", line(n), 15_000)
+        family.add("near", f"near prize, {n}", line(n, far=0.0), budget=1000)
     return family
 
 
@@ -85,10 +85,9 @@ def bets(goal: int, chance: float) -> cr.FiniteMDP:
 def gamblers() -> Family:
     """Return the gambler's problem with 32 coins, from a kinder one and a fair one."""
     family = Family("gambler", "verification")
-    target = family.target("32 coins", bets(32, 0.4), 40_000)
+    family.target("32 coins", bets(32, 0.4), 40_000)
     for kind, chance in (("near", 0.45), ("far", 0.5)):
-        source = bets(32, chance)
-        family.add(kind, f"chance {chance}", source, by_place(target, source), budget=4_000)
+        family.add(kind, f"chance {chance}", bets(32, chance), budget=4_000)
     return family
 
 
@@ -117,21 +116,18 @@ def chosen(split: Any) -> Iterator[Pair]:
         yield replace(pair, name=f"{pair.name}, negated", kind="negated", scale=-pair.scale)
 
 
-def level(task: Any, **settings: Any) -> tuple[float, float]:
-    """Return the random policy's return and the optimum."""
-    target = Target.of(task, cr.GreedyEvaluation(method="exact", **settings))
-    return float(target.random_return), float(target.optimum)
-
-
 def played(pair: Pair, seeds: int) -> dict[str, Any]:
     """Return the scores of all arms of a pair."""
     task, steps = pair.target, pair.target_budget
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        curriculum = default(pair)
+        freq = {"target": pair.eval_freq}
+        curriculum = pair.curriculum(shaping=None, budget={"target": steps}, eval_freq=freq)
         source = curriculum.train(seeds, only="source", workers=1)["source"]
         potentials = curriculum.potentials("target", {"source": source})
-    greedy, training = level(task), level(task, discounted=False)
+    random, optimum = levels(task)
+    training = Target.of(task, cr.GreedyEvaluation(method="exact", discounted=False))
+    way = training.optimum - training.random_return
     portfolio = [cr.QInitialisation(phi, portfolio=cr.Portfolio()) for phi in potentials]
     arms: dict[str, Any] = {
         "scratch": {},
@@ -146,17 +142,14 @@ def played(pair: Pair, seeds: int) -> dict[str, Any]:
             task, budget=steps, seeds=seeds, eval_freq=steps // PARTS, workers=1,
             evaluation=cr.GreedyEvaluation(method="exact"), **settings,
         )  # fmt: skip
-        curve = result.training_return[:, 1:].copy()
-        for k in range(curve.shape[1]):  # a part in which no episode ends keeps the last mean
-            last = curve[:, k - 1] if k else np.full(len(curve), training[0])
-            curve[:, k] = np.where(np.isnan(curve[:, k]), last, curve[:, k])
+        curve = result.training_return.copy()
+        curve[:, 0] = training.random_return
+        for k in range(1, curve.shape[1]):  # a part in which no episode ends keeps the last mean
+            curve[:, k] = np.where(np.isnan(curve[:, k]), curve[:, k - 1], curve[:, k])
+        gain = float(curve[:, 1:].mean() - training.random_return)
         height = mean_return(Curve(result.steps, result.greedy_return)).mean()
-        row[arm] = {
-            "t": np.nan,
-            "g": (height - greedy[0]) / (greedy[1] - greedy[0]),
-        }
-        if training[1] > training[0]:
-            row[arm]["t"] = (curve.mean() - training[0]) / (training[1] - training[0])
+        row[arm] = {"t": gain / way if way > 0 else np.nan}
+        row[arm]["g"] = (height - random) / (optimum - random)
         if arm == "portfolio":
             row["share"] = float(result.source_share[:, 1:].mean())
     return row

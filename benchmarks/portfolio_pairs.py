@@ -5,14 +5,13 @@ Beside a near prize the source is ahead at first, and overtaken late. Reservoirs
 of dice has returns of large variance. A burglar and a guard have more pairs than can all be tried.
 """
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 import curricle as cr
 from benchmarks.pairs.pair import Family
-from benchmarks.pairs.worlds import by_cell, cropped, grid, redrawn, task_of
+from benchmarks.pairs.worlds import by_cell, by_value, cropped, grid, redrawn, task_of
 
 SIZE = 12
 
@@ -34,13 +33,13 @@ def labyrinths() -> Family:
     rules: dict[str, Any] = {"rewards": {"G": 1.0}, "ends": "GO", "time_limit": 50}
     for seed, slip in ((31, 0.1), (32, 0.3)):
         lines = labyrinth(seed)
-        target = family.target(f"{seed}", grid(lines, slip=slip, **rules), 40_000)
+        family.target(f"{seed}", grid(lines, slip=slip, **rules), 40_000)
         part = cropped(lines, (6, SIZE), (6, SIZE), slip=slip, starts=".", **rules)
         dry = grid([line.replace("O", ".") for line in lines], slip=slip, starts="S.", **rules)
         sure = grid(lines, slip=0.0, starts="S.", **rules)
-        family.add("near", f"{seed}, the goal's quarter", part, by_cell(target, part), budget=4_000)
-        family.add("far", f"{seed}, without pits", dry, by_cell(target, dry), budget=4_000)
-        family.add("near", f"{seed}, without slips", sure, by_cell(target, sure), budget=4_000)
+        family.add("near", f"{seed}, the goal's quarter", part, budget=4_000)
+        family.add("far", f"{seed}, without pits", dry, budget=4_000)
+        family.add("near", f"{seed}, without slips", sure, budget=4_000)
     return family
 
 
@@ -67,17 +66,13 @@ def prizes() -> Family:
     near, sure, half = room(far=0.0), room(far=0.0, slip=0.0), room(far=0.5)
     rules: dict[str, Any] = {"rewards": {"N": 0.3}, "ends": "N", "starts": "S.", "slip": 0.1}
     part = cropped(ROOM, (0, 5), (0, 6), discount=0.97, **rules)
+    clipped = by_cell(lambda row, column: (np.minimum(row, 4), np.minimum(column, 5)))
     for name, slip, budget in (("slips", 0.1, 40_000), ("many slips", 0.25, 20_000)):
-        target = family.target(name, room(slip=slip, starts="S"), budget)
-        for kind, label, source in (
-            ("near", "near prize alone", near), ("far", "near prize alone, sure", sure),
-            ("near", "far prize of half", half), ("far", "the near part", part),
-        ):  # fmt: skip
-            if source is part:
-                mapping = by_cell(target, part, lambda r, c: (np.minimum(r, 4), np.minimum(c, 5)))
-            else:
-                mapping = by_cell(target, source)
-            family.add(kind, f"{name}, {label}", source, mapping, budget=2_000)
+        family.target(name, room(slip=slip, starts="S"), budget)
+        family.add("near", f"{name}, near prize alone", near, budget=2_000)
+        family.add("far", f"{name}, near prize alone, sure", sure, budget=2_000)
+        family.add("near", f"{name}, far prize of half", half, budget=2_000)
+        family.add("far", f"{name}, the near part", part, clipped, budget=2_000)
     return family
 
 
@@ -113,25 +108,23 @@ def reservoirs() -> Family:
     """Return a reservoir of 20 units (20,000 steps) and one of 10 with dear floods (10,000)."""
     family = Family("reservoirs", "verification")
     for room, flood, budget in ((20, 5.0, 20_000), (10, 20.0, 10_000)):
-        target = family.target(f"{room} units", reservoir(room, flood=flood), budget)
+        family.target(f"{room} units", reservoir(room, flood=flood), budget)
         half, cheap = reservoir(room // 2, flood=flood), reservoir(room, flood=flood, power=0.3)
         even = reservoir(room, ("mean",), flood=flood)
 
-        def read(source: Any, level: Any, seasons: int = 2, target: Any = target) -> Any:
-            def mapped(state: Any, action: Any) -> Any:
-                season = state["season"] % seasons
-                return {"level": level(state["level"]), "season": season}, action
+        def halved(state: Any, action: Any) -> Any:
+            return {**state, "level": state["level"] // 2}, action
 
-            return cr.from_function(target, source, mapped)
+        def lower(state: Any, action: Any, most: int = room // 2) -> Any:
+            return {**state, "level": np.minimum(state["level"], most)}, action
 
-        lower = partial(np.minimum, room // 2)
-        for kind, label, source, mapping in (
-            ("near", "half the room", half, read(half, lambda x: x // 2)),
-            ("near", "cheap power", cheap, read(cheap, lambda x: x)),
-            ("far", "one season", even, read(even, lambda x: x, 1)),
-            ("far", "the lower half", half, read(half, lower)),
-        ):
-            family.add(kind, f"{room}, {label}", source, mapping, budget=1_500)
+        def in_season(state: Any, action: Any) -> Any:
+            return {**state, "season": 0 * state["season"]}, action
+
+        family.add("near", f"{room}, half the room", half, halved, budget=1_500)
+        family.add("near", f"{room}, cheap power", cheap, budget=1_500)
+        family.add("far", f"{room}, one season", even, in_season, budget=1_500)
+        family.add("far", f"{room}, the lower half", half, lower, budget=1_500)
     return family
 
 
@@ -161,21 +154,14 @@ def games() -> Family:
     """Return Pig to 24 points (40,000 steps), and to 16 with a fee for each roll (20,000)."""
     family = Family("dice", "verification")
     for goal, fee, budget in ((24, 0.0, 40_000), (16, 0.2, 20_000)):
-        target = family.target(f"to {goal}", dice(goal, fee=fee), budget)
+        family.target(f"to {goal}", dice(goal, fee=fee), budget)
         half, safe = dice(goal // 2, fee=fee), dice(goal, lost=0, fee=fee)
         small, risky = dice(goal, faces=4, fee=fee), dice(goal, lost=2, fee=fee)
-
-        def scaled(state: Any, action: Any) -> Any:
-            return {"banked": state["banked"] // 2, "rolled": state["rolled"] // 2}, action
-
-        def same(source: Any, target: Any = target) -> Any:
-            return cr.from_function(target, source, lambda state, action: (state, action))
-
-        family.add("near", f"{goal}, two for one", half, cr.from_function(target, half, scaled),
-                   budget=2_000)  # fmt: skip
-        family.add("far", f"{goal}, nothing is lost", safe, same(safe), budget=4_000)
-        family.add("near", f"{goal}, four faces", small, same(small), budget=4_000)
-        family.add("near", f"{goal}, two faces lose", risky, same(risky), budget=4_000)
+        halved = by_value(lambda points: points // 2)
+        family.add("near", f"{goal}, two for one", half, halved, budget=2_000)
+        family.add("far", f"{goal}, nothing is lost", safe, budget=4_000)
+        family.add("near", f"{goal}, four faces", small, budget=4_000)
+        family.add("near", f"{goal}, two faces lose", risky, budget=4_000)
     return family
 
 
@@ -231,20 +217,16 @@ def burglars() -> Family:
     family = Family("burglars", "verification")
     alone, calm = burglary(guards=False), burglary(awake=0.2)
     back, mild = burglary(loaded=True), burglary(caught=0.0)
+
+    def without(state: Any, action: Any) -> Any:
+        return {part: state[part] for part in ("row", "column", "loot")}, action
+
     for name, awake in (("awake", 0.9), ("sleepy", 0.5)):
-        target = family.target(name, burglary(awake=awake), 60_000)
-
-        def read(state: Any, action: Any) -> Any:
-            return {part: state[part] for part in ("row", "column", "loot")}, action
-
-        def same(source: Any, target: Any = target) -> Any:
-            return cr.from_function(target, source, lambda state, action: (state, action))
-
-        without = cr.from_function(target, alone, read)
+        family.target(name, burglary(awake=awake), 60_000)
         family.add("near", f"{name}, without a guard", alone, without, budget=3_000)
-        family.add("near", f"{name}, a calm guard", calm, same(calm), budget=6_000)
-        family.add("far", f"{name}, the way back", back, same(back), budget=6_000)
-        family.add("far", f"{name}, a mild guard", mild, same(mild), budget=6_000)
+        family.add("near", f"{name}, a calm guard", calm, budget=6_000)
+        family.add("far", f"{name}, the way back", back, budget=6_000)
+        family.add("far", f"{name}, a mild guard", mild, budget=6_000)
     return family
 
 

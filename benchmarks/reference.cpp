@@ -1,7 +1,7 @@
 // The best hand-written Q-learning loops known to us, as the bar for curricle's engine.
 //
-//   reference W1 ties|cached|successor|naive float32|float64 STEPS TABLES
-//   reference W2 ties|cached|naive           float32|float64 STEPS [STARTS]
+//   reference W1 ties|cached|naive float32|float64 STEPS TABLES
+//   reference W2 ties|cached|naive float32         STEPS
 //
 // prints {"ns_per_step": ..., "greedy_return": ...}: processor time of the loop alone, and the
 // discounted return of the greedy policy it ends with. Learning rate 0.1, epsilon 0.1, episodes
@@ -19,7 +19,7 @@
 //   5.9  and the choice to explore a conditional move; 5.7 with the start as a final pair's
 //        successor; 6.0 with a conditional move in place of the branch at an episode's end
 //   5.0  and the greedy successor kept by each state, which takes a load off the chain from state
-//        to state: only where moves are deterministic                            = successor
+//        to state: only where moves are deterministic
 // W2, two predators hunting a prey on a walled 7x7 grid, 25 joint actions, sizes known to the
 // compiler, successors computed. Tried, float32:
 //   100  maximum of a row by a scalar loop;  66  by vectors of 256 bits;  59  of 512 bits
@@ -204,18 +204,17 @@ Measured maze_with_ties(const Maze& maze, long steps) {
   return {(processor_seconds() - begin) / double(steps) * 1e9, maze.greedy_return(q)};
 }
 
-// With the greedy successor kept, or without.
-template <class F, bool successor>
+template <class F>
 Measured maze_cached(const Maze& maze, long steps) {
   constexpr uint32_t A = Maze::kActions;
   struct Best {
     F value;
-    uint32_t pair, next;
+    uint32_t pair;
   };
   const auto pairs = pairs_of<F>(maze);
   std::vector<F> table(maze.states * A, 0);
   std::vector<Best> bests(maze.states);
-  for (uint32_t s = 0; s < maze.states; s++) bests[s] = {0, s * A, pairs[s * A].next};
+  for (uint32_t s = 0; s < maze.states; s++) bests[s] = {0, s * A};
   F* __restrict q = table.data();
   Best* __restrict best = bests.data();
   const Pair<F>* __restrict pair_of = pairs.data();
@@ -226,14 +225,8 @@ Measured maze_cached(const Maze& maze, long steps) {
   const double begin = processor_seconds();
   for (long i = 0; i < steps; i++) {
     const uint64_t bits = draw(stream);
-    uint32_t k, next;
-    if (explores(bits)) {
-      k = state * A + below(bits, A);
-      next = pair_of[k].next;
-    } else {
-      k = best[state].pair;
-      next = successor ? best[state].next : pair_of[k].next;
-    }
+    const uint32_t k = explores(bits) ? state * A + below(bits, A) : best[state].pair;
+    const uint32_t next = pair_of[k].next;
     const bool ends = pair_of[k].ends;
     F target = pair_of[k].reward;
     if (!ends) target += gamma * best[next].value;
@@ -241,10 +234,10 @@ Measured maze_cached(const Maze& maze, long steps) {
     if (after != before) {
       q[k] = after;
       if (after > value) {
-        best[state] = {after, k, next};
+        best[state] = {after, k};
       } else if (before == value) {  // the best entry fell, or one that ties with it
         const uint32_t found = state * A + first_best<F, A>(q + state * A);
-        best[state] = {q[found], found, pair_of[found].next};
+        best[state] = {q[found], found};
       }
     }
     state = next;
@@ -289,15 +282,6 @@ constexpr uint32_t kSide = 7, kCells = kSide * kSide, kMoves = 5, kJoint = kMove
 constexpr uint32_t kStates = kCells * kCells * kCells, kLimit = 200;
 constexpr double kDiscount = 0.95;
 
-template <class F>
-inline uint32_t best_of_row(const F* row, F& best) {
-  best = row[0];
-  for (uint32_t i = 1; i < kJoint; i++) best = std::max(best, row[i]);
-  uint32_t mask = 0;
-  for (uint32_t i = 0; i < kJoint; i++) mask |= uint32_t(row[i] == best) << i;
-  return mask;
-}
-
 // Joint actions of the highest value, a bit each. Two vectors that cover a row overlap.
 inline uint32_t best_joint(const float* row, float& best) {
 #ifdef __AVX512F__
@@ -307,23 +291,11 @@ inline uint32_t best_joint(const float* row, float& best) {
   return uint32_t(_mm512_cmpeq_ps_mask(low, all)) |
          uint32_t(_mm512_cmpeq_ps_mask(high, all)) << (kJoint - 16);
 #else
-  return best_of_row(row, best);
-#endif
-}
-
-inline uint32_t best_joint(const double* row, double& best) {
-#ifdef __AVX512F__
-  const __m512d part[4] = {_mm512_loadu_pd(row), _mm512_loadu_pd(row + 8),
-                           _mm512_loadu_pd(row + 16), _mm512_loadu_pd(row + kJoint - 8)};
-  const __m512d both = _mm512_max_pd(_mm512_max_pd(part[0], part[1]), part[2]);
-  best = _mm512_reduce_max_pd(_mm512_max_pd(both, part[3]));
-  const __m512d all = _mm512_set1_pd(best);
-  const uint32_t at[4] = {0, 8, 16, kJoint - 8};
+  best = row[0];
+  for (uint32_t i = 1; i < kJoint; i++) best = std::max(best, row[i]);
   uint32_t mask = 0;
-  for (int i = 0; i < 4; i++) mask |= uint32_t(_mm512_cmpeq_pd_mask(part[i], all)) << at[i];
+  for (uint32_t i = 0; i < kJoint; i++) mask |= uint32_t(row[i] == best) << i;
   return mask;
-#else
-  return best_of_row(row, best);
 #endif
 }
 
@@ -344,16 +316,13 @@ constexpr Landing kLanding;
 struct Hunt {
   uint32_t prey, first, second;
   uint64_t stream;
-  std::vector<uint32_t> starts;  // states to start from; all that are not caught if empty
 
   bool caught() const { return first == prey && second == prey; }
   uint32_t state() const { return (prey * kCells + first) * kCells + second; }
 
   void reset() {
     do {
-      uint64_t bits = draw(stream);
-      uint32_t state = below(bits >> 32, kStates);
-      if (!starts.empty()) state = starts[below(bits >> 32, starts.size())];
+      const uint32_t state = below(draw(stream) >> 32, kStates);
       prey = state / (kCells * kCells), first = state / kCells % kCells, second = state % kCells;
     } while (caught());
   }
@@ -367,8 +336,7 @@ struct Hunt {
   }
 };
 
-template <class F>
-double hunt_return(const F* q, Hunt hunt) {
+double hunt_return(const float* q, Hunt hunt) {
   constexpr int episodes = 10000;
   double total = 0;
   hunt.stream = 7;
@@ -376,7 +344,7 @@ double hunt_return(const F* q, Hunt hunt) {
     hunt.reset();
     double weight = 1;
     for (uint32_t i = 0; i < kLimit; i++, weight *= kDiscount) {
-      const uint32_t action = first_best<F, kJoint>(q + size_t(hunt.state()) * kJoint);
+      const uint32_t action = first_best<float, kJoint>(q + size_t(hunt.state()) * kJoint);
       hunt.move(action, below(draw(hunt.stream), kMoves));
       if (hunt.caught()) break;
       total -= weight;
@@ -398,30 +366,31 @@ T* zeroed(size_t count) {
 enum Variant { kNaive, kCached, kTies };
 constexpr uint8_t kTied = 128;  // drawn among several
 
-template <class F, Variant variant>
-Measured hunt_prey(Hunt hunt, long steps) {
-  F* __restrict q = zeroed<F>(size_t(kStates) * kJoint);
-  F* __restrict best = zeroed<F>(kStates);
+template <Variant variant>
+Measured hunt_prey(long steps) {
+  Hunt hunt{};
+  float* __restrict q = zeroed<float>(size_t(kStates) * kJoint);
+  float* __restrict best = zeroed<float>(kStates);
   uint8_t* __restrict arg = zeroed<uint8_t>(kStates);
   if (variant == kTies) {
     hunt.stream = 7;
     for (uint32_t s = 0; s < kStates; s++) arg[s] = kTied | below(draw(hunt.stream), kJoint);
   }
-  const F alpha = F(kLearningRate), gamma = F(kDiscount);
+  const float alpha = float(kLearningRate), gamma = float(kDiscount);
   hunt.stream = 42;
   hunt.reset();
   uint32_t state = hunt.state(), left = kLimit;
   const double begin = processor_seconds();
   for (long i = 0; i < steps; i++) {
     const uint64_t bits = draw(hunt.stream), scaled = (bits & 0xffffffff) * kJoint;
-    F* row = q + size_t(state) * kJoint;
-    F unused, following;
+    float* row = q + size_t(state) * kJoint;
+    float unused, following;
     uint32_t greedy = arg[state] & (kTied - 1);
     if (variant == kNaive) greedy = __builtin_ctz(best_joint(row, unused));
     const uint32_t action = explores(bits) ? uint32_t(scaled >> 32) : greedy;
     hunt.move(action, below(scaled, kMoves));
     const uint32_t next = hunt.state();
-    const F* next_row = q + size_t(next) * kJoint;
+    const float* next_row = q + size_t(next) * kJoint;
     if (variant == kNaive) {
       best_joint(next_row, following);
     } else {  // its first, middle and last entry: two or three cache lines
@@ -429,8 +398,8 @@ Measured hunt_prey(Hunt hunt, long steps) {
       following = best[next];
     }
     const bool ends = hunt.caught();
-    const F target = ends ? F(0) : F(-1) + gamma * following;
-    const F before = row[action], after = before + alpha * (target - before);
+    const float target = ends ? 0.0f : -1.0f + gamma * following;
+    const float before = row[action], after = before + alpha * (target - before);
     row[action] = after;
     if (variant != kNaive) {
       const bool changed = after != before, top = before == best[state];
@@ -460,21 +429,13 @@ Measured measure(const std::string& task, const std::string& variant, long steps
   if (task == "W1" && path) {
     const Maze maze(path);
     if (variant == "ties") return maze_with_ties<F>(maze, steps);
-    if (variant == "cached") return maze_cached<F, false>(maze, steps);
-    if (variant == "successor") return maze_cached<F, true>(maze, steps);
+    if (variant == "cached") return maze_cached<F>(maze, steps);
     if (variant == "naive") return maze_naive<F>(maze, steps);
   }
-  if (task == "W2") {
-    Hunt hunt{};
-    if (path) {
-      std::FILE* file = open(path);
-      const size_t count = read<uint32_t>(file, 1)[0];
-      hunt.starts = read<uint32_t>(file, count);
-      std::fclose(file);
-    }
-    if (variant == "ties") return hunt_prey<F, kTies>(hunt, steps);
-    if (variant == "cached") return hunt_prey<F, kCached>(hunt, steps);
-    if (variant == "naive") return hunt_prey<F, kNaive>(hunt, steps);
+  if (task == "W2" && sizeof(F) == sizeof(float)) {
+    if (variant == "ties") return hunt_prey<kTies>(steps);
+    if (variant == "cached") return hunt_prey<kCached>(steps);
+    if (variant == "naive") return hunt_prey<kNaive>(steps);
   }
   fail("no such task and variant, or no tables: " + task + " " + variant);
 }
@@ -482,7 +443,7 @@ Measured measure(const std::string& task, const std::string& variant, long steps
 }  // namespace
 
 int main(int count, char** words) {
-  if (count < 5) fail("usage: reference TASK VARIANT DTYPE STEPS [FILE]");
+  if (count < 5) fail("usage: reference TASK VARIANT DTYPE STEPS [TABLES]");
   const long steps = std::atol(words[4]);
   const char* path = count > 5 ? words[5] : nullptr;
   const bool single = std::string(words[3]) == "float32";

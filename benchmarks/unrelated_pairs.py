@@ -56,11 +56,8 @@ def road_map(
             for node in range(nodes)
             for jam in range(jams)
         ],
-        terminal=np.repeat(np.arange(nodes) == goal, jams),
-        start=0,
-        discount=0.99,
-        time_limit=200,
-    )
+        terminal=np.repeat(np.arange(nodes) == goal, jams), start=0, discount=0.99, time_limit=200,
+    )  # fmt: skip
 
 
 def garnet(rng: np.random.Generator) -> cr.FiniteMDP:

@@ -60,10 +60,7 @@ TARGETS = {
     "crossing 9": level("SimpleCrossingS9N3-v0", "SimpleCrossingS9N1-v0", seen="walk"),
     "crossing 11": level("SimpleCrossingS11N5-v0", "SimpleCrossingS9N1-v0", seen="walk"),
     "lava": level("LavaCrossingS9N3-v0", "LavaCrossingS9N1-v0", seen="walk"),
-    "rooms": [
-        *level("MultiRoom-N4-S5-v1", "MultiRoom-N2-S4-v0", seen="opens"),
-        ROOMS,
-    ],
+    "rooms": [*level("MultiRoom-N4-S5-v1", "MultiRoom-N2-S4-v0", seen="opens"), ROOMS],
     "door": level("DoorKey-8x8-v0", "DoorKey-5x5-v0", "DoorKey-6x6-v0", seen="fetch"),
     "corridor": level("KeyCorridorS3R2-v0", "KeyCorridorS3R1-v0", seen="carry"),
     "car": control("MountainCar-v0", 150, 2, CAR),

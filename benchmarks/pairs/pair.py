@@ -68,32 +68,17 @@ class Pair:
         return self.target_budget // CHECKPOINTS
 
     @property
-    def total(self) -> int:
-        """Steps of the target and the source together, in whole checkpoints."""
-        return -(-(self.target_budget + self.source_budget) // self.eval_freq) * self.eval_freq
-
-    @property
     def label(self) -> str:
         """The name within its family."""
         return self.name.partition("/")[2]
 
-    def transfers(self, **settings: Any) -> list[cr.Transfer]:
-        """Return the transfers; `settings` are those of Transfer, such as ``calibrate``."""
-        settings = {"scale": self.scale, **settings}
-        return [cr.Transfer("source", "target", one, **settings) for one in self.mappings]
+    def transfers(self) -> list[cr.Transfer]:
+        """Return the transfers."""
+        return [cr.Transfer("source", "target", one, self.scale) for one in self.mappings]
 
-    def curriculum(self, *, calibrate: Any = False, **settings: Any) -> cr.Curriculum:
+    def curriculum(self, **settings: Any) -> cr.Curriculum:
         """Return the curriculum of a source and a target, by default by the raw potential.
 
-        Parameters
-        ----------
-        calibrate : bool or Calibrate
-            Of the transfers.
-        **settings
-            Of the Curriculum.
-
-        Notes
-        -----
         Checkpoints and their exact evaluation are how the benchmark looks, not how anything learns.
         Aggregates belong to the mapping of a pair.
         """
@@ -106,16 +91,9 @@ class Pair:
         }
         return cr.Curriculum(
             {"source": self.source, "target": self.target},
-            self.transfers(calibrate=calibrate),
+            self.transfers(),
             **{**given, **settings},
         )
-
-
-def default(pair: Pair) -> cr.Curriculum:
-    """Return a curriculum with nothing set but the target's budget."""
-    return pair.curriculum(
-        shaping=None, budget={"target": pair.target_budget}, eval_freq={"target": pair.eval_freq}
-    )
 
 
 @cache
@@ -139,10 +117,21 @@ class Family:
         return task
 
     def add(
-        self, kind: str, label: str, source: Any, *mappings: Any, budget: int, **settings: Any
-    ) -> None:
-        """Add a pair with the present target."""
+        self, kind: str, label: str, source: Any, *reads: Any, budget: int, turned: bool = False,
+        **settings: Any,
+    ) -> None:  # fmt: skip
+        """Add a pair with the present target.
+
+        Each of `reads` makes a transfer: a mapping, or a function as `cr.from_function` takes it;
+        by default the source is read by the target's names. `turned`: the last action but so many.
+        """
         target_name, target, target_budget = self._target
+        mappings = [
+            read if isinstance(read, StateActionMapping) else cr.from_function(target, source, read)
+            for read in reads or [lambda state, action: (state, action)]
+        ]
+        if turned:
+            mappings = [StateActionMapping(target, source, of.index[:, ::-1]) for of in mappings]
         name = f"{self.name}/{label}"
         self.pairs[name] = Pair(
             name=name,
@@ -153,7 +142,7 @@ class Family:
             target_name=target_name,
             source=source,
             target=target,
-            mappings=mappings,
+            mappings=tuple(mappings),
             source_budget=budget,
             target_budget=target_budget,
             **settings,

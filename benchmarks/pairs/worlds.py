@@ -99,14 +99,10 @@ def grid(
 
     return task_of(
         list(cells),
-        ("row", "column"),
-        cr.Component("move", 4, labels=tuple(MOVES)),
-        outcomes,
-        ends=lambda cell: cells[cell] in ends,
-        starts=lambda cell: cells[cell] in starts,
-        discount=discount,
-        time_limit=time_limit,
-    )
+        ("row", "column"), cr.Component("move", 4, labels=tuple(MOVES)), outcomes,
+        ends=lambda cell: cells[cell] in ends, starts=lambda cell: cells[cell] in starts,
+        discount=discount, time_limit=time_limit,
+    )  # fmt: skip
 
 
 def cropped(
@@ -125,28 +121,20 @@ def redrawn(lines: list[str], changes: dict[Cell, str]) -> list[str]:
     return ["".join(row) for row in rows]
 
 
-def by_cell(target: Any, source: Any, cell: Any = lambda row, column: (row, column)) -> Any:
-    """Return the mapping of a cell to a cell of the source, moves as they are."""
+def by_cell(cell: Any = lambda row, column: (row, column)) -> Any:
+    """Return how a cell reads a cell of the source, moves as they are."""
 
     def read(state: Any, action: Any) -> Any:
         row, column = cell(state["row"], state["column"])
         return {"row": row, "column": column}, action
 
-    return cr.from_function(target, source, read)
+    return read
 
 
-def by_place(
-    target: Any, source: Any, place: Any = lambda x: x, move: Any = lambda a: a, name: str = "place"
-) -> Any:
-    """Return the mapping of tasks with one component, and one of actions."""
-    (target_action,), (source_action,) = target.actions.names, source.actions.names
+def by_value(value: Any = lambda x: x, action: Any = lambda x: x) -> Any:
+    """Return how every component of a state is read, and those of an action."""
 
-    def read(state: Any, action: Any) -> Any:
-        return {name: place(state[name])}, {source_action: move(action[target_action])}
+    def changed(parts: Any, change: Any) -> Any:
+        return {name: change(part) for name, part in parts.items()}
 
-    return cr.from_function(target, source, read)
-
-
-def reversed_actions(target: Any, source: Any, mapping: Any) -> Any:
-    """Return the mapping that reads for each action the last but so many."""
-    return cr.transfer.StateActionMapping(target, source, mapping.index[:, ::-1])
+    return lambda state, move: (changed(state, value), changed(move, action))

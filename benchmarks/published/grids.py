@@ -46,12 +46,9 @@ goal-10-10-easier, fire-1-5-5-far and pit-1-4-4; the last two are target and sou
 def maze(name: str, treasure: float = 200.0) -> cr.GridWorld:
     """Return one of these tasks; a step costs 1 only where nothing else is paid."""
     return cr.GridWorld(
-        MAZES[name].split(),
-        rewards=cr.Rewards(step=-1.0, treasure=treasure),
-        combine="worst",
-        discount=0.9,
-        time_limit=200,
-    )
+        MAZES[name].split(), rewards=cr.Rewards(step=-1.0, treasure=treasure),
+        combine="worst", discount=0.9, time_limit=200,
+    )  # fmt: skip
 
 
 # -- Silva and Costa 2017: every state of the source tells, by the objects that it shares ----------

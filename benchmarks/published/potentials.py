@@ -87,11 +87,9 @@ def energy(values: FloatArray) -> FloatArray:
 # step that reaches nothing, makes what a step is worth the difference of the potentials alone.
 
 
-def costly_grid(size: int, discount: float = 0.99, time_limit: int | None = None) -> cr.FiniteMDP:
+def costly_grid(size: int, discount: float = 0.99, **limit: Any) -> Any:
     """Return a grid whose rewards say nothing: -1 a step, from corner to corner."""
-    lines = ["." * (size - 1) + "T"] + ["." * size] * (size - 1)
-    how: Any = {"discount": discount, "time_limit": time_limit}
-    return worlds.grid(lines, start=(size - 1, 0), slip=0.0, step=-1.0, **how)
+    return worlds.open_grid(size, slip=0.0, discount=discount, **limit)
 
 
 def linear(values: FloatArray) -> FloatArray:

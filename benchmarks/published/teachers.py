@@ -72,14 +72,10 @@ def drawn_levels() -> tuple[cr.FiniteMDP, tuple[int, ...]]:
             )
     sizes = zip(("maze", "row", "column", "heading"), (MAZES, *number.shape), strict=True)
     task = cr.FiniteMDP.from_outcomes(
-        outcomes,
-        terminal=ends,
-        start=starts[0],
-        discount=0.99,
-        time_limit=250,
+        outcomes, terminal=ends, start=starts[0], discount=0.99, time_limit=250,
         states=cr.Space([cr.Component(*pair) for pair in sizes], names),
         actions=cr.Space([cr.Component("move", 3, labels=("left", "right", "forward"))]),
-    )
+    )  # fmt: skip
     return task, tuple(starts)
 
 

@@ -79,13 +79,13 @@ def grid(
 # -- Ng, Harada, Russell 1999, section 5 -----------------------------------------------------------
 
 
-def open_grid(size: int) -> cr.FiniteMDP:
+def open_grid(size: int, *, slip: float = 0.2, discount: float = 0.999, **limit: Any) -> Any:
     """Return their grid: opposite corners, -1 a step, one action in five replaced by a random.
 
     They do not discount. Here .999 bounds the values, which some policy makes infinite otherwise.
     """
     lines = ["." * (size - 1) + "T"] + ["." * size] * (size - 1)
-    return grid(lines, start=(size - 1, 0), slip=0.2, step=-1.0, discount=0.999)
+    return grid(lines, start=(size - 1, 0), slip=slip, step=-1.0, discount=discount, **limit)
 
 
 def distance(values: FloatArray) -> FloatArray:
@@ -134,14 +134,9 @@ def office(*, as_run: bool = True) -> Any:
     walls |= {((r, c), "up") for r, c in every if r % 3 == 0}
     walls |= {((r, c), "down") for r, c in every if r % 3 == 2}
     plan = grid(
-        ["." * 12] * 9,
-        start=(7, 2),
-        slip=0.0,
-        step=0.0,
-        discount=0.9,
-        time_limit=1000,
+        ["." * 12] * 9, start=(7, 2), slip=0.0, step=0.0, discount=0.9, time_limit=1000,
         walls=walls - doors,
-    )
+    )  # fmt: skip
 
     def event(before: Any, action: Any, after: Any) -> Any:
         names = np.full((9, 12), "")
@@ -192,15 +187,9 @@ def rooms() -> cr.FiniteMDP:
     """Return their eight rooms by cells: 1 for entering the last room, 70 steps at most."""
     lines = ["".join("T" if s == "G" else s for s in line) for line in ROOMS]
     return grid(
-        lines,
-        start=(3, 2),
-        slip=0.04,
-        step=0.0,
-        goal_reward=1.0,
-        discount=0.98,
-        still=2,
+        lines, start=(3, 2), slip=0.04, step=0.0, goal_reward=1.0, discount=0.98, still=2,
         time_limit=70,
-    )
+    )  # fmt: skip
 
 
 def doors() -> cr.FiniteMDP:
@@ -215,15 +204,10 @@ def doors() -> cr.FiniteMDP:
     reward = np.zeros(chance.shape)
     reward[:, :, -1] = 1.0
     return cr.FiniteMDP.from_dense(
-        chance,
-        reward,
-        terminal=np.arange(n) == n - 1,
-        start=0,
-        discount=0.9,
-        time_limit=30,
+        chance, reward, terminal=np.arange(n) == n - 1, start=0, discount=0.9, time_limit=30,
         states=cr.Space([cr.Component("room", n, labels=tuple(LETTERS))]),
         actions=cr.Space([cr.Component("to", n, labels=tuple(LETTERS))]),
-    )
+    )  # fmt: skip
 
 
 def room_of(states: Any, actions: Any) -> Any:

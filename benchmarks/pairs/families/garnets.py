@@ -5,7 +5,6 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import by_place
 
 N_STATES, N_ACTIONS, BRANCHES = 80, 4, 3
 
@@ -42,32 +41,25 @@ def garnets() -> Family:
     """Return the family: rewards to gain (30,000 steps), and costs to avoid (20,000)."""
     family = Family("garnets", "development")
     p, r = model(11)
-    target = family.target("gains", task(p, r), 30_000)
-
-    def same(source: cr.FiniteMDP) -> cr.transfer.StateActionMapping:
-        return by_place(target, source, name="state")
-
+    family.target("gains", task(p, r), 30_000)
     near, far, other = mixed(11, 12, 0.15), mixed(11, 12, 0.5), task(*model(13))
     moved = task(p, np.roll(r, N_STATES // 2))
-    family.add("near", "a model 15 % off", near, same(near), budget=8_000)
-    family.add("far", "a model half off", far, same(far), budget=8_000)
-    family.add("wrong goal", "rewards elsewhere", moved, same(moved), budget=8_000)
-    family.add("useless", "another garnet", other, same(other), budget=8_000)
-    family.add(
-        "mirrored", "actions reversed", near,
-        by_place(target, near, move=lambda a: N_ACTIONS - 1 - a, name="state"), budget=8_000,
-    )  # fmt: skip
+    family.add("near", "a model 15 % off", near, budget=8_000)
+    family.add("far", "a model half off", far, budget=8_000)
+    family.add("wrong goal", "rewards elsewhere", moved, budget=8_000)
+    family.add("useless", "another garnet", other, budget=8_000)
+    family.add("mirrored", "actions reversed", near, budget=8_000, turned=True)
     family.spoil("a model 15 % off")
 
     rng = np.random.default_rng(21)
     cost = -rng.uniform(0.0, 2.0, N_STATES) * (rng.random(N_STATES) < 0.6)
     p, _ = model(22)
-    target = family.target("costs", task(p, cost), 20_000)
+    family.target("costs", task(p, cost), 20_000)
     blurred, _ = model(23)
     near = task(0.85 * p + 0.15 * blurred, cost)
     halves = task(p, np.where(np.arange(N_STATES) < N_STATES // 2, cost, 0.0))
     paid = task(p, -cost)
-    family.add("near", "costs, a model 15 % off", near, same(near), budget=6_000)
-    family.add("far", "half the costs", halves, same(halves), budget=6_000)
-    family.add("wrong goal", "costs paid out", paid, same(paid), budget=6_000)
+    family.add("near", "costs, a model 15 % off", near, budget=6_000)
+    family.add("far", "half the costs", halves, budget=6_000)
+    family.add("wrong goal", "costs paid out", paid, budget=6_000)
     return family

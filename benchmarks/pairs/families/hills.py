@@ -8,7 +8,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import reversed_actions, task_of
+from ..worlds import task_of
 
 PLACES, SPEEDS = np.linspace(-1.2, 0.5, 24), np.linspace(-0.07, 0.07, 17)
 HELD = 5
@@ -42,29 +42,21 @@ def hill(*, engine: float = 0.001, gravity: float = 0.0025, left: bool = False) 
     top = 0 if left else len(PLACES) - 1
     return task_of(
         [tuple(point) for point in np.ndindex(len(PLACES), len(SPEEDS))],
-        ("place", "speed"),
-        cr.Component("push", 3, labels=("left", "none", "right")),
-        outcomes,
+        ("place", "speed"), cr.Component("push", 3, labels=("left", "none", "right")), outcomes,
         ends=lambda point: point[0] == top,
         starts=lambda point: -0.6 <= PLACES[point[0]] <= -0.4 and point[1] == len(SPEEDS) // 2,
-        discount=0.99,
-        time_limit=100,
-    )
+        discount=0.99, time_limit=100,
+    )  # fmt: skip
 
 
 def hills() -> Family:
     """Return the car, 40,000 steps."""
     family = Family("hills", "fresh")
-    target = family.target("car", hill(), 40_000)
-
-    def same(source: cr.FiniteMDP) -> Any:
-        return cr.from_function(target, source, lambda state, action: (state, action))
-
+    family.target("car", hill(), 40_000)
     strong, flat, other = hill(engine=0.0015), hill(gravity=0.00125), hill(left=True)
-    family.add("near", "a stronger engine", strong, same(strong), budget=10_000)
-    family.add("far", "a flatter valley", flat, same(flat), budget=10_000)
-    family.add("wrong goal", "the other hill", other, same(other), budget=10_000)
-    family.add("mirrored", "left for right", strong,
-               reversed_actions(target, strong, same(strong)), budget=10_000)  # fmt: skip
+    family.add("near", "a stronger engine", strong, budget=10_000)
+    family.add("far", "a flatter valley", flat, budget=10_000)
+    family.add("wrong goal", "the other hill", other, budget=10_000)
+    family.add("mirrored", "left for right", strong, budget=10_000, turned=True)
     family.spoil("a stronger engine")
     return family

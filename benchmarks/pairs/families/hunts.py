@@ -8,7 +8,6 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import reversed_actions
 
 
 def pursuit(size: int, predators: int, **rules: Any) -> cr.FiniteMDP:
@@ -16,9 +15,8 @@ def pursuit(size: int, predators: int, **rules: Any) -> cr.FiniteMDP:
     return cr.Pursuit(size, predators, moves=4, time_limit=50, discount=0.95, **rules).mdp
 
 
-def shifted(target: cr.FiniteMDP, source: cr.FiniteMDP) -> Any:
-    """Return the mapping to a smaller grid, both players moved so that the prey is well inside."""
-    large, small = (round(np.sqrt(t.states.component("prey").size)) for t in (target, source))
+def shifted(large: int, small: int) -> Any:
+    """Return how a grid reads a smaller one, both players moved so that the prey is well inside."""
 
     def read(state: Any, action: Any) -> Any:
         at = {name: np.divmod(cell, large) for name, cell in state.items()}
@@ -30,16 +28,12 @@ def shifted(target: cr.FiniteMDP, source: cr.FiniteMDP) -> Any:
             cells[name] = np.where(inside, row * small + column, -1)
         return cells, action
 
-    return cr.from_function(target, source, read)
+    return read
 
 
-def roles_swapped(target: cr.FiniteMDP, source: cr.FiniteMDP) -> Any:
-    """Return the mapping that takes the prey for the predator."""
-
-    def read(state: Any, action: Any) -> Any:
-        return {"prey": state["predator"], "predator": state["prey"]}, action
-
-    return cr.from_function(target, source, read)
+def roles_swapped(state: Any, action: Any) -> Any:
+    """Take the prey for the predator."""
+    return {"prey": state["predator"], "predator": state["prey"]}, action
 
 
 def hunts() -> Family:
@@ -62,14 +56,9 @@ def hunts() -> Family:
     family.add("wrong goal", "paid while it is free", fleeing, *away, budget=12_000, **least)
     family.spoil("one chases")
 
-    field = family.target("5x5", pursuit(5, 1), 60_000)
+    family.target("5x5", pursuit(5, 1), 60_000)
     small = pursuit(3, 1)
-    mapping = shifted(field, small)
-    family.add("near", "3x3 around the prey", small, mapping, budget=12_000)
-    family.add(
-        "mirrored", "3x3, moves reversed", small,
-        reversed_actions(field, small, mapping), budget=12_000,
-    )  # fmt: skip
-    same = pursuit(5, 1)
-    family.add("useless", "roles swapped", same, roles_swapped(field, same), budget=30_000)
+    family.add("near", "3x3 around the prey", small, shifted(5, 3), budget=12_000)
+    family.add("mirrored", "3x3, moves reversed", small, shifted(5, 3), budget=12_000, turned=True)
+    family.add("useless", "roles swapped", pursuit(5, 1), roles_swapped, budget=30_000)
     return family

@@ -41,24 +41,21 @@ def locked(lines: list[str], *, step: float, goal: float, limit: int) -> cr.Fini
 
     return task_of(
         [(*cell, key) for cell in cells for key in (0, 1)],
-        ("row", "column", "key"),
-        cr.Component("move", 4, labels=tuple(MOVES)),
-        outcomes,
+        ("row", "column", "key"), cr.Component("move", 4, labels=tuple(MOVES)), outcomes,
         ends=lambda point: cells[point[:2]] == "G",
         starts=lambda point: cells[point[:2]] == "S" and point[2] == 0,
-        discount=0.97,
-        time_limit=limit,
-    )
+        discount=0.97, time_limit=limit,
+    )  # fmt: skip
 
 
-def to_phase(target: cr.FiniteMDP, source: cr.FiniteMDP, key: int) -> Any:
-    """Return the mapping of the states with, or without, the key to the cells of the source."""
+def in_phase(key: int) -> Any:
+    """Return how the states with, or without, the key read the cells of the source."""
 
     def read(state: Any, action: Any) -> Any:
         row = np.where(state["key"] == key, state["row"], -9)
         return {"row": row, "column": state["column"]}, action
 
-    return cr.from_function(target, source, read)
+    return read
 
 
 def open_hall(lines: list[str], **rules: Any) -> cr.FiniteMDP:
@@ -69,29 +66,24 @@ def open_hall(lines: list[str], **rules: Any) -> cr.FiniteMDP:
 def keys() -> Family:
     """Return the family: +1 at the goal, 30,000 steps; a wide hall at -1 a step, 60,000."""
     family = Family("keys", "development")
-    hall = family.target("hall", locked(HALL, step=0.0, goal=1.0, limit=100), 30_000)
+    family.target("hall", locked(HALL, step=0.0, goal=1.0, limit=100), 30_000)
     through = open_hall(HALL, starts="SK.")
     fetch = open_hall(HALL, rewards={"K": 1.0}, ends="K")
     room = cropped(HALL, (0, 5), (4, 9), rewards={"G": 1.0}, starts=".D", discount=0.97)
     away = open_hall(redrawn(HALL, {(2, 8): ".", (0, 8): "G"}), starts="SK.")
-    with_key, without = to_phase(hall, through, 1), to_phase(hall, fetch, 0)
+    with_key, without, mirrored = in_phase(1), in_phase(0), by_cell(lambda row, at: (row, 8 - at))
     family.add("near", "the door is open, with the key", through, with_key, budget=5_000)
     family.add("near", "fetching the key", fetch, without, budget=4_000)
-    family.add("far", "the last room", room, to_phase(hall, room, 1), budget=2_000)
-    family.add("wrong goal", "another goal", away, to_phase(hall, away, 1), budget=5_000)
-    family.add(
-        "useless", "the door is open, key or not", through, by_cell(hall, through), budget=5_000
-    )
-    family.add(
-        "mirrored", "mirrored", through,
-        by_cell(hall, through, lambda row, column: (row, 8 - column)), budget=5_000,
-    )  # fmt: skip
+    family.add("far", "the last room", room, with_key, budget=2_000)
+    family.add("wrong goal", "another goal", away, with_key, budget=5_000)
+    family.add("useless", "the door is open, key or not", through, by_cell(), budget=5_000)
+    family.add("mirrored", "mirrored", through, mirrored, budget=5_000)
     family.spoil("the door is open, with the key")
 
-    wide = family.target("wide hall", locked(WIDE, step=-1.0, goal=0.0, limit=200), 60_000)
+    family.target("wide hall", locked(WIDE, step=-1.0, goal=0.0, limit=200), 60_000)
     costly = {"rewards": {}, "step": -1.0, "time_limit": 200}
     through = open_hall(WIDE, starts="SK.", **costly)
     fetch = open_hall(WIDE, ends="K", **costly)
-    family.add("near", "wide, with the key", through, to_phase(wide, through, 1), budget=12_000)
-    family.add("far", "wide, fetching the key", fetch, to_phase(wide, fetch, 0), budget=8_000)
+    family.add("near", "wide, with the key", through, with_key, budget=12_000)
+    family.add("far", "wide, fetching the key", fetch, without, budget=8_000)
     return family

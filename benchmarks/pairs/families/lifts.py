@@ -38,39 +38,29 @@ def lift(
     return task_of(
         [tuple(point) for point in np.ndindex(floors + 1, ROOM + 1, *[2] * floors)],
         ("floor", "load", *(f"call_{k}" for k in range(1, floors + 1))),
-        cr.Component("move", 3, labels=("up", "down", "open")),
-        outcomes,
-        starts=lambda point: not any(point),
-        discount=0.95,
-        time_limit=100,
-    )
+        cr.Component("move", 3, labels=("up", "down", "open")), outcomes,
+        starts=lambda point: not any(point), discount=0.95, time_limit=100,
+    )  # fmt: skip
 
 
 def lifts() -> Family:
     """Return a lift of four floors above the ground, 40,000 steps."""
     family = Family("lifts", "fresh")
-    target = family.target("four floors", lift(4, 0.08), 40_000)
+    family.target("four floors", lift(4, 0.08), 40_000)
 
-    def same(source: cr.FiniteMDP, change: Any = lambda state, move: (state, move)) -> Any:
-        def read(state: Any, action: Any) -> Any:
-            state, move = change(dict(state), action["move"])
-            return state, {"move": move}
-
-        return cr.from_function(target, source, read)
-
-    def halved(state: Any, move: Any) -> Any:
+    def halved(state: Any, action: Any) -> Any:
         low, high = (state[f"call_{k}"] | state[f"call_{k + 1}"] for k in (1, 3))
         small = {"floor": (state["floor"] + 1) // 2, "load": state["load"]}
-        return {**small, "call_1": low, "call_2": high}, move
+        return {**small, "call_1": low, "call_2": high}, action
 
-    def turned(state: Any, move: Any) -> Any:
-        return state, np.array([1, 0, 2])[move]
+    def swapped(state: Any, action: Any) -> Any:
+        return state, {"move": np.array([1, 0, 2])[action["move"]]}
 
     quiet, small = lift(4, 0.03), lift(2, 0.16)
     pleasure = lift(4, 0.08, delivered=0.0, carried=1.0)
-    family.add("near", "fewer calls", quiet, same(quiet), budget=10_000)
-    family.add("far", "two floors, one for two", small, same(small, halved), budget=4_000)
-    family.add("wrong goal", "paid for the ride", pleasure, same(pleasure), budget=10_000)
-    family.add("mirrored", "up for down", quiet, same(quiet, turned), budget=10_000)
+    family.add("near", "fewer calls", quiet, budget=10_000)
+    family.add("far", "two floors, one for two", small, halved, budget=4_000)
+    family.add("wrong goal", "paid for the ride", pleasure, budget=10_000)
+    family.add("mirrored", "up for down", quiet, swapped, budget=10_000)
     family.spoil("fewer calls")
     return family

@@ -5,7 +5,7 @@ from typing import Any
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import by_place, reversed_actions, task_of
+from ..worlds import by_cell, by_value, task_of
 
 LEFT_RIGHT = cr.Component("move", 2, labels=("left", "right"))
 
@@ -40,27 +40,22 @@ def river(
 def rivers() -> Family:
     """Return RiverSwim with 20 and 12 states, 60,000 and 40,000 steps."""
     family = Family("river-swim", "verification")
-    target = family.target("20 states", river(20, anywhere=False), 60_000)
+    family.target("20 states", river(20, anywhere=False), 60_000)
     small, middle = river(6), river(10)
     late = river(6, first=14, bank=0.0)
     home = river(20, sea=0.0, bank=1.0)
-    family.add("near", "20 from 6", small, by_place(target, small, lambda x: x * 6 // 20),
-               budget=10_000)  # fmt: skip
-    family.add("near", "20 from 10", middle, by_place(target, middle, lambda x: x // 2),
-               budget=20_000)  # fmt: skip
-    family.add("far", "20 from the last 6", late, by_place(target, late), budget=10_000)
-    family.add("far", "20 from the first 6", small, by_place(target, small), budget=10_000)
-    family.add("wrong goal", "20 paid at home", home, by_place(target, home), budget=10_000)
-    family.add("mirrored", "20 mirrored", small,
-               by_place(target, small, lambda x: (19 - x) * 6 // 20), budget=10_000)  # fmt: skip
-    dull = river(6, sea=0.0)
-    family.add("useless", "20 from a dry river", dull,
-               by_place(target, dull, lambda x: x * 6 // 20),
-               budget=5_000)  # fmt: skip
+    shrunk, mirrored = by_value(lambda x: x * 6 // 20), by_value(lambda x: (19 - x) * 6 // 20)
+    halved, dull = by_value(lambda x: x // 2), river(6, sea=0.0)
+    family.add("near", "20 from 6", small, shrunk, budget=10_000)
+    family.add("near", "20 from 10", middle, halved, budget=20_000)
+    family.add("far", "20 from the last 6", late, budget=10_000)
+    family.add("far", "20 from the first 6", small, budget=10_000)
+    family.add("wrong goal", "20 paid at home", home, budget=10_000)
+    family.add("mirrored", "20 mirrored", small, mirrored, budget=10_000)
+    family.add("useless", "20 from a dry river", dull, shrunk, budget=5_000)
     family.spoil("20 from 6")
-    target = family.target("12 states", river(12, anywhere=False), 40_000)
-    family.add("near", "12 from 6", small, by_place(target, small, lambda x: x // 2),
-               budget=10_000)  # fmt: skip
+    family.target("12 states", river(12, anywhere=False), 40_000)
+    family.add("near", "12 from 6", small, halved, budget=10_000)
     return family
 
 
@@ -97,27 +92,20 @@ def chain(
 def chains() -> Family:
     """Return chains of 30 and 18 places, 40,000 and 20,000 steps."""
     family = Family("chain", "verification")
-    target = family.target("30 places", chain(30, anywhere=False), 40_000)
+    family.target("30 places", chain(30, anywhere=False), 40_000)
     short, middle = chain(8), chain(15)
     left, sure = chain(30, near_end=1.0, far_end=0.0), chain(15, slip=0.0)
-    family.add("near", "30 from 8", short, by_place(target, short, lambda x: (x * 8) // 30),
-               budget=5_000)  # fmt: skip
-    family.add("near", "30 from 15", middle, by_place(target, middle, lambda x: x // 2),
-               budget=10_000)  # fmt: skip
-    family.add("far", "30 from the first 8", short, by_place(target, short), budget=5_000)
-    family.add("far", "30 from 15 without slips", sure, by_place(target, sure, lambda x: x // 2),
-               budget=10_000)  # fmt: skip
-    family.add("wrong goal", "30 paid on the left", left, by_place(target, left), budget=8_000)
-    family.add("mirrored", "30 from 15, moves reversed", middle,
-               reversed_actions(target, middle, by_place(target, middle, lambda x: x // 2)),
-               budget=10_000)  # fmt: skip
-    even = chain(15, near_end=1.0)
-    family.add("useless", "30 from 15, both ends pay", even,
-               by_place(target, even, lambda x: x // 2), budget=10_000)  # fmt: skip
+    even, halved = chain(15, near_end=1.0), by_value(lambda x: x // 2)
+    family.add("near", "30 from 8", short, by_value(lambda x: (x * 8) // 30), budget=5_000)
+    family.add("near", "30 from 15", middle, halved, budget=10_000)
+    family.add("far", "30 from the first 8", short, budget=5_000)
+    family.add("far", "30 from 15 without slips", sure, halved, budget=10_000)
+    family.add("wrong goal", "30 paid on the left", left, budget=8_000)
+    family.add("mirrored", "30 from 15, moves reversed", middle, halved, budget=10_000, turned=True)
+    family.add("useless", "30 from 15, both ends pay", even, halved, budget=10_000)
     family.spoil("30 from 8")
-    target = family.target("18 places", chain(18, anywhere=False), 20_000)
-    family.add("near", "18 from 8", short, by_place(target, short, lambda x: (x * 8) // 18),
-               budget=5_000)  # fmt: skip
+    family.target("18 places", chain(18, anywhere=False), 20_000)
+    family.add("near", "18 from 8", short, by_value(lambda x: (x * 8) // 18), budget=5_000)
     return family
 
 
@@ -147,39 +135,23 @@ def sea(
     )  # fmt: skip
 
 
-def by_depth(target: cr.FiniteMDP, source: cr.FiniteMDP, cell: Any) -> Any:
-    """Return the mapping of (row, column) to a cell of a smaller sea."""
-
-    def read(state: Any, action: Any) -> Any:
-        row, column = cell(state["row"], state["column"])
-        return {"row": row, "column": column}, action
-
-    return cr.from_function(target, source, read)
-
-
 def seas() -> Family:
     """Return DeepSea 10 deep and 8 deep, 30,000 steps each."""
     family = Family("deep-sea", "verification")
-    target = family.target("10 deep", sea(10, anywhere=False), 30_000)
+    family.target("10 deep", sea(10, anywhere=False), 30_000)
     shallow, half = sea(6), sea(5)
     late, paid = sea(6, origin=4), sea(10, treasure=0.0, cost=-0.2)
     kept = sea(10, treasure=-1.0)
-
-    def same(source: cr.FiniteMDP, cell: Any = lambda r, c: (r, c)) -> Any:
-        return by_depth(target, source, cell)
-
-    family.add("near", "10 from the last 6", late, same(late), budget=6_000)
-    family.add("near", "10 from 5, one for four", half,
-               same(half, lambda r, c: (r // 2, c // 2)), budget=5_000)  # fmt: skip
-    family.add("far", "10 from the first 6", shallow, same(shallow), budget=6_000)
-    family.add("far", "10 paid on the way", paid, same(paid), budget=6_000)
-    family.add("wrong goal", "10 without treasure", kept, same(kept), budget=6_000)
-    family.add("mirrored", "10 mirrored", late, reversed_actions(target, late, same(late)),
-               budget=6_000)  # fmt: skip
-    family.add("useless", "10 turned", half, same(half, lambda r, c: (c // 2, r // 2)),
-               budget=5_000)  # fmt: skip
+    halved = by_cell(lambda r, c: (r // 2, c // 2))
+    across = by_cell(lambda r, c: (c // 2, r // 2))
+    family.add("near", "10 from the last 6", late, budget=6_000)
+    family.add("near", "10 from 5, one for four", half, halved, budget=5_000)
+    family.add("far", "10 from the first 6", shallow, budget=6_000)
+    family.add("far", "10 paid on the way", paid, budget=6_000)
+    family.add("wrong goal", "10 without treasure", kept, budget=6_000)
+    family.add("mirrored", "10 mirrored", late, budget=6_000, turned=True)
+    family.add("useless", "10 turned", half, across, budget=5_000)
     family.spoil("10 from the last 6")
-    target = family.target("8 deep", sea(8, anywhere=False), 30_000)
-    family.add("near", "8 from 4, one for four", four := sea(4),
-               by_depth(target, four, lambda r, c: (r // 2, c // 2)), budget=3_000)  # fmt: skip
+    family.target("8 deep", sea(8, anywhere=False), 30_000)
+    family.add("near", "8 from 4, one for four", sea(4), halved, budget=3_000)
     return family

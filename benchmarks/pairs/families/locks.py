@@ -6,7 +6,7 @@ from typing import Any
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import by_place, task_of
+from ..worlds import by_value, task_of
 
 CODE = (2, 0, 3, 1, 1, 2, 0, 3)
 OTHER = (0, 1, 2, 3, 0, 1, 2, 1)
@@ -32,38 +32,32 @@ def lock(
 
     return task_of(
         [(at,) for at in range(first, last + 1)],
-        ("place",),
-        cr.Component("digit", 4),
-        outcomes,
-        ends=lambda point: point[0] == last,
-        starts=lambda point: point[0] == first,
-        discount=0.95,
-        time_limit=100,
-    )
+        ("place",), cr.Component("digit", 4), outcomes,
+        ends=lambda point: point[0] == last, starts=lambda point: point[0] == first,
+        discount=0.95, time_limit=100,
+    )  # fmt: skip
 
 
 def locks() -> Family:
     """Return the family: eight digits (40,000 steps), eight that slip at a fine (10,000)."""
     family = Family("locks", "development")
-    target = family.target("eight digits", lock(CODE), 40_000)
+    family.target("eight digits", lock(CODE), 40_000)
     tail, end = lock(CODE[3:], first=3), lock(CODE[6:], first=6)
     other, reverse = lock(OTHER), lock(CODE[::-1])
     start = lock(CODE[:3])
-    family.add("near", "the last five", tail, by_place(target, tail), budget=6_000)
-    family.add("near", "the first three", start, by_place(target, start), budget=2_000)
-    family.add("far", "the last two", end, by_place(target, end), budget=500)
-    family.add("wrong goal", "another code", other, by_place(target, other), budget=10_000)
-    family.add("mirrored", "the code reversed", reverse, by_place(target, reverse), budget=10_000)
-    family.add(
-        "useless", "the last five at the start", tail,
-        by_place(target, tail, lambda at: at + 3), budget=6_000,
-    )  # fmt: skip
+    family.add("near", "the last five", tail, budget=6_000)
+    family.add("near", "the first three", start, budget=2_000)
+    family.add("far", "the last two", end, budget=500)
+    family.add("wrong goal", "another code", other, budget=10_000)
+    family.add("mirrored", "the code reversed", reverse, budget=10_000)
+    shifted = by_value(lambda at: at + 3)
+    family.add("useless", "the last five at the start", tail, shifted, budget=6_000)
     family.spoil("the last five")
 
     fined: dict[str, Any] = {"slip": 0.1, "fine": 0.005, "back": 1}
-    target = family.target("fined", lock(SLIPPERY, **fined), 10_000)
+    family.target("fined", lock(SLIPPERY, **fined), 10_000)
     tail = lock(SLIPPERY[4:8], first=4, **fined)
     dry = lock(SLIPPERY, fine=0.005)
-    family.add("near", "fined, the last four", tail, by_place(target, tail), budget=2_000)
-    family.add("far", "fined, no slips", dry, by_place(target, dry), budget=2_000)
+    family.add("near", "fined, the last four", tail, budget=2_000)
+    family.add("far", "fined, no slips", dry, budget=2_000)
     return family

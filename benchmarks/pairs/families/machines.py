@@ -7,7 +7,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import task_of
+from ..worlds import by_value, task_of
 
 BROKEN = 5
 WEAR = (0.2, 0.3, 0.45)
@@ -36,37 +36,27 @@ def shop(wear: tuple[float, ...], *, value: float = 3.0, per_wear: float = -0.3)
     return task_of(
         [tuple(point) for point in np.ndindex(*[BROKEN + 1] * len(wear))],
         tuple(f"wear_{k + 1}" for k in range(len(wear))),
-        cr.Component("renew", len(wear) + 1),
-        outcomes,
-        starts=lambda point: not any(point),
-        discount=0.95,
-        time_limit=100,
-    )
+        cr.Component("renew", len(wear) + 1), outcomes,
+        starts=lambda point: not any(point), discount=0.95, time_limit=100,
+    )  # fmt: skip
 
 
 def machines() -> Family:
     """Return three machines, 40,000 steps."""
     family = Family("machines", "fresh")
-    target = family.target("three machines", shop(WEAR), 40_000)
+    family.target("three machines", shop(WEAR), 40_000)
 
-    def same(source: cr.FiniteMDP, worn: Any = lambda n: n) -> Any:
-        def read(state: Any, action: Any) -> Any:
-            return {name: worn(state[name]) for name in source.states.names}, action
-
-        return cr.from_function(target, source, read)
-
-    def alone(source: cr.FiniteMDP, k: int) -> Any:
-        def read(state: Any, action: Any) -> Any:
-            return {"wear_1": state[f"wear_{k}"]}, {"renew": 1 * (action["renew"] == k)}
-
-        return cr.from_function(target, source, read)
+    def alone(k: int) -> Any:
+        return lambda state, action: (
+            {"wear_1": state[f"wear_{k}"]}, {"renew": 1 * (action["renew"] == k)}
+        )  # fmt: skip
 
     slow, one = shop((0.1, 0.15, 0.22)), shop((0.3,))
     scrap = shop(WEAR, value=0.0, per_wear=1.0)
-    family.add("near", "slower wear", slow, same(slow), budget=8_000)
-    family.add("far", "one machine, three times", one, *(alone(one, k) for k in (1, 2, 3)),
+    family.add("near", "slower wear", slow, budget=8_000)
+    family.add("far", "one machine, three times", one, alone(1), alone(2), alone(3),
                budget=2_000, aggregate=cr.total)  # fmt: skip
-    family.add("wrong goal", "paid for wear", scrap, same(scrap), budget=8_000)
-    family.add("mirrored", "worn for new", slow, same(slow, lambda n: BROKEN - n), budget=8_000)
+    family.add("wrong goal", "paid for wear", scrap, budget=8_000)
+    family.add("mirrored", "worn for new", slow, by_value(lambda n: BROKEN - n), budget=8_000)
     family.spoil("slower wear")
     return family

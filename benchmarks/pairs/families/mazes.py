@@ -5,7 +5,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import by_cell, redrawn, reversed_actions
+from ..worlds import by_cell, redrawn
 
 SIZE = 9
 REWARDS = cr.Rewards(step=-1.0, treasure=200.0, fire=-30.0, near_fire=-10.0, pit=-100.0)
@@ -33,33 +33,23 @@ def mazes() -> Family:
         treasure = maze.crop(rows=(0, 3), columns=(6, 9))
         lost = redrawn(lines, {(1, 7): ".", (7, 7): "T"})
         elsewhere = cr.GridWorld(lost, rewards=REWARDS, start="uniform")
-
-        def name(label: str, seed: int = seed) -> str:
-            return f"{seed}, {label}"
-
-        same = cr.same_position(maze, corner)
-        family.add("near", name("corner"), corner, same, budget=4_000)
-        family.add(
-            "far", name("treasure"), treasure, cr.same_position(maze, treasure), budget=1_500
+        in_corner, at_treasure, same = (
+            cr.same_position(maze, source) for source in (corner, treasure, elsewhere)
         )
-        family.add(
-            "wrong goal",
-            name("elsewhere"),
-            elsewhere,
-            cr.same_position(maze, elsewhere),
-            budget=6_000,
-        )
-        family.spoil(name("corner"))
+        family.add("near", f"{seed}, corner", corner, in_corner, budget=4_000)
+        family.add("far", f"{seed}, treasure", treasure, at_treasure, budget=1_500)
+        family.add("wrong goal", f"{seed}, elsewhere", elsewhere, same, budget=6_000)
+        family.spoil(f"{seed}, corner")
         if seed == 1:
             safe = cr.GridWorld(
                 [line.replace("P", ".").replace("F", ".") for line in lines], rewards=REWARDS
             )
-            family.add("near", name("no dangers"), safe, cr.same_position(maze, safe), budget=6_000)
-            family.add(
-                "mirrored", name("corner mirrored"), corner,
-                reversed_actions(maze, corner, same), budget=4_000,
-            )  # fmt: skip
+            same = cr.same_position(maze, safe)
             other = cr.GridWorld(drawn(7), rewards=REWARDS, start="uniform")
-            turned = by_cell(maze, other, lambda row, column: (column, row))
-            family.add("useless", name("another maze turned"), other, turned, budget=6_000)
+            across = by_cell(lambda row, column: (column, row))
+            family.add("near", "1, no dangers", safe, same, budget=6_000)
+            family.add(
+                "mirrored", "1, corner mirrored", corner, in_corner, budget=4_000, turned=True
+            )
+            family.add("useless", "1, another maze turned", other, across, budget=6_000)
     return family

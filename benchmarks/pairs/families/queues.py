@@ -7,7 +7,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import by_place, task_of
+from ..worlds import by_value, task_of
 
 FAST_COST = 4.0
 
@@ -29,13 +29,9 @@ def single(room: int, arrivals: float, *, holding: float = -0.5) -> cr.FiniteMDP
 
     return task_of(
         [(n,) for n in range(room + 1)],
-        ("waiting",),
-        cr.Component("service", 2, labels=("slow", "fast")),
-        outcomes,
-        starts=lambda point: True,
-        discount=0.92,
-        time_limit=80,
-    )
+        ("waiting",), cr.Component("service", 2, labels=("slow", "fast")), outcomes,
+        starts=lambda point: True, discount=0.92, time_limit=80,
+    )  # fmt: skip
 
 
 def served(room: int, arrivals: tuple[float, ...], costs: tuple[float, ...]) -> cr.FiniteMDP:
@@ -56,47 +52,39 @@ def served(room: int, arrivals: tuple[float, ...], costs: tuple[float, ...]) -> 
     return task_of(
         [tuple(point) for point in np.ndindex(*[room + 1] * n_queues)],
         tuple(f"queue_{i + 1}" for i in range(n_queues)),
-        cr.Component("serve", 2, labels=("first", "second")),
-        outcomes,
-        starts=lambda point: True,
-        discount=0.9,
-        time_limit=60,
-    )
+        cr.Component("serve", 2, labels=("first", "second")), outcomes,
+        starts=lambda point: True, discount=0.9, time_limit=60,
+    )  # fmt: skip
 
 
-def one_of_two(target: cr.FiniteMDP, source: cr.FiniteMDP, queue: int) -> Any:
-    """Return the mapping of one of two queues to a single one, which is served or not."""
+def one_of_two(queue: int) -> Any:
+    """Return how one of two queues reads a single one, which is served or not."""
 
     def read(state: Any, action: Any) -> Any:
         serve = action["serve"] if queue == 1 else 1 - action["serve"]
         return {"queue_1": state[f"queue_{queue}"]}, {"serve": serve}
 
-    return cr.from_function(target, source, read)
+    return read
 
 
 def queues() -> Family:
     """Return the family: one queue (50,000 steps), and two with one server (60,000)."""
     family = Family("queues", "development")
-    queue = family.target("one queue", single(20, 0.45), 50_000)
-
-    def same(source: cr.FiniteMDP, place: Any = lambda n: n) -> Any:
-        return by_place(queue, source, place, name="waiting")
-
+    family.target("one queue", single(20, 0.45), 50_000)
     short, busy = single(10, 0.45), single(20, 0.55)
     idle, full = single(20, 0.1), single(20, 0.45, holding=0.5)
-    family.add("near", "half the room", short, same(short), budget=15_000)
-    family.add("near", "more arrivals", busy, same(busy), budget=15_000)
-    family.add("far", "half the room, two for one", short, same(short, lambda n: n // 2),
-               budget=15_000)  # fmt: skip
-    family.add("useless", "hardly any arrivals", idle, same(idle), budget=15_000)
-    family.add("wrong goal", "paid for who waits", full, same(full), budget=15_000)
-    family.add("mirrored", "more arrivals, mirrored", busy, same(busy, lambda n: 20 - n),
-               budget=15_000)  # fmt: skip
+    family.add("near", "half the room", short, budget=15_000)
+    family.add("near", "more arrivals", busy, budget=15_000)
+    half, mirrored = by_value(lambda n: n // 2), by_value(lambda n: 20 - n)
+    family.add("far", "half the room, two for one", short, half, budget=15_000)
+    family.add("useless", "hardly any arrivals", idle, budget=15_000)
+    family.add("wrong goal", "paid for who waits", full, budget=15_000)
+    family.add("mirrored", "more arrivals, mirrored", busy, mirrored, budget=15_000)
     family.spoil("more arrivals")
 
-    two = family.target("two queues", served(7, (0.5, 0.4), (1.0, 3.0)), 60_000)
+    family.target("two queues", served(7, (0.5, 0.4), (1.0, 3.0)), 60_000)
     alone = served(7, (0.5,), (2.0,))
-    maps = [one_of_two(two, alone, i) for i in (1, 2)]
-    family.add("near", "two alone", alone, *maps, budget=12_000, aggregate=cr.total)
-    family.add("far", "the dear one alone", alone, maps[1], budget=12_000)
+    first, second = one_of_two(1), one_of_two(2)
+    family.add("near", "two alone", alone, first, second, budget=12_000, aggregate=cr.total)
+    family.add("far", "the dear one alone", alone, second, budget=12_000)
     return family

@@ -5,7 +5,7 @@ from typing import Any
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import reversed_actions, task_of
+from ..worlds import task_of
 
 TRACK = [
     "####....G",
@@ -57,34 +57,27 @@ def race(lines: list[str], *, fastest: int = 2, slip: float = 0.1) -> cr.FiniteM
 
     return task_of(
         [(*cell, up, right) for cell in cells for up in speeds for right in speeds],
-        ("row", "column", "up", "right"),
-        cr.Component("change", 9),
-        outcomes,
+        ("row", "column", "up", "right"), cr.Component("change", 9), outcomes,
         ends=lambda point: cells[point[:2]] == "G",
         starts=lambda point: point in [(*cell, 0, 0) for cell in home],
-        discount=0.99,
-        time_limit=100,
-    )
+        discount=0.99, time_limit=100,
+    )  # fmt: skip
 
 
 def races() -> Family:
     """Return the racetrack, 100,000 steps."""
     family = Family("races", "fresh")
-    target = family.target("track", race(TRACK), 100_000)
+    family.target("track", race(TRACK), 100_000)
 
-    def same(source: cr.FiniteMDP, fastest: int = 2) -> Any:
-        def read(state: Any, action: Any) -> Any:
-            return {**state, **{v: state[v].clip(max=fastest) for v in ("up", "right")}}, action
-
-        return cr.from_function(target, source, read)
+    def slower(state: Any, action: Any) -> Any:
+        return {**state, **{v: state[v].clip(max=1) for v in ("up", "right")}}, action
 
     sure, slow = race(TRACK, slip=0.0), race(TRACK, fastest=1)
     # The bend alone begins in the row below it.
     bend = race([*TRACK[:6], "##SSSS###"])
-    family.add("near", "without slips", sure, same(sure), budget=20_000)
-    family.add("near", "the bend", bend, same(bend), budget=10_000)
-    family.add("far", "at half the speed", slow, same(slow, 1), budget=15_000)
-    family.add("mirrored", "brakes for gas", sure, reversed_actions(target, sure, same(sure)),
-               budget=20_000)  # fmt: skip
+    family.add("near", "without slips", sure, budget=20_000)
+    family.add("near", "the bend", bend, budget=10_000)
+    family.add("far", "at half the speed", slow, slower, budget=15_000)
+    family.add("mirrored", "brakes for gas", sure, budget=20_000, turned=True)
     family.spoil("the bend")
     return family

@@ -7,7 +7,7 @@ import numpy as np
 import curricle as cr
 
 from ..pair import Family
-from ..worlds import by_place, task_of
+from ..worlds import by_value, task_of
 
 DEMAND = (0.15, 0.25, 0.25, 0.2, 0.15)
 SLACK = (0.45, 0.3, 0.15, 0.1, 0.0)
@@ -61,38 +61,33 @@ def two_stocks(room: int) -> cr.FiniteMDP:
     )  # fmt: skip
 
 
-def one_of_two(target: cr.FiniteMDP, source: cr.FiniteMDP, good: str) -> Any:
-    """Return the mapping of one good of two to a single one."""
+def one_of_two(good: str) -> Any:
+    """Return how one good of two reads a single one."""
 
     def read(state: Any, action: Any) -> Any:
         asked = action["order"] & 1 if good == "stock" else action["order"] >> 1
         return {"stock": state[good]}, {"order": asked}
 
-    return cr.from_function(target, source, read)
+    return read
 
 
 def stocks() -> Family:
     """Return one good (10,000 steps) and two (20,000)."""
     family = Family("stocks", "verification")
-    target = family.target("one good", stock(30, DEMAND), 10_000)
-
-    def same(source: Any, place: Any = lambda n: n, move: Any = lambda a: a) -> Any:
-        return by_place(target, source, place, move, name="stock")
-
+    family.target("one good", stock(30, DEMAND), 10_000)
     small, slack = stock(12, DEMAND), stock(30, SLACK)
     dear = stock(30, DEMAND, price=2.5)
     hoard = stock(30, DEMAND, price=0.0, holding=-1.0)
-    family.add("near", "less room", small, same(small), budget=2_000)
-    family.add("near", "less demand", slack, same(slack), budget=3_000)
-    family.add("far", "half the price", dear, same(dear), budget=3_000)
-    family.add("wrong goal", "paid for stock", hoard, same(hoard), budget=6_000)
-    family.add("mirrored", "full for empty", slack, same(slack, lambda n: 30 - n), budget=3_000)
-    family.add("useless", "orders reversed", small, same(small, move=lambda a: 3 - a),
-               budget=2_000)  # fmt: skip
+    family.add("near", "less room", small, budget=2_000)
+    family.add("near", "less demand", slack, budget=3_000)
+    family.add("far", "half the price", dear, budget=3_000)
+    family.add("wrong goal", "paid for stock", hoard, budget=6_000)
+    family.add("mirrored", "full for empty", slack, by_value(lambda n: 30 - n), budget=3_000)
+    family.add("useless", "orders reversed", small, budget=2_000, turned=True)
     family.spoil("less demand")
-    two = family.target("two goods", two_stocks(9), 20_000)
+    family.target("two goods", two_stocks(9), 20_000)
     alone = stock(9, (0.4, 0.4, 0.2), order=2.0)
-    maps = [one_of_two(two, alone, good) for good in ("stock", "other")]
-    family.add("near", "two alone", alone, *maps, budget=2_000, aggregate=cr.total)
-    family.add("far", "one alone", alone, maps[0], budget=2_000)
+    first, second = one_of_two("stock"), one_of_two("other")
+    family.add("near", "two alone", alone, first, second, budget=2_000, aggregate=cr.total)
+    family.add("far", "one alone", alone, first, budget=2_000)
     return family

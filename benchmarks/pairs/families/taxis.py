@@ -13,11 +13,12 @@ RIDING, PICK_UP, DROP_OFF = 4, 4, 5
 
 
 def changed(
-    taxi: cr.FiniteMDP, keep: Any, reward: Any = lambda s, a, to, r: r, end: Any = None
-) -> cr.FiniteMDP:
-    """Return the taxi restricted to some states, with other rewards and further ends.
+    taxi: cr.FiniteMDP, keep: Any, reward: Any = lambda s, a, to, r: r, end: Any = None,
+    start: Any = None,
+) -> cr.FiniteMDP:  # fmt: skip
+    """Return the taxi restricted to some states, with other rewards, starts and further ends.
 
-    `keep`, `end` : (S,) bool; what leads outside stays where it is, at -10.
+    `keep`, `end`, `start` : (S,) bool; what leads outside stays where it is, at -10.
     """
     ends = taxi.terminal | (np.zeros(taxi.states.size, bool) if end is None else end)
     kept = np.flatnonzero(keep)
@@ -32,18 +33,13 @@ def changed(
             rows.append([(1.0, int(number[to if inside else s]),
                           float(reward(s, a, to, r)) if inside else -10.0)])  # fmt: skip
         outcomes.append(rows)
-    start = np.where(ends, 0.0, taxi.start)[kept]
+    start = np.where(ends, 0.0, taxi.start if start is None else start)[kept]
     points = np.stack(list(taxi.states.decode().values()), axis=1)[kept]
     return cr.FiniteMDP.from_outcomes(
         outcomes, terminal=ends[kept], start=start / start.sum(), discount=taxi.discount,
         time_limit=taxi.time_limit, states=cr.Space(taxi.states.components, points),
         actions=taxi.actions,
     )  # fmt: skip
-
-
-def by_names(taxi: cr.FiniteMDP, source: cr.FiniteMDP, change: Any = lambda state: state) -> Any:
-    """Return the mapping by names, the state changed before."""
-    return cr.from_function(taxi, source, lambda state, action: (change(dict(state)), action))
 
 
 def taxis() -> Family:
@@ -63,39 +59,26 @@ def taxis() -> Family:
         reward=lambda s, a, to, r: 20.0 if riding[to] and not riding[s] else r,
     )  # fmt: skip
     # The ride alone: it starts with the passenger in the taxi.
-    ride = cr.FiniteMDP.from_outcomes(
-        [
-            [[(1.0, int(taxi.next_state[row, 0]), float(taxi.reward[row, 0]))] for row in rows]
-            for rows in taxi.outcome_row.tolist()
-        ],
-        terminal=taxi.terminal, start=(riding & ~taxi.terminal) / (riding & ~taxi.terminal).sum(),
-        discount=0.99, time_limit=200, states=taxi.states, actions=taxi.actions,
-    )  # fmt: skip
-    lost = changed(
-        taxi, everything,
-        reward=lambda s, a, to, r: -r if a >= PICK_UP else r,
-    )  # fmt: skip
+    ride = changed(taxi, everything, start=riding)
+    lost = changed(taxi, everything, reward=lambda s, a, to, r: -r if a >= PICK_UP else r)
 
-    def same_way(state: Any) -> Any:
-        return {**state, "destination": 0 * state["destination"]}
+    def same_way(state: Any, action: Any) -> Any:
+        return {**state, "destination": 0 * state["destination"]}, action
 
-    def next_place(state: Any) -> Any:
-        return {**state, "destination": (state["destination"] + 1) % 4}
+    def next_place(state: Any, action: Any) -> Any:
+        return {**state, "destination": (state["destination"] + 1) % 4}, action
 
-    def turned(state: Any) -> Any:
-        return {**state, "row": 4 - state["row"], "column": 4 - state["column"]}
+    def turned(state: Any, action: Any) -> Any:
+        return {**state, "row": 4 - state["row"], "column": 4 - state["column"]}, action
 
-    by_name = cr.project(taxi, one)
-    family.add("near", "two places", two, cr.project(taxi, two), budget=20_000)
-    family.add("near", "fetching alone", fetch, by_names(taxi, fetch), budget=20_000)
-    family.add("far", "one destination", one, by_name, budget=15_000)
-    family.add("far", "the ride alone", ride, by_names(taxi, ride), budget=20_000)
-    family.add("wrong goal", "every destination as one", one, by_names(taxi, one, same_way),
-               budget=15_000)  # fmt: skip
     other = changed(taxi, everything)
-    family.add("wrong goal", "the next destination", other, by_names(taxi, other, next_place),
-               budget=20_000)  # fmt: skip
-    family.add("mirrored", "turned round", other, by_names(taxi, other, turned), budget=20_000)
-    family.add("useless", "paid for illegal stops", lost, by_names(taxi, lost), budget=15_000)
+    family.add("near", "two places", two, cr.project(taxi, two), budget=20_000)
+    family.add("near", "fetching alone", fetch, budget=20_000)
+    family.add("far", "one destination", one, cr.project(taxi, one), budget=15_000)
+    family.add("far", "the ride alone", ride, budget=20_000)
+    family.add("wrong goal", "every destination as one", one, same_way, budget=15_000)
+    family.add("wrong goal", "the next destination", other, next_place, budget=20_000)
+    family.add("mirrored", "turned round", other, turned, budget=20_000)
+    family.add("useless", "paid for illegal stops", lost, budget=15_000)
     family.spoil("fetching alone")
     return family

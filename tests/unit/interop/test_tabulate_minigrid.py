@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from benchmarks.minigrid_by_hand import shortest
+from benchmarks.minigrid_levels import shortest
 from curricle.errors import TaskError
 from curricle.interop import MiniGridState
 from curricle.transfer import UNMAPPED
