@@ -14,8 +14,6 @@ from curricle.comparison.comparison import Comparison, Reference
 from curricle.comparison.controls import DRAWS, unrelated_transfers
 from curricle.comparison.trial import apart
 from curricle.comparison.verdicts import NO_MORE
-from curricle.design import source_candidates
-from curricle.design.candidates import mappings_between
 from curricle.errors import CurriculumError, MappingError
 from curricle.show.findings import findings
 from curricle.study import StudyResults, read_study
@@ -110,16 +108,6 @@ def test_what_a_curriculum_is_turned_into_keeps_it():
         assert same.knows_target(same.target)
     assert not auto(mapping=identity(MAZE, MIRRORED)).knows_target("target")
     assert FOUND in transfer_words(plan.transfers[0])
-
-
-def test_mappings_between_candidates_keep_it():
-    maze = cr.GridWorld(["S....", ".....", ".....", ".....", "....T"])
-    crops = source_candidates(maze, kinds=["crop"])
-    large, small = crops["rows 1..4, columns 1..4"], crops["rows 3..4, columns 3..4"]
-    known = replace(small, mappings=tuple(one.knowing_target() for one in small.mappings))
-    for candidate, knows in ((small, False), (known, True)):
-        (mapping,) = mappings_between(maze, large, candidate)
-        assert mapping.knows_target is knows
 
 
 # -- what is said of them --------------------------------------------------------------------------

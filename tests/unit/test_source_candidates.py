@@ -9,7 +9,7 @@ import pytest
 
 import curricle as cr
 from curricle import FiniteMDP, GridWorld, Pursuit, same_position
-from curricle.design import SourceCandidate, mappings_between, source_candidates
+from curricle.design import SourceCandidate, source_candidates
 from curricle.design.candidates import KINDS
 from curricle.errors import CurriculumError, TaskError
 from curricle.paper.mazes import maze as paper_maze
@@ -194,28 +194,6 @@ def test_a_users_table_without_names_has_candidates():
     assert plan.train(seeds=1)["chain"].steps_used == [200]
 
 
-# -- one candidate after another -----------------------------------------------------------------
-
-
-def test_members_of_a_family_read_each_other_as_it_declares():
-    target = cr.tasks.pursuit_family(size=3, predators=2)
-    members = only("member", target)
-    small = members["pursuit(size=2, predators=1)"]
-    for name, ways in (("pursuit(size=3, predators=1)", 1), ("pursuit(size=2)", 2)):
-        mappings = mappings_between(target.task, members[name], small)
-        assert len(mappings) == ways
-        declared = family_mappings(members[name].member, small.member)
-        assert all((a.index == b.index).all() for a, b in zip(mappings, declared, strict=True))
-        assert all(mapping.source is small.task for mapping in mappings)
-
-
-def test_other_candidates_read_each_other_through_the_target():
-    crops = only("crop", MAZE)
-    large, small = crops["rows 0..4, columns 5..9"], crops["rows 0..2, columns 7..9"]
-    (mapping,) = mappings_between(MAZE, large, small)
-    assert (mapping.index == same_position(large.task, small.task).index).all()
-
-
 # -- a user's own, and what is dropped -----------------------------------------------------------
 
 
@@ -315,10 +293,6 @@ REFUSALS = {
         "mapping of another target": (proposing(FAR), "must be from the target: one of 'mine'"),
         "mapping to another task": (made(same_position(CORRIDOR, CORRIDOR)), "lead to its task"),
         "no mapping": (made([]), "needs mappings from the target"),
-        "no tables between": (
-            lambda: mappings_between(ring(), proposed(NEAR), proposed(NEAR)),
-            "must be members of one",
-        ),
         "unknown": (lambda: source_candidates(CORRIDOR)["far"], "a candidate must be one of rows"),
     },
     TaskError: {

@@ -1,7 +1,6 @@
 from .candidates import (
     SourceCandidate as SourceCandidate,
     SourceCandidates as SourceCandidates,
-    mappings_between as mappings_between,
     source_candidates as source_candidates,
 )
 from .choice import Choice as Choice, choose as choose

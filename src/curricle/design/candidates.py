@@ -1,6 +1,5 @@
 """Candidates for the sources of a target: drafts of all kinds, without useless and equal ones."""
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
+from curricle.arrays import BoolArray, FloatArray, Frozen
 from curricle.checks import fit_name, one_of, text, whole_number
 from curricle.design.kinds import (
     DesignTarget,
@@ -31,7 +30,6 @@ from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import (
     FiniteMDP,
     generative_model,
-    has_tables,
     reachable_states,
     same_task,
     tables,
@@ -39,13 +37,9 @@ from curricle.tasks.mdp import (
 from curricle.tasks.start_states import goal_distance
 from curricle.text import brief_repr, counted
 from curricle.transfer.bisimulation import model_for_refinement, refined
-from curricle.transfer.by_components import member_mappings
 from curricle.transfer.mapping import (
-    ENDED,
-    UNMAPPED,
     ObservationMapping,
     StateActionMapping,
-    terminal_states,
 )
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
@@ -62,7 +56,6 @@ ROUNDING = 1e-9  # largest difference of equal returns, in units of the larger r
 FINGERPRINT = 1e-6  # difference that equal tasks never have, in units of the larger value
 PROPOSED = "proposed"
 MAPPINGS = (StateActionMapping, ObservationMapping)
-AGREES = 0.99  # mappings between sources are kept where this share of target pairs agrees
 AS_TARGET = "same as the target"
 
 Propose = Callable[[Any], Iterable["SourceCandidate"]]
@@ -85,9 +78,6 @@ class SourceCandidate(Frozen):
         ways: each of two predators can read the single predator of a smaller hunt.
     kind, words : str
         A kind of :func:`source_candidates`, or "proposed"; and a description for people.
-    share : float, optional
-        Size relative to the target: of a crop its share of the side, of starts near the goal their
-        share of the largest distance.
     member : FamilyMember, optional
         The task's address, if it is a member of the target's family.
     optimum, random_return : float
@@ -108,7 +98,6 @@ class SourceCandidate(Frozen):
     mappings: Any
     kind: str = PROPOSED
     words: str = ""
-    share: float | None = None
     member: FamilyMember | None = None
     optimum: float = float("nan")
     random_return: float = float("nan")
@@ -135,77 +124,6 @@ class SourceCandidate(Frozen):
     def __repr__(self) -> str:
         states = counted(self.task.states.size, "state")
         return f"SourceCandidate({self.name!r}, {self.kind}, {states})"
-
-
-def mappings_between(
-    target: Any, after: SourceCandidate, before: SourceCandidate
-) -> tuple[Any, ...]:
-    """Return the mappings by which the source `after` reads the earlier source `before`.
-
-    The family declares the mappings of its members. Other sources, which must have tables, read
-    each other through the target: a pair of `after` maps to the pair of `before` that is read by
-    most of the target pairs that read it. Where `before` has several mappings, those are used in
-    which nearly all target pairs agree, or else those in which most agree.
-
-    Parameters
-    ----------
-    target : Task
-        The target from which both candidates map.
-    after, before : SourceCandidate
-        The later source and the earlier source.
-
-    Raises
-    ------
-    CurriculumError
-        When the sources are not members of one family and have no tables.
-
-    Examples
-    --------
-    >>> from curricle import GridWorld
-    >>> from curricle.design import source_candidates
-    >>> maze = GridWorld(["S....", ".....", ".....", ".....", "....T"])
-    >>> crops = source_candidates(maze, kinds=["crop"])
-    >>> large, small = crops["rows 1..4, columns 1..4"], crops["rows 3..4, columns 3..4"]
-    >>> (mapping,) = mappings_between(maze, large, small)
-    >>> print(mapping.coverage())
-    20.0% of 60 target pairs mapped, 0.0% at the source's end, 80.0% unmapped; ...
-    """
-    later, earlier = after.member, before.member
-    if later and earlier and later.family.factory is earlier.family.factory:
-        return member_mappings(later, earlier, after.task, before.task)
-    if not all(has_tables(task) for task in (target, after.task, before.task)):
-        raise CurriculumError(
-            "sources that build on each other must be members of one family, or have tables like "
-            f"the target: {after.name!r} and {before.name!r} do not"
-        )
-    reader = after.mappings[0].index
-    read = [_through(reader, mapping.index, after.task, before.task) for mapping in before.mappings]
-    best = max(agreement for agreement, _ in read)
-    knows_target = any(mapping.knows_target for mapping in (after.mappings[0], *before.mappings))
-    return tuple(
-        StateActionMapping(after.task, before.task, index, knows_target=knows_target)
-        for agreement, index in read
-        if agreement >= min(best, AGREES)
-    )
-
-
-def _through(reader: IntArray, read: IntArray, after: Any, before: Any) -> tuple[float, IntArray]:
-    """Return the share of target pairs that agree, and the earlier pair most read, (S', A')."""
-    shape = after.states.size, generative_model(after).actions.size
-    reads_both = (reader >= 0) & (read != UNMAPPED)
-    index = np.full(math.prod(shape), UNMAPPED, np.int64)
-    if not reads_both.any():
-        return 0.0, index.reshape(shape)
-    size = before.states.size * generative_model(before).actions.size - ENDED
-    both = reader[reads_both].astype(np.int64) * size + (read[reads_both] - ENDED)
-    pairs, counts = np.unique(both, return_counts=True)
-    later, earlier = np.divmod(pairs, size)
-    order = np.lexsort((earlier, -counts, later))  # the first pair if counts are equal
-    first = order[np.unique(later[order], return_index=True)[1]]
-    index[later[first]] = earlier[first] + ENDED
-    index = index.reshape(shape)
-    index[terminal_states(after)] = ENDED
-    return float(counts[first].sum() / counts.sum()), index
 
 
 class DroppedCandidate(NamedTuple):
@@ -352,7 +270,7 @@ def source_candidates(
         name = draft.name if draft.name not in known else f"{draft.name} ({draft.kind})"
         try:
             task, mappings = draft.build()
-            of_draft = draft.kind, draft.words, draft.share, draft.member
+            of_draft = draft.kind, draft.words, draft.member
             candidate = SourceCandidate(name, task, mappings, *of_draft)
             judgement = judged(tables(task), _goal_of(target, candidate))
         except CurricleError as error:
