@@ -1,4 +1,4 @@
-"""Tasks whose states, actions or components are numbered anew."""
+"""Tasks whose states and actions are numbered anew."""
 
 import numpy as np
 
@@ -16,15 +16,6 @@ def renumbered(task, rng):
     return _copy(task, *spaces, rows, new), new, actions
 
 
-def nameless(task, rng):
-    """Return a task of shuffled, renamed components, and its states' and actions' new numbers."""
-    (states, new), (actions, moved) = (
-        _shuffled(space, rng) for space in (task.states, task.actions)
-    )
-    rows = task.outcome_row[np.argsort(new)][:, np.argsort(moved)]
-    return _copy(task, states, actions, rows, new), new, moved
-
-
 def _copy(task, states, actions, outcome_row, new):
     """Return a task with other spaces and rows of outcomes, its states numbered `new`."""
     old = np.argsort(new)
@@ -40,20 +31,3 @@ def _copy(task, states, actions, outcome_row, new):
         discount=task.discount,
         time_limit=task.time_limit,
     )
-
-
-def _shuffled(space, rng):
-    order = rng.permutation(len(space.components))
-    values = space.decode()
-    columns, components = [], []
-    for place, one in enumerate(order):
-        component = space.components[one]
-        numbers = rng.permutation(component.size)
-        columns.append(numbers[values[component.name] - component.low])
-        components.append(Component(f"component_{place}", component.size))
-    if space.is_box:
-        made = Space(components)
-    else:
-        points = np.stack(columns, axis=1)
-        made = Space(components, points[rng.permutation(len(points))])
-    return made, made.encode(**dict(zip(made.names, columns, strict=True)))
