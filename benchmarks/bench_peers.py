@@ -194,15 +194,15 @@ def simple_rl(mdp, steps):
         from simple_rl.run_experiments import run_single_agent_on_mdp
 
     states = [State([s], is_terminal=bool(end)) for s, end in enumerate(mdp.terminal)]
+    successor, pay = outcome_lists(mdp)
     taken = [0]
 
     def transition(state, action):
         taken[0] += 1
-        row = mdp.outcome_row[state.data[0], action]
-        return states[int(mdp.next_state[row, np.searchsorted(mdp.cumulative[row], 0.0, "right")])]
+        return states[successor[state.data[0]][action]]
 
     def reward(state, action, following):
-        return paid(mdp, state.data[0], action, following.data[0])
+        return pay[state.data[0]][action]
 
     actions = list(range(mdp.actions.size))
     model = MDP(actions, transition, reward, states[int(mdp.start_states[0])], mdp.discount)
@@ -223,18 +223,15 @@ def msdm(mdp, steps):
     from msdm.core.distributions import DictDistribution
     from msdm.core.mdp.quickmdp import QuickTabularMDP
 
-    actions = list(range(mdp.actions.size))
-    successors = {
-        (s, a): DictDistribution({int(mdp.next_state[mdp.outcome_row[s, a], 0]): 1.0})
-        for s in np.flatnonzero(~mdp.terminal).tolist()
-        for a in actions
-    }
+    successor, pay = outcome_lists(mdp)
+    after = [[DictDistribution({s: 1.0}) for s in of_state] for of_state in successor]
+    ends = mdp.terminal.tolist()
     model = QuickTabularMDP(
-        lambda s, a: successors[s, a],
-        reward=lambda s, a, following: paid(mdp, s, a, following),
-        actions=actions,
+        lambda s, a: after[s][a],
+        reward=lambda s, a, following: pay[s][a],
+        actions=list(range(mdp.actions.size)),
         initial_state=int(mdp.start_states[0]),
-        is_absorbing=lambda s: bool(mdp.terminal[s]),
+        is_absorbing=lambda s: ends[s],
         discount_rate=mdp.discount,
     )
 
@@ -307,10 +304,12 @@ def table_rl(mdp, steps):
     return run
 
 
-def paid(mdp, state, action, following):
-    """Return the reward of a step, of which some peers ask by where it led."""
-    row = mdp.outcome_row[state, action]
-    return float(mdp.reward[row, np.argmax(mdp.next_state[row] == following)])
+def outcome_lists(mdp):
+    """Return the next state and the reward of each state and action of W1, where nothing is drawn.
+
+    As lists: NumPy's scalars would cost a peer more than its own step.
+    """
+    return mdp.next_state[mdp.outcome_row, 0].tolist(), mdp.reward[mdp.outcome_row, 0].tolist()
 
 
 # -- the table -----------------------------------------------------------------------------------

@@ -78,6 +78,9 @@ class SourceCandidate(Frozen):
         ways: each of two predators can read the single predator of a smaller hunt.
     kind, words : str
         A kind of :func:`source_candidates`, or "proposed"; and a description for people.
+    share : float, optional
+        Size relative to the target: of a crop its share of the side, of starts near the goal their
+        share of the largest distance.
     member : FamilyMember, optional
         The task's address, if it is a member of the target's family.
     optimum, random_return : float
@@ -98,6 +101,7 @@ class SourceCandidate(Frozen):
     mappings: Any
     kind: str = PROPOSED
     words: str = ""
+    share: float | None = None
     member: FamilyMember | None = None
     optimum: float = float("nan")
     random_return: float = float("nan")
@@ -270,7 +274,7 @@ def source_candidates(
         name = draft.name if draft.name not in known else f"{draft.name} ({draft.kind})"
         try:
             task, mappings = draft.build()
-            of_draft = draft.kind, draft.words, draft.member
+            of_draft = draft.kind, draft.words, draft.share, draft.member
             candidate = SourceCandidate(name, task, mappings, *of_draft)
             judgement = judged(tables(task), _goal_of(target, candidate))
         except CurricleError as error:
