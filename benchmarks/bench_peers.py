@@ -194,7 +194,7 @@ def simple_rl(mdp, steps):
         from simple_rl.run_experiments import run_single_agent_on_mdp
 
     states = [State([s], is_terminal=bool(end)) for s, end in enumerate(mdp.terminal)]
-    successor, pay = outcome_lists(mdp)
+    successor, pay = gymnasium_loop.outcome_lists(mdp)
     taken = [0]
 
     def transition(state, action):
@@ -223,7 +223,7 @@ def msdm(mdp, steps):
     from msdm.core.distributions import DictDistribution
     from msdm.core.mdp.quickmdp import QuickTabularMDP
 
-    successor, pay = outcome_lists(mdp)
+    successor, pay = gymnasium_loop.outcome_lists(mdp)
     after = [[DictDistribution({s: 1.0}) for s in of_state] for of_state in successor]
     ends = mdp.terminal.tolist()
     model = QuickTabularMDP(
@@ -304,14 +304,6 @@ def table_rl(mdp, steps):
     return run
 
 
-def outcome_lists(mdp):
-    """Return the next state and the reward of each state and action of W1, where nothing is drawn.
-
-    As lists: NumPy's scalars would cost a peer more than its own step.
-    """
-    return mdp.next_state[mdp.outcome_row, 0].tolist(), mdp.reward[mdp.outcome_row, 0].tolist()
-
-
 # -- the table -----------------------------------------------------------------------------------
 
 
@@ -355,7 +347,7 @@ ONE_THREAD = (
     (numba, 5_000_000, 3),
     (python_lists, 500_000, None),
     (gymnasium, 50_000, None),
-    (msdm, 50_000, 1000),
+    (msdm, 50_000, 900),
     (simple_rl, 50_000, 1000),
     (table_rl, 50_000, 1000),
     (mushroom_rl, 50_000, 1000),

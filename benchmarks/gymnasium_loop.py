@@ -10,21 +10,28 @@ class TableEnv(gym.Env):
     """A finite MDP without chance as a Gymnasium environment, as a user would write it."""
 
     def __init__(self, mdp):
-        self.mdp = mdp
+        self.successor, self.pay = outcome_lists(mdp)
+        self.ends, self.start = mdp.terminal.tolist(), int(mdp.start_states[0])
         self.observation_space = gym.spaces.Discrete(mdp.states.size)
         self.action_space = gym.spaces.Discrete(mdp.actions.size)
         self.state = 0
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.state = int(self.mdp.start_states[0])
+        self.state = self.start
         return self.state, {}
 
     def step(self, action):
-        row = self.mdp.outcome_row[self.state, action]
-        self.state = int(self.mdp.next_state[row, 0])
-        reward = float(self.mdp.reward[row, 0])
-        return self.state, reward, bool(self.mdp.terminal[self.state]), False, {}
+        reward, self.state = self.pay[self.state][action], self.successor[self.state][action]
+        return self.state, reward, self.ends[self.state], False, {}
+
+
+def outcome_lists(mdp):
+    """Return the next state and the reward of each state and action of a task without chance.
+
+    As lists: NumPy's scalars would cost a learner more than its own step.
+    """
+    return mdp.next_state[mdp.outcome_row, 0].tolist(), mdp.reward[mdp.outcome_row, 0].tolist()
 
 
 def table_env(mdp, limit):
