@@ -405,5 +405,6 @@ def residual_policy(algorithm: type, policy: str = "MlpPolicy") -> type:
         return POLICIES[policy]
     raise SettingError(
         f"initialising a network needs DQN and one of {', '.join(POLICIES)}: got "
-        f"{algorithm.__name__} with {policy}; StateShaping suits every algorithm"
+        f"{algorithm.__name__} with {policy}; StateShaping suits every algorithm, WeightTransfer "
+        "every source whose network is equal"
     )
