@@ -79,12 +79,12 @@ def numba(mdp, steps):
 
 
 def python_lists(mdp, steps):
-    row_of, successor, pay = (of.tolist() for of in (mdp.outcome_row, mdp.next_state, mdp.reward))
+    successor, pay = gymnasium_loop.outcome_lists(mdp)
     terminal, start, discount = mdp.terminal.tolist(), int(mdp.start_states[0]), mdp.discount
     n_actions = mdp.actions.size
 
     def run():
-        q = [[0.0] * n_actions for _ in row_of]
+        q = [[0.0] * n_actions for _ in successor]
         state, length = start, 0
         for _ in range(steps):
             values = q[state]
@@ -92,8 +92,7 @@ def python_lists(mdp, steps):
                 action = int(random.random() * n_actions)
             else:
                 action = values.index(max(values))
-            row, length = row_of[state][action], length + 1
-            following, target = successor[row][0], pay[row][0]
+            following, target, length = successor[state][action], pay[state][action], length + 1
             if not terminal[following]:
                 target += discount * max(q[following])
             values[action] += ALPHA * (target - values[action])
