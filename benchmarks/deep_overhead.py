@@ -12,6 +12,10 @@ turns to continue learning, exploring in one step of twenty, phi from tables (th
 read one on 7x7; of 125 actions the residual reads Phi(s) alone, unless set to read all of phi) and
 from the network of an easier car.
 
+Part C is what a pull towards a source's policy costs PPO, acting and learning in CartPole, where an
+environment's step costs next to nothing: networks of two layers of 128, the policy from one of the
+same size.
+
     python benchmarks/deep_overhead.py [--quick] [--turns N]
 """
 
@@ -139,6 +143,46 @@ def residual(turns, steps):
     return missed
 
 
+PULL_BAR = 1.15  # times the processor time of plain PPO
+PPO = cr.deep.DeepLearner(
+    "PPO", envs=8,
+    settings={
+        "n_steps": 128, "batch_size": 256, "n_epochs": 4, "policy_kwargs": {"net_arch": [128, 128]},
+    },
+)  # fmt: skip
+
+
+def actor_critics(turns, steps):
+    """Part C: print what a pull costs PPO; return what missed the bar."""
+    task = cr.observation_task("CartPole-v1")
+    source = NetworkValues(model_for(task, PPO, seed=1).policy)
+    phi = cr.transfer.ObservationPotential.of(task, source)
+    shapings = {
+        "plain": None,
+        "a pull": cr.deep.PolicyReuse(source=phi, kl=1.0),
+    }
+    learners = {name: partial(rollouts(task, one), steps) for name, one in shapings.items()}
+    rates = in_turns(learners, turns)
+    missed = []
+    print(f"\n{'microseconds a step of PPO':<44}{'all':>12}{'ratio':>9}\n{'-' * 65}")
+    for name, found in rates.items():
+        ratio = median(a / b for a, b in zip(rates["plain"], found, strict=True))
+        print(f"{name:<44}{1e6 / median(found):>12.0f}{ratio:>9.2f}")
+        missed += [name] * (ratio > PULL_BAR)
+    return missed
+
+
+def rollouts(task, shaping):
+    """Return a function that lets a PPO learn for some steps and returns the steps a second."""
+    model = model_for(task, PPO, shaping, seed=2)
+
+    def run(steps):
+        # Of a budget so large that the pull stays strong.
+        model.learn(1_000_000, callback=lambda told, _: told["self"].num_timesteps < steps)
+
+    return lambda steps: on_one_thread(partial(run, steps), steps)
+
+
 def main():
     given = arguments(__doc__).parse_args()
     torch.set_num_threads(1)
@@ -149,6 +193,9 @@ def main():
     missed = residual(turns, steps=200)
     verdict = f"MISSED by {', '.join(missed)}" if missed else "ok"
     print(f"\nbar: {RESIDUAL_BAR:g} times plain DQN's time: {verdict}")
+    missed = actor_critics(turns, steps=2_048)
+    verdict = f"MISSED by {', '.join(missed)}" if missed else "ok"
+    print(f"\nbar: {PULL_BAR:g} times plain PPO's time: {verdict}")
 
 
 if __name__ == "__main__":
