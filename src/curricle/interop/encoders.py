@@ -18,7 +18,7 @@ from gymnasium.spaces import Box, Dict
 from curricle.arrays import FloatTable, IntArray
 from curricle.checks import instance, numbers, whole_number
 from curricle.errors import SettingError, TaskError
-from curricle.interop.minigrid import is_minigrid
+from curricle.interop.minigrid import is_minigrid, quicken
 from curricle.tasks.observation_task import stable_text
 from curricle.tasks.spaces import Component, Space
 
@@ -177,12 +177,13 @@ class _MiniGridEncoder:
         shape: tuple[int, ...] = (CHANNELS + DIRECTIONS, height, width)
         if not self.picture:
             shape = (width * height * CHANNELS + DIRECTIONS + len(WORDS) * mission,)
+        quicken(env.unwrapped)
         encoded = partial(self._encoded, mission)
         return EncodedObservations(env, encoded, Box(0, 1, shape, np.float32))
 
     def _encoded(self, with_mission: bool, base: Any, observation: Any) -> Cells:
         cells = self._cells(base, observation)
-        direction = _identity(DIRECTIONS)[observation["direction"]]
+        direction = _directions()[observation["direction"]]
         if self.picture:
             planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, *cells.shape[1::-1]))
             return np.concatenate([cells.transpose(2, 1, 0), planes])
@@ -281,12 +282,13 @@ class MiniGridFullView(_MiniGridEncoder):
 
 def _one_hot(codes: npt.NDArray[Any]) -> Cells:
     """Return codes of cells, (width, height, 3), as zeros and ones, (width, height, 20)."""
-    sizes = (OBJECTS, COLOURS, STATES)
     try:
-        return np.concatenate([_identity(n)[codes[..., k]] for k, n in enumerate(sizes)], axis=-1)
+        cells: Cells = _every_cell()[codes[..., 0], codes[..., 1], codes[..., 2]]
+        return cells
     except IndexError:
         raise TaskError(
-            f"MiniGrid's codes of object, colour and state must be below {sizes}: got up to "
+            "MiniGrid's codes of object, colour and state must be below "
+            f"{(OBJECTS, COLOURS, STATES)}: got up to "
             f"{codes.max(axis=(0, 1)).tolist()}"
         ) from None
 
@@ -305,5 +307,14 @@ def _bag_of_words(mission: str) -> Cells:
 
 
 @cache
-def _identity(n: int) -> Cells:
-    return np.eye(n, dtype=np.float32)
+def _every_cell() -> Cells:
+    """Return the zeros and ones of every object, colour and state, (11, 6, 3, 20)."""
+    codes = np.indices((OBJECTS, COLOURS, STATES))
+    begins = np.reshape([0, OBJECTS, OBJECTS + COLOURS], (3, 1, 1, 1))
+    cells: Cells = np.eye(CHANNELS, dtype=np.float32)[codes + begins].sum(axis=0)
+    return cells
+
+
+@cache
+def _directions() -> Cells:
+    return np.eye(DIRECTIONS, dtype=np.float32)
