@@ -1,4 +1,4 @@
-"""MiniGrid's levels with the actions that have an effect, classic control on a grid, a bonus."""
+"""MiniGrid's levels with some of its actions or smaller rooms, control on a grid, a bonus."""
 
 import inspect
 
@@ -46,6 +46,15 @@ def some_actions(env, *actions):
     """Return an environment of MiniGrid as zeros and ones, with some of its actions."""
     few = gym.spaces.Discrete(len(actions))
     return gym.wrappers.TransformAction(MiniGridView()(env), actions.__getitem__, few)
+
+
+def rooms(id, side):
+    """Return a level of MiniGrid all of whose rooms have another side, walls included."""
+    env = make(id)
+    level = env.unwrapped
+    level.room_size = side
+    level.width, level.height = ((side - 1) * n + 1 for n in (level.num_cols, level.num_rows))
+    return env
 
 
 ENDS = {

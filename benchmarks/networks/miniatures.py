@@ -57,6 +57,14 @@ def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
     ]
 
 
+def smaller_rooms(target: str, *sides: int, resets: int) -> list[str]:
+    """Return the changes for a level of MiniGrid and the same level with smaller rooms."""
+    room = '{{ factory = "levels:rooms", arguments = {{ id = "MiniGrid-{}", side = {} }} }}'
+    members = ", ".join(room.format(target, side) for side in sides)
+    changes = level(target, seen="carry")
+    return [*changes, f"tasks.small.members=[{members}]", f"tasks.small.resets={resets}"]
+
+
 ROOM = '{{ id = "minigrid:MiniGrid-MultiRoom-N2-S4-v0", arguments = {{ maxRoomSize = {} }} }}'
 ROOMS = f"tasks.small.members=[{ROOM.format(4)}, {ROOM.format(5)}]"  # of sides up to 4 and up to 5
 TARGETS = {
@@ -88,10 +96,9 @@ HARD = {
         *level("KeyCorridorS3R3-v0", "KeyCorridorS3R1-v0", "KeyCorridorS3R2-v0", seen="carry"),
         "tasks.small.resets=10",
     ],
-    "unlock": [
-        *level("UnlockPickup-v0", "Unlock-v0", "UnlockPickup-v0", seen="carry"),
-        "tasks.small.resets=5",
-    ],
+    "unlock": smaller_rooms("UnlockPickup-v0", 4, 5, resets=15),
+    "maze": smaller_rooms("ObstructedMaze-1Dlh-v0", 4, resets=40),
+    "blocked": smaller_rooms("BlockedUnlockPickup-v0", 4, resets=18),
 }
 DEVELOPMENT = {
     "crossing 2": level("SimpleCrossingS9N2-v0", "SimpleCrossingS9N1-v0", seen="walk"),
