@@ -59,8 +59,9 @@ def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
 
 def smaller_rooms(target: str, *sides: int, resets: int) -> list[str]:
     """Return the changes for a level of MiniGrid and the same level with smaller rooms."""
-    room = '{{ factory = "levels:rooms", arguments = {{ id = "minigrid:MiniGrid-{}", side = {} }} }}'
-    members = ", ".join(room.format(target, side) for side in sides)
+    id = f"minigrid:MiniGrid-{target}"
+    small = '{{ factory = "levels:rooms", arguments = {{ id = "{}", side = {} }} }}'
+    members = ", ".join(small.format(id, side) for side in sides)
     changes = level(target, seen="carry")
     return [*changes, f"tasks.small.members=[{members}]", f"tasks.small.resets={resets}"]
 
