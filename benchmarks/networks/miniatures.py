@@ -57,13 +57,12 @@ def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
     ]
 
 
-def smaller_rooms(target: str, *sides: int, resets: int) -> list[str]:
+def smaller_rooms(target: str, *sides: int) -> list[str]:
     """Return the changes for a level of MiniGrid and the same level with smaller rooms."""
     id = f"minigrid:MiniGrid-{target}"
     small = '{{ factory = "levels:rooms", arguments = {{ id = "{}", side = {} }} }}'
     members = ", ".join(small.format(id, side) for side in sides)
-    changes = level(target, seen="carry")
-    return [*changes, f"tasks.small.members=[{members}]", f"tasks.small.resets={resets}"]
+    return [*level(target, seen="carry"), f"tasks.small.members=[{members}]"]
 
 
 ROOM = '{{ id = "minigrid:MiniGrid-MultiRoom-N2-S4-v0", arguments = {{ maxRoomSize = {} }} }}'
@@ -81,25 +80,29 @@ TARGETS = {
     "swing": control("Pendulum-v1", 101, 4, SWING),
 }
 """What is reported."""
-QUICK = ["tasks.target.budget=100_000", "tasks.target.eval_freq=20_000"]
+
+
+def hard(changes: list[str], resets: int, steps: int, eval_freq: int, of_models: int) -> list[str]:
+    """Return the changes for a hard level; PPO alone has the steps of the models as well."""
+    return [
+        *changes,
+        f"tasks.small.resets={resets}",
+        f"tasks.target.budget={steps}",
+        f"tasks.target.eval_freq={eval_freq}",
+        f"arms.alone.tasks.target.budget={steps + of_models}",
+    ]
+
+
+LAVA = level("LavaCrossingS11N5-v0", "LavaCrossingS9N1-v0", "LavaCrossingS9N3-v0", seen="walk")
+DOOR = level("DoorKey-16x16-v0", "DoorKey-6x6-v0", "DoorKey-8x8-v0", seen="fetch")
+CORRIDOR = level("KeyCorridorS3R3-v0", "KeyCorridorS3R1-v0", "KeyCorridorS3R2-v0", seen="carry")
 HARD = {
-    "lava 11": [
-        *level("LavaCrossingS11N5-v0", "LavaCrossingS9N1-v0", "LavaCrossingS9N3-v0", seen="walk"),
-        *QUICK,
-        "tasks.small.resets=200",
-    ],
-    "door 16": [
-        *level("DoorKey-16x16-v0", "DoorKey-6x6-v0", "DoorKey-8x8-v0", seen="fetch"),
-        *QUICK,
-        "tasks.small.resets=50",
-    ],
-    "corridor 3": [
-        *level("KeyCorridorS3R3-v0", "KeyCorridorS3R1-v0", "KeyCorridorS3R2-v0", seen="carry"),
-        "tasks.small.resets=10",
-    ],
-    "unlock": smaller_rooms("UnlockPickup-v0", 4, 5, resets=15),
-    "maze": smaller_rooms("ObstructedMaze-1Dlh-v0", 4, resets=40),
-    "blocked": smaller_rooms("BlockedUnlockPickup-v0", 4, resets=18),
+    "lava 11": hard(LAVA, 200, 100_000, 20_000, 68_856),
+    "door 16": hard(DOOR, 50, 100_000, 20_000, 100_100),
+    "corridor 3": hard(CORRIDOR, 10, 300_000, 50_000, 387_120),
+    "unlock": hard(smaller_rooms("UnlockPickup-v0", 4, 5), 15, 300_000, 50_000, 558_624),
+    "maze": hard(smaller_rooms("ObstructedMaze-1Dlh-v0", 4), 40, 300_000, 50_000, 396_000),
+    "blocked": hard(smaller_rooms("BlockedUnlockPickup-v0", 4), 18, 300_000, 50_000, 660_000),
 }
 DEVELOPMENT = {
     "crossing 2": level("SimpleCrossingS9N2-v0", "SimpleCrossingS9N1-v0", seen="walk"),
@@ -119,10 +122,11 @@ def study_of(target: str, seeds: int) -> StudyConfig:
 
 def learned(results: StudyResults) -> None:
     """Print the returns of a hard target at its checkpoints, and the steps of the models."""
-    result = results.result("distilled", "target")
-    for steps, returns in zip(result.steps, result.greedy_return.T, strict=True):
-        print(f"{steps:>8,}{shown(returns):>24}")
-    print(f"{int(results.source_steps('distilled')[0]):,} steps of models before")
+    for arm in results.record.arms:
+        result = results.result(arm, "target")
+        print(f"{arm}, after {int(results.source_steps(arm)[0]):,} steps of models")
+        for steps, returns in zip(result.steps, result.greedy_return.T, strict=True):
+            print(f"{steps:>8,}{shown(returns):>24}")
 
 
 def table(results: StudyResults) -> None:
