@@ -1,4 +1,4 @@
-"""The study of miniatures: ten targets, four harder ones, and four that settings are chosen on.
+"""The study of miniatures: ten targets, six hard targets, and four that settings are chosen on.
 
     python -m benchmarks.networks.miniatures [--targets ...] [--seeds 5] [--workers 2] [--out DIR]
 

@@ -288,8 +288,7 @@ def _one_hot(codes: npt.NDArray[Any]) -> Cells:
     except IndexError:
         raise TaskError(
             "MiniGrid's codes of object, colour and state must be below "
-            f"{(OBJECTS, COLOURS, STATES)}: got up to "
-            f"{codes.max(axis=(0, 1)).tolist()}"
+            f"{(OBJECTS, COLOURS, STATES)}: got up to {codes.max(axis=(0, 1)).tolist()}"
         ) from None
 
 

@@ -249,11 +249,11 @@ def _row_seen(seen: int, clear: int, size: int) -> tuple[int, int]:
 
 
 def observation_of(env: Any) -> dict[str, Any]:
-    """Return an environment's observation: what its `gen_obs` returns, in a sixth of the time.
+    """Return an environment's observation: what its `gen_obs` returns, but several times as fast.
 
     MiniGrid copies and turns the cells of the view up to five times; here each cell is read once.
     """
-    if not _is_own(env.__class__, env.grid.__class__):
+    if not _observes_as_minigrid(env.__class__, env.grid.__class__):
         observed: dict[str, Any] = type(env).gen_obs(env)
         return observed
     cells, width, height = env.grid.grid, env.grid.width, env.grid.height
@@ -291,12 +291,12 @@ def _outside() -> Any:
 
 
 @cache
-def _is_own(kind: type, grid: type) -> bool:
+def _observes_as_minigrid(kind: type, grid: type) -> bool:
     """Return whether a class of environments and its class of grids observe as MiniGrid does."""
     known: Any = sys.modules["minigrid.minigrid_env"].MiniGridEnv
     names = "gen_obs", "gen_obs_grid", "get_view_exts"
-    own = all(getattr(kind, name) is getattr(known, name) for name in names)
-    return own and grid is sys.modules["minigrid.core.grid"].Grid
+    inherited = all(getattr(kind, name) is getattr(known, name) for name in names)
+    return inherited and grid is sys.modules["minigrid.core.grid"].Grid
 
 
 def quicken(env: Any) -> None:
@@ -337,6 +337,7 @@ class MiniGridAccess(StateAccess):
         self.last_grid = -1  # the number of the grid that was restored last
         self.level: Any = None
         self.env: Any = None
+        self.gen_obs: Any = None  # what has replaced the environment's method, if anything
 
     def prepare(self, env: Environment) -> None:
         """Let the goal pay 1, unless the reward is MiniGrid's own."""
@@ -346,8 +347,10 @@ class MiniGridAccess(StateAccess):
     def begin(self, env: Environment) -> None:
         """Store the level that a reset made, unless it is known already."""
         base: Any = env.unwrapped
+        replaced = vars(base).pop("gen_obs", None)
+        if self.env is None:
+            self.gen_obs = replaced
         self.env = base
-        vars(base).pop("gen_obs", None)
         digest = fingerprint(base, left_out(base) | MOVED | SHOWN | REPLACED)
         met = self.by_digest.get(digest)
         if met is not None:
@@ -424,7 +427,8 @@ class MiniGridAccess(StateAccess):
     def release(self) -> None:
         """Give the environment its own observations again."""
         vars(self.env).pop("gen_obs", None)
-        quicken(self.env)
+        if self.gen_obs is not None:
+            self.env.gen_obs = self.gen_obs
 
     def end(self) -> None:
         """Release the environment; TaskError if a state was missed."""

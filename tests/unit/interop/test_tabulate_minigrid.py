@@ -229,6 +229,14 @@ def test_what_depends_on_the_time_is_refused(world, copies):
         cr.tabulate(make, discount=0.9, state=MiniGridState(copies=copies))
 
 
+@pytest.mark.parametrize("encode", [lambda env: env, cr.interop.MiniGridView()])
+def test_a_tabulated_environment_observes_as_before(encode):
+    env = encode(gym.make("MiniGrid-DoorKey-5x5-v0"))
+    before = vars(env.unwrapped).get("gen_obs")
+    cr.tabulate(lambda: env, discount=0.9)
+    assert vars(env.unwrapped).get("gen_obs") is before
+
+
 def test_a_level_may_be_reset_again():
     task = cr.tabulate("MiniGrid-RedBlueDoors-6x6-v0", discount=0.9)  # each seed is, to compare
     assert task.states.size == 198
