@@ -143,7 +143,7 @@ def table(results: StudyResults) -> None:
 
 
 def shown(values: np.ndarray) -> str:
-    if len(values) < 2:
+    if np.ptp(values) == 0:  # no interval, as for a single seed
         return f"{values.mean():.2f}"
     interval = mean_interval(values)
     return f"{interval.estimate:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
