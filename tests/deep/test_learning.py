@@ -178,9 +178,23 @@ def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
     cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
     with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
         cr.deep.learn_deep(observed, DQN, 200, saves=tmp_path)
+    for changed in ({"eval_freq": 50}, {"evaluation": cr.GreedyEvaluation(episodes=2)}):
+        with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
+            cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path, **changed)
     (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
     with pytest.raises(cr.errors.StoreError, match="must be written by curricle"):
         cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
+
+
+def test_a_checkpoint_of_another_source_is_refused(observed, tmp_path):
+    def shaped(height):
+        phi = cr.transfer.FunctionValues(state_values=lambda seen: np.full(len(seen), height))
+        shaping = cr.StateShaping(phi)
+        return cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path, shaping=shaping)
+
+    assert np.array_equal(shaped(1.0).greedy_return, shaped(1.0).greedy_return)
+    with pytest.raises(cr.errors.StoreError, match="belongs to one source: .* another folder"):
+        shaped(2.0)
 
 
 def test_a_task_of_any_name_is_saved_within_the_folder(observed, tmp_path):
@@ -252,9 +266,12 @@ def test_weights_and_a_policy_are_carried_over(observed):
     ).values[0]
     rows = np.eye(MAZE.states.size, dtype=np.float32)
     assert not np.array_equal(actor.v(rows), critic.v(rows))
-    smaller = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": [8]}})
-    with pytest.raises(cr.errors.SettingError, match="networks of one shape"):
-        cr.deep.learn_deep(observed, smaller, 50, shaping=cr.deep.WeightTransfer(source))
+    layers = {**QUICK, "policy_kwargs": {"net_arch": [8, 8]}}
+    source = cr.deep.learn_deep(observed, cr.deep.DeepLearner("DQN", settings=layers), 50).values[0]
+    for net_arch in ([8], [4, 8], [8, 8, 8]):
+        other = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"net_arch": net_arch}})
+        with pytest.raises(cr.errors.SettingError, match="networks of one shape"):
+            cr.deep.learn_deep(observed, other, 50, shaping=cr.deep.WeightTransfer(source))
     with pytest.raises(cr.errors.SettingError, match="in the source and missing in the target"):
         cr.deep.learn_deep(observed, DQN, 50, shaping=cr.deep.PolicyReuse(critic))
     table = table_potential(MAZE, observed, cr.solve(MAZE).action_values)

@@ -321,3 +321,12 @@ def test_what_a_learner_does_not_take_is_said_before_miniatures_are_solved(learn
     with pytest.raises(cr.errors.SettingError):
         plan(WeightTransfer(kl=0.1), learner=learner, small=small).train(1)
     assert "solved" not in vars(small)
+
+
+def test_relatives_for_tests_alone_are_not_solved_in_training():
+    drifting = cr.observation_task(partial(Room, 5, blind=True), discount=0.9, time_limit=30)
+    small = miniatures(room(), resets=6, max_states=200, tested_on=[drifting])
+    plan(PolicyReuse(), small=small).train(seeds=1)
+    assert "solved_tests" not in vars(small)
+    (member,) = small.solved
+    assert "Room" in member.table.record.environment

@@ -13,7 +13,14 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
 import curricle as cr
-from curricle.deep import DeepLearner, ShapedVecEnv, learn_deep, miniatures, models
+from curricle.deep import (
+    DeepLearner,
+    ShapedVecEnv,
+    WeightTransfer,
+    learn_deep,
+    miniatures,
+    models,
+)
 from curricle.deep.distillation import distil
 from curricle.deep.learner import Linear
 from curricle.deep.networks import Standardized
@@ -171,6 +178,29 @@ def test_a_killed_run_that_normalises_goes_on_to_the_same(tmp_path, monkeypatch)
         assert np.array_equal(array, resumed.values[0].parameters()[name])
 
 
+NUMBERED = cr.observation_task("FrozenLake-v1", is_slippery=False)  # no box to standardise
+
+
+@pytest.mark.parametrize(("task", "normalize"), [(CART, {"norm_obs": False}), (NUMBERED, True)])
+def test_values_are_in_the_tasks_rewards_where_these_alone_are_normalised(task, normalize):
+    settings = {**SMALL, "normalize": normalize}
+    result = learn_deep(task, DeepLearner("PPO", settings=settings), 128, **TWO)
+    policy, seen = result.policy.model.policy, np.stack([task.make().reset()[0]])
+    (part,) = Standardized.of(policy)
+    assert not part.numbers
+    assert float(part.running_reward) != 1.0
+    with torch.no_grad():
+        raw = policy.predict_values(policy.obs_to_tensor(seen)[0])[:, 0].numpy()
+    assert result.values[0].v(seen) == pytest.approx(raw * float(part.running_reward), rel=1e-5)
+
+
+def test_weights_are_refused_by_rewards_in_other_units():
+    source = learn_deep(CART, DeepLearner("PPO", settings=SMALL), 64).values[0]
+    learner = DeepLearner("PPO", settings={**SMALL, "normalize": True})
+    with pytest.raises(cr.errors.SettingError, match="needs rewards as they are"):
+        learn_deep(CART, learner, 64, shaping=WeightTransfer(source))
+
+
 def test_a_residual_refuses_rewards_in_other_units():
     phi = cr.transfer.FunctionValues(lambda seen, actions: 0.0 * actions, actions=2)
     learner = DeepLearner("DQN", settings={"normalize": True, "learning_starts": 10})
@@ -179,6 +209,25 @@ def test_a_residual_refuses_rewards_in_other_units():
     alone = replace(learner, settings={**learner.settings, "normalize": {"norm_reward": False}})
     result = learn_deep(CART, alone, 64, shaping=cr.QInitialisation(phi), eval_freq=32)
     assert np.isfinite(result.greedy_return).all()
+
+
+def test_noise_with_a_memory_is_kept_in_a_checkpoint(tmp_path, monkeypatch):
+    settings = {"noise_type": "ornstein-uhlenbeck", "noise_std": 0.5, "learning_starts": 10}
+    settings |= {"policy_kwargs": {"net_arch": [8]}}
+    task, learner = cr.observation_task("Pendulum-v1"), DeepLearner("TD3", settings=settings)
+    whole, save = learn_deep(task, learner, 60, eval_freq=60), models.Recorder._save
+
+    def killed(recorder):
+        save(recorder)
+        if recorder.progress.steps == 30:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(models.Recorder, "_save", killed)
+    with pytest.raises(KeyboardInterrupt):
+        learn_deep(task, learner, 60, eval_freq=60, saves=tmp_path)
+    monkeypatch.setattr(models.Recorder, "_save", save)
+    resumed = learn_deep(task, learner, 60, eval_freq=60, saves=tmp_path)
+    assert np.array_equal(whole.greedy_return, resumed.greedy_return)
 
 
 class Parts(gymnasium.ObservationWrapper):

@@ -229,10 +229,14 @@ class DistilledSource(Frozen):
 
     def __str__(self) -> str:
         examined = zip(self.shares.mean(axis=0), self.levels, self.members, strict=True)
+        none = "nothing, as random play is optimal,"
         texts = [
-            f"{round(x, 2) + 0.0:.0%} on {levels} of {member}" for x, levels, member in examined
+            f"{none if np.isnan(x) else f'{round(x, 2) + 0.0:.0%}'} on {levels} of {member}"
+            for x, levels, member in examined
         ]
-        return f"{self.name}'s network regains {', '.join(texts)} of the way from random to optimal"
+        return (
+            f"{self.name}'s network regains, of the way from random to optimal, {', '.join(texts)}"
+        )
 
 
 def distilled_sources(

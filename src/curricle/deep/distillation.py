@@ -148,7 +148,7 @@ def learn_miniatures(
         grow = bars.bar("distilling", len(seeds))
         for seed in seeds:
             network: Any = distil(task.knowledge(seed=seed), task, learner, seed=seed)
-            examined = task.examined(network)[: len(task.members)]
+            examined = [member.examined(network) for member in task.solved]
             record = Record.empty(1)
             record.greedy_return[0] = np.mean([member.best for member in examined])
             shares = [member.regained for member in examined if not np.isnan(member.regained)]

@@ -317,7 +317,8 @@ def learn_deep(
     evaluation : GreedyEvaluation, optional
         By rollouts; 5 rollouts by default.
     saves : path, optional
-        Folder or URL for checkpoints, from which a killed run resumes to the same result.
+        Folder or URL for checkpoints, from which a killed run resumes to the same result; where
+        an environment cannot be pickled, as with processes, a new episode begins.
     progress : bool or callable, optional
         True shows a bar for each seed; a function is called with each seed at its end.
 

@@ -278,7 +278,11 @@ class SolvedMember:
                 return solved
         try:
             table = tabulate(
-                member.environment, discount=member.discount, seeds=resets, max_states=max_states
+                member.make,
+                discount=member.discount,
+                time_limit=member.time_limit or "own",
+                seeds=resets,
+                max_states=max_states,
             )
         except TaskError as error:
             raise TaskError(

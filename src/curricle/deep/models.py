@@ -6,7 +6,8 @@ Checkpoints are pickles: read checkpoints of your own runs only. Results are not
 import io
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
+from copy import deepcopy
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -22,6 +23,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
+from curricle.arrays import FloatArray
 from curricle.deep.learner import (
     NOISE,
     NOT_ARGUMENTS,
@@ -44,7 +46,7 @@ from curricle.learning.stopping import StoppingKernel, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
 from curricle.tasks.kernel import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask
+from curricle.tasks.observation_task import ObservationTask, stack
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import Environments, mean_episode_return
 
@@ -69,10 +71,12 @@ def model_for(
         settings["action_noise"] = noise(mean, mean + settings["noise_std"])
     for name in NOT_ARGUMENTS:
         settings.pop(name, None)
-    if learner.normalizes("norm_obs"):
+    normalizes = learner.normalizes("norm_obs"), learner.normalizes("norm_reward")
+    if any(normalizes):
         kwargs = dict(settings.get("policy_kwargs") or {})
         of_kind = {"features_extractor_class", "features_extractor_kwargs"}
         inner = {name.removeprefix("features_"): kwargs.pop(name) for name in of_kind & {*kwargs}}
+        inner["scales"] = normalizes[0]
         kwargs |= {"features_extractor_class": Standardized, "features_extractor_kwargs": inner}
         settings["policy_kwargs"] = kwargs
     policy: Any = learner.policy
@@ -159,11 +163,12 @@ def check_learner(
         )
     if shaping.starts_at_potential:
         residual_policy(algorithm, learner.policy)
-        if learner.normalizes("norm_reward"):
-            raise SettingError(
-                f"{shaping.name} needs rewards as they are, in which its potential is: got "
-                "normalize; normalize = { norm_reward = false } standardises observations alone"
-            )
+    carries_values = shaping.starts_at_potential or isinstance(shaping, WeightTransfer)
+    if carries_values and learner.normalizes("norm_reward"):
+        raise SettingError(
+            f"{shaping.name} needs rewards as they are, in which its source's values are: got "
+            "normalize; normalize = { norm_reward = false } standardises observations alone"
+        )
     if getattr(shaping, "kl", 0.0) > 0 and not issubclass(algorithm, (PPO, A2C)):
         raise SettingError(
             "kl above 0 needs an actor-critic that learns on-policy, PPO or A2C: got "
@@ -239,11 +244,13 @@ class DeepRun:
     ) -> Outcome:
         """Train a seed and return its outcome; resume from the file `saves`, and save to it."""
         start = stream_start(seed, self.stream)
-        shaped = None if shaping is None else shaping.name
-        run = f"{self.task}, {self.learner}, {shaped}, {self.steps} steps, {start:x}"
+        run = self._named(start, shaping, f"{charged} charged, {warm_up.steps} before learning")
         left = self.steps - charged - warm_up.steps
         with isolated(self.learner.threads):
+            source = np.empty(0) if saves is None else traits(self.task, shaping)
             saved = None if saves is None else load_checkpoint(saves, run)
+            if saved is not None:
+                check_source(saves, saved.progress.source, source)
             if saved is None:
                 progress = Progress.begun(self, warm_up)
                 model = model_for(
@@ -260,6 +267,7 @@ class DeepRun:
                 model.__dict__.update(held)
                 set_generators(saved.states)
             values = NetworkValues(model.policy, subtracted(shaping))
+            progress.source = source
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if model.env is None:  # it could not be pickled: a new episode begins
@@ -267,6 +275,8 @@ class DeepRun:
                 venv = environments(self.task, self.learner, shaping, processes=processes)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
+            if getattr(model, "action_noise", None) is not None:
+                recorder.noise = deepcopy(model.action_noise)
             try:
                 if not progress.over:
                     rollout = rollout_of(model)
@@ -296,6 +306,14 @@ class DeepRun:
             evaluation_steps=progress.evaluation_steps,
         )
 
+    def _named(self, start: int, shaping: Shaping | None, spent: str) -> str:
+        """Return a seed's run as text, whose checkpoints no other run takes."""
+        shaped = None if shaping is None else shaping.with_potential(None)
+        lengths = f"{self.steps} steps, {self.episodes} episodes, {self.eval_freq} a checkpoint"
+        ends = " ".join(f"{bound:.6g}" for bound in self.stopping)
+        settings = self.task, self.learner, shaped, lengths, spent, self.evaluation, ends
+        return f"{', '.join(map(str, settings))}, {start:x}"
+
 
 def rollout_of(model: Any) -> int:
     """Return the steps of all sub-environments before each update; 0 if episodes are counted."""
@@ -316,6 +334,7 @@ class Progress:
     begun_learning: bool = False
     over: bool = False
     evaluation_steps: int = 0
+    source: FloatArray = field(default_factory=lambda: np.empty(0))  # its :func:`traits`
 
     @classmethod
     def begun(cls, run: DeepRun, warm_up: WarmUp) -> "Progress":
@@ -348,6 +367,7 @@ class Recorder(BaseCallback):
             episodes, horizon = run.evaluation.rollouts(run.task), run.evaluation.horizon(run.task)
             self.environments = Environments(run.task, episodes, horizon)
         self._saves, self._saved_at = saves, progress.steps
+        self.noise: Any = None  # of the actions, as it was saved
 
     def _on_training_start(self) -> None:
         progress = self.progress
@@ -358,6 +378,8 @@ class Recorder(BaseCallback):
             if progress.checkpoint == 0:
                 self._record(greedy)
             progress.begun_learning = True
+        elif self.noise is not None:  # Stable-Baselines3 has just reset it
+            self.model.action_noise = self.noise
 
     def _on_rollout_start(self) -> None:
         if self.progress.steps - self._saved_at >= max(1, self.run.longest // SAVES):
@@ -488,6 +510,29 @@ def save_checkpoint(path: Place, run: str, model: Any, progress: Progress) -> No
         ) from error
 
 
+def traits(task: ObservationTask, shaping: Shaping | None) -> FloatArray:
+    """Return numbers by which a shaping's source is recognised; empty without a source."""
+    potential = None if shaping is None else shaping.potential
+    if potential is None:
+        return np.empty(0)
+    network = potential.values[0]
+    if not shaping.reads_values and isinstance(network, NetworkValues):
+        return np.array([np.abs(x).sum(dtype=float) for x in network.parameters().values()])
+    with closing(task.environment()) as environment:
+        seen = [environment.reset(seed=k)[0] for k in range(8)]
+    return np.asarray(potential.v(stack(task.observations, seen)))
+
+
+def check_source(path: Place | None, saved: FloatArray, source: FloatArray) -> None:
+    """Raise StoreError if the traits of a checkpoint's source are not those of a run's source."""
+    # Machines differ in the last bits of a network's values.
+    if saved.shape != source.shape or not np.allclose(saved, source, rtol=1e-3, equal_nan=True):
+        raise StoreError(
+            f"a checkpoint belongs to one source: {path} is of another than this run's; name "
+            "another folder, or remove the file"
+        )
+
+
 def load_checkpoint(path: Place, run: str) -> Saved | None:
     """Return a checkpoint, None if there is none; StoreError when damaged or of another run."""
     try:
@@ -506,6 +551,7 @@ def load_checkpoint(path: Place, run: str) -> Saved | None:
         raise StoreError(f"a checkpoint must be written by curricle, here: {path} is not")
     if saved.run != run:
         raise StoreError(
-            f"a checkpoint belongs to one run: {path} is of {saved.run}, this is {run}"
+            f"a checkpoint belongs to one run: {path} is of {saved.run}, this is {run}; name "
+            "another folder, or remove the file"
         )
     return saved

@@ -13,6 +13,7 @@ from curricle.arrays import FloatArray
 from curricle.checks import whole_number
 from curricle.errors import PotentialError, SettingError
 from curricle.interop.tabulated_task import needs_of
+from curricle.tasks.observation_task import batch_size
 from curricle.transfer.mapping import no_actions
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import Policy
@@ -264,7 +265,8 @@ class Standardized(BaseFeaturesExtractor):
     """Standardises boxes of numbers by their mean and spread so far, for another extractor.
 
     It does inside a network what ``VecNormalize`` does before it, so that whoever reads the network
-    needs no statistics beside it. It also holds the spread by which rewards were divided.
+    needs no statistics beside it. It also holds the spread by which rewards were divided; without
+    `scales` it does nothing else.
     """
 
     def __init__(
@@ -272,6 +274,8 @@ class Standardized(BaseFeaturesExtractor):
         observation_space: Any,
         extractor_class: Any = None,
         extractor_kwargs: Mapping[str, Any] | None = None,
+        *,
+        scales: bool = True,
     ):
         whole = isinstance(observation_space, Dict)
         usual = NatureCNN if is_image_space(observation_space) else FlattenExtractor
@@ -280,7 +284,7 @@ class Standardized(BaseFeaturesExtractor):
         )
         super().__init__(observation_space, inner.features_dim)
         parts = observation_space.spaces if whole else {"": observation_space}
-        boxes = (key for key, part in parts.items() if isinstance(part, Box))
+        boxes = (key for key, part in parts.items() if scales and isinstance(part, Box))
         self.inner, self.numbers = inner, {key: f"running_{i}" for i, key in enumerate(boxes)}
         for key, name in self.numbers.items():
             self.register_buffer(f"{name}_mean", torch.zeros(parts[key].shape))
@@ -298,13 +302,14 @@ class Standardized(BaseFeaturesExtractor):
         seen = policy.obs_to_tensor(observations)[0]
         seen = preprocess_obs(seen, self._observation_space, policy.normalize_images)
         count: Any = self.running_count
+        n = batch_size(seen)
         for key, name in self.numbers.items():
             part = seen[key] if key else seen
             mean, var = getattr(self, f"{name}_mean"), getattr(self, f"{name}_var")
-            weight, shift = len(part) / (count + len(part)), part.mean(0) - mean
+            weight, shift = n / (count + n), part.mean(0) - mean
             mean.add_(shift * weight)
             var.add_((part.var(0, correction=0) - var + shift.square() * (1 - weight)) * weight)
-        count.add_(len(part))
+        count.add_(n)
         normalized = None if venv is None else unwrap_vec_normalize(venv)
         if normalized is not None:
             spread = float(np.sqrt(normalized.ret_rms.var + normalized.epsilon))

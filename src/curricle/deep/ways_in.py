@@ -219,13 +219,13 @@ def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
         )
     in_target, in_source = model.policy.state_dict(), source.policy.state_dict()
     left = (*VALUE_HEAD, "critic") if actor_alone else ()
-    names = [name for name in in_source if not name.startswith(left)]
+    names = [name for name in in_source | in_target if not name.startswith(left)]
     for name in names:
-        if name not in in_target or in_target[name].shape != in_source[name].shape:
-            here = tuple(in_target[name].shape) if name in in_target else "missing"
+        shapes = [tuple(x[name].shape) if name in x else "missing" for x in (in_source, in_target)]
+        if shapes[0] != shapes[1]:
             raise SettingError(
                 "weights can be copied between networks of one shape only: "
-                f"{name} is {tuple(in_source[name].shape)} in the source and {here} in the target"
+                f"{name} is {shapes[0]} in the source and {shapes[1]} in the target"
             )
     model.policy.load_state_dict({**in_target, **{name: in_source[name] for name in names}})
 

@@ -347,7 +347,7 @@ def observation_task(
     discount : float
         gamma, which environments do not state.
     time_limit : int, optional
-        Steps after which episodes are truncated; the environment's own by default.
+        Steps after which episodes are truncated, at most the environment's own, the default.
     encode : callable, optional
         Returns an environment with other observations: an encoder such as :class:`MiniGridView`, a
         wrapper's class such as ``gymnasium.wrappers.FlattenObservation``, or a function.

@@ -135,7 +135,7 @@ def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) 
 def parts_of(observation: Any) -> dict[str, Any]:
     """Return the arrays, numbers and texts in an observation by their places, as in "sight/#0"."""
     if isinstance(observation, Mapping):
-        inner = [(str(key), part) for key, part in observation.items()]
+        inner = [(_escaped(key), part) for key, part in observation.items()]
     elif isinstance(observation, tuple):
         inner = [(f"{POSITION}{i}", part) for i, part in enumerate(observation)]
     else:
@@ -145,6 +145,15 @@ def parts_of(observation: Any) -> dict[str, Any]:
         for key, part in inner
         for path, leaf in parts_of(part).items()
     }
+
+
+def _escaped(key: Any) -> str:
+    """Return a key of a Dict as part of a place, escaped as in JSON pointers."""
+    return str(key).replace("~", "~0").replace("/", "~1").replace(POSITION, "~2")
+
+
+def _unescaped(key: str) -> str:
+    return key.replace("~2", POSITION).replace("~1", "/").replace("~0", "~")
 
 
 def same_observation(first: Any, second: Any) -> bool:
@@ -168,7 +177,7 @@ def assembled(parts: Mapping[str, Leaf]) -> Any:
         inner.setdefault(key, {})[path] = part
     if all(key.startswith(POSITION) for key in inner):
         return tuple(assembled(part) for part in inner.values())
-    return {key: assembled(part) for key, part in inner.items()}
+    return {_unescaped(key): assembled(part) for key, part in inner.items()}
 
 
 BATCH = 4096  # observations that a model is asked about at once

@@ -85,7 +85,7 @@ class ObservationTask:
     discount : float
         gamma, in [0, 1].
     time_limit : int, optional
-        Steps after which an episode is cut off; by default the environment's limit.
+        Steps after which an episode is cut off, at most the environment's own, the default.
 
     Examples
     --------
@@ -111,21 +111,21 @@ class ObservationTask:
         environment = self.make()
         if not isinstance(environment, gymnasium.Env):
             raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
-        limit = None if environment.spec is None else environment.spec.max_episode_steps
-        if limit is None:  # that of Curricle's or MiniGrid's environments
-            bare: Any = environment.unwrapped
-            limit = getattr(getattr(bare, "task", None), "time_limit", None)
-            kinds = {kind.__module__ for kind in type(bare).__mro__}
-            # BabyAI's levels set theirs at each reset, unless it is fixed.
-            if "minigrid.minigrid_env" in kinds and getattr(bare, "fixed_max_steps", True):
-                limit = bare.max_steps
-            limit = None if limit is None else int(limit)
-        if limit is None and environment.has_wrapper_attr("_max_episode_steps"):
-            limit = environment.get_wrapper_attr("_max_episode_steps")  # a TimeLimit around it
         check_spaces(environment)
-        spaces = environment.observation_space, environment.action_space
+        spaces, limit = (
+            (environment.observation_space, environment.action_space),
+            _limit_of(environment),
+        )
         environment.close()
-        return (*spaces, limit if self.time_limit is None else self.time_limit)
+        if self.time_limit is None:
+            return (*spaces, limit)
+        if limit is not None and self.time_limit > limit:
+            raise TaskError(
+                f"time_limit must not exceed the environment's own limit, {limit} steps of "
+                f"{made_by(self.make)}: got {self.time_limit}; make the environment itself with a "
+                "higher limit, as gymnasium.make does with max_episode_steps="
+            )
+        return (*spaces, self.time_limit)
 
     @property
     def observations(self) -> gymnasium.Space[Any]:
@@ -167,6 +167,21 @@ class ObservationTask:
         limit = "" if self.time_limit is None else f", time limit {self.time_limit}"
         maker = made_by(self.make)
         return f"ObservationTask({maker}, discount {self.discount:g}{limit}, {self.shapes})"
+
+
+def _limit_of(environment: gymnasium.Env[Any, Any]) -> int | None:
+    """Return the least of an environment's own time limits; None if there is none."""
+    layers: list[Any] = [environment]
+    while isinstance(layers[-1], gymnasium.Wrapper):
+        layers.append(layers[-1].env)
+    limits = [vars(layer).get("_max_episode_steps") for layer in layers]  # of a TimeLimit
+    bare = layers[-1]
+    limits.append(getattr(getattr(bare, "task", None), "time_limit", None))  # Curricle's
+    kinds = {kind.__module__ for kind in type(bare).__mro__}
+    # BabyAI's levels set theirs at each reset, unless it is fixed.
+    if "minigrid.minigrid_env" in kinds and getattr(bare, "fixed_max_steps", True):
+        limits.append(bare.max_steps)
+    return min((int(limit) for limit in limits if limit is not None), default=None)
 
 
 def made_by(make: Any) -> str:

@@ -39,6 +39,16 @@ def test_a_wrapper_is_an_encoder():
     assert task.longest == 500
 
 
+def test_an_episode_is_cut_off_by_the_least_of_all_time_limits():
+    def longer(env):
+        return gym.wrappers.TimeLimit(env, 900)
+
+    assert cr.observation_task("CartPole-v1", encode=longer).longest == 500
+    assert cr.observation_task("CartPole-v1", encode=longer, max_episode_steps=-1).longest == 900
+    with pytest.raises(TaskError, match="must not exceed .* 500 steps .* got 501"):
+        cr.observation_task("CartPole-v1", time_limit=501)
+
+
 def test_tasks_are_equal_by_environment_and_encoder():
     def task(encode=half, **settings):
         return cr.observation_task("CartPole-v1", encode=encode, **settings)

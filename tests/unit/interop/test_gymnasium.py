@@ -13,7 +13,7 @@ from gymnasium.wrappers import TimeLimit, TransformReward
 
 import curricle as cr
 from curricle.interop.states import words_of_state
-from curricle.interop.tabulated_task import parts_of
+from curricle.interop.tabulated_task import assembled, parts_of
 from curricle.interop.tabulation import named_states, words_of_blocks
 from curricle.tasks.mdp import same_task
 from curricle.tasks.observation_task import EnvironmentMaker
@@ -448,6 +448,9 @@ def test_the_words_of_states_and_of_their_blocks():
     assert words_of_blocks(components, np.array([0, 0])) == ([{"row": 1, "lit": "any"}], {"lit"})
     parts = {"sight/#0": 1, "sight/#1": 2, "goal": "key"}
     assert parts_of({"sight": (1, 2), "goal": "key"}) == parts
+    nested = {"a/b": {"#~1": np.ones(2)}, "~": (1, 2)}
+    assert np.array_equal(assembled(parts_of(nested))["a/b"]["#~1"], np.ones(2))
+    assert assembled(parts_of(nested))["~"] == (1, 2)
 
 
 def test_states_of_equal_words_are_told_apart_by_whether_they_end_the_episode():
