@@ -193,7 +193,7 @@ def test_a_checkpoint_of_another_source_is_refused(observed, tmp_path):
         return cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path, shaping=shaping)
 
     assert np.array_equal(shaped(1.0).greedy_return, shaped(1.0).greedy_return)
-    with pytest.raises(cr.errors.StoreError, match="belongs to one source: .* another folder"):
+    with pytest.raises(cr.errors.StoreError, match=r"belongs to one source: .* another folder"):
         shaped(2.0)
 
 

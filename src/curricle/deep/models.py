@@ -512,8 +512,7 @@ def save_checkpoint(path: Place, run: str, model: Any, progress: Progress) -> No
 
 def traits(task: ObservationTask, shaping: Shaping | None) -> FloatArray:
     """Return numbers by which a shaping's source is recognised; empty without a source."""
-    potential = None if shaping is None else shaping.potential
-    if potential is None:
+    if shaping is None or (potential := shaping.potential) is None:
         return np.empty(0)
     network = potential.values[0]
     if not shaping.reads_values and isinstance(network, NetworkValues):

@@ -45,7 +45,7 @@ def test_an_episode_is_cut_off_by_the_least_of_all_time_limits():
 
     assert cr.observation_task("CartPole-v1", encode=longer).longest == 500
     assert cr.observation_task("CartPole-v1", encode=longer, max_episode_steps=-1).longest == 900
-    with pytest.raises(TaskError, match="must not exceed .* 500 steps .* got 501"):
+    with pytest.raises(TaskError, match=r"must not exceed .* 500 steps .* got 501"):
         cr.observation_task("CartPole-v1", time_limit=501)
 
 
