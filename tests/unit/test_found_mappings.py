@@ -29,6 +29,22 @@ from tests.refusals import check_refusal
 from tests.studies import CORNER
 from tests.tasks import mdps, ring
 
+
+def test_a_homomorphism_maps_pairs_of_the_same_q_alone():
+    # A search replaces discount 1, at which values need not be alike.
+    steps = cr.Rewards(step=-1, treasure=-1, pit=-1, fire=-1)
+    maze = cr.GridWorld(["S..P", "....", "...T"], rewards=steps, discount=1.0, time_limit=10)
+    mirrored = cr.GridWorld(["P..S", "....", "T..."], rewards=steps, discount=0.9)
+    tasks = TaskPair(maze, mirrored)
+    own = [solution.finite_action_values for solution in tasks.own_solutions]
+    try:
+        index = next(by_homomorphism(tasks)).mapping.index
+    except MappingError:
+        return
+    mapped = (index >= 0) & ~tasks.target_mdp.terminal[:, None]
+    assert own[0][mapped] == pytest.approx(own[1].ravel()[index[mapped]], abs=1e-6)
+
+
 MAZE = cr.GridWorld(["S..P", ".F..", "...T"], time_limit=50)
 MIRRORED = cr.GridWorld([row[::-1] for row in MAZE.map], time_limit=50)
 CROP = MAZE.crop(rows=(1, 3), columns=(2, 4))

@@ -274,3 +274,15 @@ def test_an_aggregate_without_code_is_named_where_a_target_is_too_large_for_arra
     plan = cr.Curriculum({"chase": chase, "huge": huge}, edges, aggregate=np.nanmean, budget=100)
     with pytest.raises(CurriculumError, match=r"minimum, mean, maximum, total.*got nanmean and"):
         plan.train()
+
+
+@pytest.mark.parametrize("unmapped_value", [None, 0.0])
+def test_a_potential_too_large_for_exact_sums_is_refused(unmapped_value):
+    maze, small = cr.GridWorld("S...T"), cr.GridWorld("S.T")
+    mapping = cr.project(maze, small, unmapped_value=unmapped_value)
+    plan = cr.Curriculum(
+        {"small": small, "maze": maze}, [cr.Transfer("small", "maze", mapping, scale=1e15)],
+        budget=500,
+    )  # fmt: skip
+    with pytest.raises(PotentialError, match="phi"):
+        plan.train()

@@ -253,3 +253,44 @@ def test_a_study_file_that_states_no_budget_has_the_defaults_of_a_curriculum(rea
     assert arm.node("corner").eval_freq == by_hand.node("corner").eval_freq
     with pytest.raises(ConfigError, match=r"maze\.eval_freq.*must not exceed the budget of 100000"):
         read(STUDY, set=["tasks.maze.eval_freq=100_001"]).curriculum("transfer")
+
+
+# -- what the way to the optimum is measured by ----------------------------------------------------
+
+
+def late_reward(limit):
+    """Return a task that pays 1 at once, or 100 after ten steps."""
+    steps = [[[(1.0, s + 1, 100.0 * (s == 9))], [(1.0, 11, 1.0 * (s == 0))]] for s in range(10)]
+    ends = [False] * 10 + [True] * 2
+    return cr.FiniteMDP.from_outcomes(
+        [*steps, [[], []], [[], []]], terminal=ends, start=0, discount=0.99, time_limit=limit
+    )
+
+
+@pytest.mark.parametrize(
+    ("task", "optimum"),
+    [
+        (late_reward(5), 1.0),
+        (late_reward(20), 100 * 0.99**9),
+        (cr.tasks.FourRooms(size=9, discount=1.0, time_limit=100), 1.0),  # all actions tie
+    ],
+)
+def test_the_optimum_is_that_of_the_steps_there_are(task, optimum):
+    assert Target.of(task).optimum == pytest.approx(optimum, rel=1e-6)
+
+
+def test_a_tie_within_the_error_bound_is_not_played_at_random():
+    # A line with a trap whose values are so large that their error bound hides the line's.
+    n, cost = 100, 1e6
+    back = [[(0.9, max(s - 1, 0), 0.0), (0.1, s, 0.0)] for s in range(n)]
+    back[0] = [(0.9, 0, 0.0), (0.1, n + 1, 0.0)]
+    on = [[(0.9, s + 1, float(s == n - 1)), (0.1, s, 0.0)] for s in range(n)]
+    outcomes = [*map(list, zip(back, on, strict=True)), [[], []], [[(1.0, n + 1, -cost)]] * 2]
+    ends = np.arange(n + 2) == n
+    task = cr.FiniteMDP.from_outcomes(
+        outcomes, terminal=ends, start=0, discount=0.99, time_limit=2000
+    )
+    target = Target.of(task)
+    assert target.solution.optimal[:n].all(axis=1).any()
+    assert target.optimum == pytest.approx(target.solution.start_value, abs=0.01)
+    assert target.optimum > 0.3

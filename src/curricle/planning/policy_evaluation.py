@@ -23,7 +23,7 @@ from curricle.planning.greedy import (
     greedy_action,
 )
 from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_episode
-from curricle.planning.solution import Solution, solve
+from curricle.planning.solution import Solution, limited_optimum, solve
 from curricle.progress import HALTED
 from curricle.statistics.curves import fraction_of_optimum
 from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
@@ -595,11 +595,22 @@ class Target:
 
     @cached_property
     def optimum(self) -> float:
-        """The expected return of an optimal policy; NaN where the target is not solved."""
+        """The highest expected return of a policy; NaN where the target is not solved.
+
+        An optimal policy has it, unless the time limit cuts its episodes off: then it is that of
+        the best policy that counts the steps.
+        """
         if self.solution is None:
             return float("nan")
-        best = Values(self.solution.optimal.astype(np.float64))
-        return greedy_policy_return(self.task, best, self.evaluation)
+        best = Values(self.solution.action_values)
+        found = greedy_policy_return(self.task, best, self.evaluation)
+        model, start_value = generative_model(self.task), self.solution.start_value
+        comparable = self.evaluation.discount(self.task) == model.discount
+        rounding = max(self.solution.error_bound, 1e-9 * abs(start_value))
+        cut_off = model.time_limit is not None and found < start_value - rounding
+        if self.evaluation.method == "exact" and comparable and cut_off:
+            return limited_optimum(tables(self.task), self.evaluation.horizon(self.task))
+        return found
 
     @cached_property
     def random_return(self) -> float:

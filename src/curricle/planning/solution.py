@@ -463,6 +463,17 @@ def backed_up(model: TabularPlanningModel, values: FloatArray) -> FloatArray:
     return np.where(model.terminal[:, None], 0.0, rows[mdp.outcome_row])
 
 
+def limited_optimum(mdp: FiniteMDP, steps: int) -> float:
+    """Return the highest expected return in so many steps, by backward induction."""
+    model, values = TabularPlanningModel.of(mdp), np.zeros(mdp.states.size)
+    for _ in range(steps):
+        q, before = backed_up(model, values), values
+        values = (q if mdp.available is None else np.where(mdp.available, q, -np.inf)).max(axis=1)
+        if np.array_equal(values, before):
+            break
+    return float(mdp.start @ values)
+
+
 def best_policy(model: TabularPlanningModel, unit: float) -> tuple[FloatArray, IntArray]:
     """Return V of the policy that policy iteration ends with, (S,), and its actions (Howard 1960).
 

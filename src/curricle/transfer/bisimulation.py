@@ -178,7 +178,7 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
         )
     target, source = refined(joint_models(tasks))
     index = equivalent_pairs(target, source)
-    solutions = tasks.target_solution, tasks.source_solution
+    solutions = tasks.own_solutions or (tasks.target_solution, tasks.source_solution)
     error = 2 * sum(solution.error_bound for solution in solutions)
     index = np.where(apart(index, *solutions) <= error, index, UNMAPPED)
     live = ~tasks.target_mdp.terminal

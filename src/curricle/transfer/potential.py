@@ -78,9 +78,9 @@ class MappedPotential(PairPotential):
         if not fits_task(self.lookup, generative.states, generative.actions.size):
             raise PotentialError(f"a lookup must be made for its task: {self.task} needs another")
         values = self.lookup.values
-        largest = abs(self.lookup.scale) * max(
-            values.max(initial=0.0), -values.min(initial=0.0)
-        ) + abs(self.lookup.shift)
+        known = np.isfinite(values)  # NaN where a pair is unmapped
+        sizes = values.max(initial=0.0, where=known), -values.min(initial=0.0, where=known)
+        largest = abs(self.lookup.scale) * max(sizes) + abs(self.lookup.shift)
         if largest > LARGEST_POTENTIAL:
             raise too_large("phi", f"the sources' values give {largest:g}")
 

@@ -41,6 +41,7 @@ from curricle.tasks.mdp import (
     available_actions,
     closed,
     generative_model,
+    live_pairs,
     reachable_states,
     tables,
 )
@@ -462,7 +463,8 @@ def potential_quality(
         return _by_rollouts(rollouts, start, seed)
     mdp = tables(target.task)
     alive, solution = ~mdp.terminal, target.solution
-    phi, q = potential.values[alive], solution.finite_action_values[alive]
+    pairs = live_pairs(target.task)
+    phi, q = potential.values[pairs], solution.finite_action_values[pairs]
     below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
     below[~(reachable_states(mdp, solution.optimal) & alive)] = 0.0
     state = int(below.argmax())
@@ -473,7 +475,7 @@ def potential_quality(
         optimistic=float((phi > q + solution.error_bound).mean()),
         excess=float((phi - q).mean()),
         mean_absolute_value=float(abs(solution.values[alive]).mean()),
-        rank=_rank_correlation(phi.ravel(), q.ravel(), seed),
+        rank=_rank_correlation(phi, q, seed),
         largest_underestimate=underestimate,
         most_underestimated_state=state,
         exact=True,

@@ -20,7 +20,7 @@ from curricle.display import printed
 from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.mdp import Task, closed, has_tables, same_task, steps_to
+from curricle.tasks.mdp import Task, closed, has_tables, live_pairs, same_task, steps_to
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.bisimulation import (
@@ -112,8 +112,9 @@ def score_mapping(
     phi = mapping.read(tasks.source_solution.action_values)
     inconsistency, unexplained = _bellman_inconsistency(phi, tasks)
     start_value, regained, regained_where_known = _greedy_values(phi, tasks)
-    known = ~np.isnan(phi[tasks.judged])
-    excess = phi[tasks.judged] - tasks.target_solution.finite_action_values[tasks.judged]
+    judged = tasks.judged[:, None] & live_pairs(tasks.target)
+    known = ~np.isnan(phi[judged])
+    excess = phi[judged] - tasks.target_solution.finite_action_values[judged]
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
     return MappingScores(
         dynamics_error=_dynamics_error(mapping, phi, tasks, seed),
