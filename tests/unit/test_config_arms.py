@@ -154,6 +154,11 @@ MERGED = [
         {"learner": {"type": "SARSA"}},
         {"learner": {"type": "SARSA", "epsilon": 0.3}},
     ),
+    (  # the keys of a maker's arguments are its own
+        {"arguments": {"type": "ice", "map": "m", "size": {"type": 1, "rows": 2}}},
+        {"arguments": {"type": "snow", "file": "f", "size": {"type": 2}}},
+        {"arguments": {"type": "snow", "map": "m", "file": "f", "size": {"type": 2, "rows": 2}}},
+    ),
 ]
 
 

@@ -3,14 +3,15 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.errors import ConfigError
+from curricle.errors import ConfigError, CurriculumError
 from curricle.interop import MiniGridFullView, MiniGridView
-from curricle.study import StudyConfig
+from curricle.study import StudyConfig, StudyResults, compare_studies, run_study
 from curricle.study_file.own_code import load
 from tests.studies import MAZE, only, reader
 from tests.worlds_to_tabulate import Corridor
@@ -436,3 +437,17 @@ def test_tables_are_encoded_too(read_level):
 def test_what_a_network_cannot_take_is_told_when_the_file_is_checked(read_level):
     with pytest.raises(ConfigError, match=r"'mission' is MissionSpace.*MiniGridView"):
         _ = read_level("", ENCODED.replace("encode = ENCODE", "")).curricula
+
+
+def test_live_targets_of_other_code_are_not_compared(room_folder):
+    target = 'room = { type = "gymnasium", factory = "own:Room", time_limit = 20, budget = 300 }'
+    small = 'small = { type = "gymnasium", factory = "own:Room", time_limit = 20, budget = 100 }'
+    edge = '[[transfers]]\nsource = "small"\ntarget = "room"\nmapping = "identity"'
+    text = f'name = "rooms"\nseeds = 2\nopponents = []\n[tasks]\n{target}\n{small}\n{edge}\n'
+    Path("rooms.toml").write_text(text)
+    for folder, changed in (("a", ""), ("b", ""), ("c", "\nREWARD = 10\n")):
+        Path("own.py").write_text(OWN_ROOM + changed)
+        run_study(cr.read_study("rooms.toml"), folder)
+    assert len(compare_studies([StudyResults("a"), StudyResults("b")]).arms) == 3
+    with pytest.raises(CurriculumError, match="its code tells, which is not the same in a and c"):
+        compare_studies([StudyResults("a"), StudyResults("c")])

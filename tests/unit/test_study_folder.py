@@ -17,6 +17,14 @@ from curricle.study.results import without_folders
 from curricle.study.store import StoredUnit
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
+MAZE = """
+name = "maze"
+seeds = 3
+opponents = []
+tasks.near = { type = "maze", map = "S.T", budget = 100 }
+tasks.far = { type = "maze", map = "S..T", budget = 200 }
+transfers = [{ source = "near", target = "far", mapping = "same_position" }]
+"""
 
 
 def read_everything(folder):
@@ -321,3 +329,20 @@ print(*(name for name in opened if name.startswith({str(copied)!r})), sep="\\n")
     assert sorted({*read}) == sorted(read)
     assert {*map(str, copied.rglob("*.npz"))} <= {*read}
     assert contents(copied) == before
+
+
+def test_a_new_run_has_no_seeds_of_a_run_that_stored_nothing(tmp_path):
+    (tmp_path / "maze.toml").write_text(MAZE)
+    run_study(read_study(tmp_path / "maze.toml", set=["seeds=5"]), tmp_path / "out")
+    shutil.rmtree(tmp_path / "out" / "units")
+    again = run_study(read_study(tmp_path / "maze.toml"), tmp_path / "out")
+    assert again.record.seeds == (0, 1, 2)
+
+
+def test_an_analysis_of_other_arms_is_gone_when_a_changed_study_goes_on(tmp_path):
+    (tmp_path / "maze.toml").write_text(MAZE)
+    before = run_study(read_study(tmp_path / "maze.toml"), tmp_path / "out")
+    assert before.analysis is not None
+    changed = read_study(tmp_path / "maze.toml", set=['tasks.far.map="S...T"', "scratch=false"])
+    after = run_study(changed, tmp_path / "out", resume=True)
+    assert after.analysis is None

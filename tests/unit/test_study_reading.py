@@ -13,7 +13,8 @@ from curricle.comparison.comparison import Arm
 from curricle.errors import CurriculumError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, compare_studies, merge, read_study, run_study
-from curricle.study.results import ANALYSIS, DECISIONS as ALL_DECISIONS, RESULTS
+from curricle.study.results import DECISIONS as ALL_DECISIONS, RESULTS
+from curricle.study.store import ANALYSIS
 
 CORNER = """
 name = "corner"

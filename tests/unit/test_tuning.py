@@ -269,3 +269,11 @@ def test_a_range_that_a_learner_refuses_is_refused_beforehand(tuned_file, tmp_pa
     with pytest.raises(ConfigError, match="learning_rate is refused: learning_rate must lie"):
         run_study(study, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_resumed_study_is_not_tested_on_seeds_that_it_is_tuned_on(tuned, tuned_file, tmp_path):
+    shutil.copytree(tuned, tmp_path / "out")
+    seeds = StudyResults(tuned).record.seeds
+    other = [f"tune.seeds=[{seeds[0]}]", f"seeds=[{max(seeds) + 100}]", "tune.trials=2"]
+    with pytest.raises(StoreError, match="seeds of tuning must be none of the study's"):
+        run_study(read_study(tuned_file, set=other), tmp_path / "out", resume=True)

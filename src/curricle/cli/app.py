@@ -304,7 +304,7 @@ def audit(
     out: Annotated[str | None, Option(help="Folder of the results; FILE-audit by default.")] = None,
     seeds: Seeds = None,
     changes: Changes = None,
-    trials: Annotated[int, Option(min=1, help="Trials of every arm, also scratch.")] = 20,
+    trials: Annotated[int, Option(min=1, max=100, help="Trials of every arm, also scratch.")] = 20,
 ) -> None:
     """Run a study as configured, then against fair opponents, and say what of it survives.
 

@@ -332,6 +332,9 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
 def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) -> Iterator[str]:
     """Yield lines on a folder's damaged and stale units, the units to train, and those done."""
     study = tuned_before(study, place_at(path))
+    if study.choose:
+        yield "first of all its arm is chosen by trials; which units follow is known after that"
+        return
     arms = Arms.of(study)
     if study.tune is not None:
         yield (

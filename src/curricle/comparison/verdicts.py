@@ -237,7 +237,7 @@ def _smallest_gain(differences: FloatArray) -> Interval:
 
 
 NO_MORE = "not shown to gain more than from an unrelated task"
-ASKING = 'cr.compare(..., controls=["placebo"])'
+ASKING = 'cr.compare(..., controls=["placebo"]), with "constant" among the opponents'
 """How to ask why a curriculum pays; in a study file: ``controls = ["placebo"]``."""
 
 Why = Literal["", "not asked", "knowledge", "mapping", "placebo", "not shown"]

@@ -51,8 +51,8 @@ from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, sha
 from curricle.statistics.curves import SCRATCH
 from curricle.study.auditing import Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
-from curricle.study.results import ANALYSIS, StudyResults
-from curricle.study.store import in_use
+from curricle.study.results import StudyResults
+from curricle.study.store import ANALYSIS, in_use
 from curricle.study.tuning import effects_of
 from curricle.text import counted
 

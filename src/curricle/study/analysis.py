@@ -44,8 +44,8 @@ from curricle.study.record import (
     VariantRecord,
     ViewRecord,
 )
-from curricle.study.results import ANALYSIS, StudyResults
-from curricle.study.store import seeds_per_file
+from curricle.study.results import StudyResults
+from curricle.study.store import ANALYSIS, seeds_per_file
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task

@@ -610,7 +610,7 @@ def read_study(
                 raise ConfigError(positions.sentence(place[:2], unknown(keys[1], known)))
         changed.append(place)
         study = merged(study, value)
-    known_arms = table(study.get("arms"))
+    known_arms = table(study.get("arms")) or {ONLY_ARM: {}}
     for arm in arms:
         if arm not in known_arms:
             raise ConfigError(f"{file}: arm {arm!r} {unknown(arm, known_arms)}")

@@ -46,6 +46,7 @@ from curricle.study.record import (
     read_record,
 )
 from curricle.study.store import (
+    ANALYSIS,
     RUN,
     RUNS,
     SNAPSHOTS,
@@ -149,7 +150,6 @@ def parquet_of(parts: Iterable[pa.Table]) -> bytes:
 # -- The results of a study, read from its folder --------------------------------------------------
 
 RESULTS, CURVES, DECISIONS = "results.parquet", "curves.parquet", "decisions.parquet"
-ANALYSIS = "analysis.json"
 MOST_CHECKPOINTS = 10_000_000  # most checkpoints of a curve in a comparison: 80 MB a seed
 SPENT = ("source_steps", "steps_used")  # names of arrays of steps
 HEADERS, FLOAT32 = 2**16, 4  # most bytes of headers; bytes of a number in a snapshot
@@ -498,6 +498,11 @@ def _shared_total(studies: Sequence[StudyResults]) -> int:
                 f"states {checkpoints:,}"
             )
         _check_shared_target(studies[0].record, study.record)
+        if not study.record.problem.projections and _code(study) != _code(studies[0]):
+            raise CurriculumError(
+                "studies must share their target: without tables its code tells, which is not the "
+                f"same in {studies[0].store.path} and {study.store.path}; run one of them again"
+            )
     total = min(study.record.total or 0 for study in studies)
     for study in studies:
         for name, arm in study.record.arms.items():
@@ -510,6 +515,13 @@ def _shared_total(studies: Sequence[StudyResults]) -> int:
                 f"total is {total:,} ({why}); {SAME_TOTAL}"
             )
     return total
+
+
+def _code(study: StudyResults) -> Any:
+    """Return the digests of the user's code that learning the target from scratch ran."""
+    key = study.record.keys[SCRATCH, study.record.target]
+    units = (unit for unit in study.store.units() if unit.key == key)
+    return next((unit.about.dependencies["code"] for unit in units), None)
 
 
 def _check_shared_target(first: StudyRecord, other: StudyRecord) -> None:

@@ -34,7 +34,6 @@ from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
 from curricle.study.record import FailureRecord, RunRecord, StudyRecord, plain
 from curricle.study.results import (
-    ANALYSIS,
     FAILURES,
     StudyResults,
     failure_error,
@@ -42,6 +41,7 @@ from curricle.study.results import (
     write_failures,
 )
 from curricle.study.store import (
+    ANALYSIS,
     RUNS,
     SNAPSHOTS,
     Packing,

@@ -89,6 +89,7 @@ def shown(value: Any) -> str:
 # -- Folders of results: their files, their locks, and errors of reading and writing ---------------
 
 STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
+ANALYSIS = "analysis.json"
 UNITS = "units"
 PATIENCE = 0.3  # seconds to wait for a lock: a process that tests it holds it for a moment
 CHECKPOINTS = ".checkpoints"  # folder where networks are saved during training, to resume it
@@ -517,8 +518,17 @@ class StudyStore:
                         f"snapshots = {there.get('snapshots')}, and it is {here['snapshots']} "
                         "here; set it back, or choose another folder"
                     )
-                here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
-                description["record"]["seeds"] = here["seeds"]
+                if store.units():
+                    here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
+                    description["record"]["seeds"] = here["seeds"]
+                tuning = here.get("tuned") or here.get("tune") or {}
+                if both := sorted({*tuning.get("seeds", ())} & {*here["seeds"]}):
+                    raise StoreError(
+                        f"seeds of tuning must be none of the study's: {both[0]} is one of "
+                        f"those in {path}; change tune.seeds, or choose another folder"
+                    )
+                if store.description["record"]["arms"] != description["record"]["arms"]:
+                    store.remove([path / ANALYSIS])  # of other arms
         with write_errors(path):
             if isinstance(path, Path):
                 for part in [*path.rglob(f".*{PART}")]:  # incomplete files of a killed run

@@ -159,6 +159,8 @@ def _over(old: Any, new: Any, key: str) -> Any:
         old = {"type": old}
     if not isinstance(old, dict):
         return new
+    if key == "arguments":  # its keys are the maker's own: none of them means a type
+        return {**old, **{name: _over(old.get(name), value, key) for name, value in new.items()}}
     if key == "budget" and ("episodes" in old) is not ("episodes" in new):
         return new
     if key == "learner":
