@@ -143,8 +143,9 @@ class Reference:
     def nothing_to_learn(self) -> bool:
         """Whether the random policy is optimal, up to rounding."""
         best, worst = self.optimum, self.random_return
-        known = best is not None and worst is not None
-        return known and math.isclose(best, worst, rel_tol=ROUNDING)
+        if best is None or worst is None:
+            return False
+        return math.isclose(best, worst, rel_tol=ROUNDING)
 
     def after(self, scratch: Curve) -> Self:
         """Return the reference after training: midway up scratch's curve without a threshold."""
