@@ -226,6 +226,17 @@ def test_a_reward_of_the_action_has_no_potential():
     )
 
 
+def test_a_tie_is_not_safe_by_theory_where_rewards_fit_a_potential_beyond_rounding_only():
+    lists = [[[(1.0, s + 1, -1.0)], [(1.0, s + 1, -1.0)], [(1.0, s, -1.0)]] for s in range(3)]
+    task = cr.FiniteMDP.from_outcomes(
+        [*lists, [[], [], []]], terminal=np.arange(4) == 3, start=0, discount=0.5
+    )
+    phi = difference(np.array([1000.0, 2000.0, 3000.0, 0.0]), 0.5)
+    assert certify(task, ShapingReward(phi)).holds
+    for_one = ShapingReward(lambda s, a, after: phi(s, a, after) + 0.001 * (a == 1))
+    assert certify(task, for_one).holds is None
+
+
 def test_a_harmless_bonus_is_safe_but_not_potential_based():
     certificate = certify(MAZE, ShapingReward(lambda s, a, after: 0.01 * (a == 1)))
     assert certificate.holds is None  # of two ways that are as good it takes one

@@ -13,6 +13,7 @@ from curricle.study import StudyStore, merge, run_study
 from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file, trial_study as choice_trials
 from curricle.tasks import pursuit_family
 from curricle.transfer import StateActionMapping
+from tests.comparisons import flat
 from tests.unit.test_study_runner import Inline
 
 HUNT = """
@@ -170,7 +171,22 @@ def test_it_prints_a_sentence_and_a_table(choice):
 def test_none_pays_where_a_learner_without_source_does_as_well():
     choice = cr.choose(MAZE, kinds=["crop", "starts"], budget=2_000)
     assert (choice.name, choice.curriculum) == ("", None)
-    assert str(choice).startswith(f"no curriculum: {choice.alone} alone does ")
+    assert choice.sentence.startswith("no curriculum: ")
+
+
+@pytest.mark.parametrize(("name", "level", "says"), [
+    ("A", 6, "A: gains 6.00 [5.00, 7.00] in mean return on 7 fresh seeds more than learning from"),
+    ("", 1, "no curriculum: none is shown to gain more than learning from scratch alone (the best"),
+    ("", -6, "no curriculum: learning from scratch alone does better (the best, A, gains -6"),
+])  # fmt: skip
+def test_the_sentence_names_the_opponent_of_the_gain_and_what_is_shown(name, level, says):
+    spread, constant = np.arange(-3.0, 4.0), {"scratch": True, "initial_values": np.zeros(7)}
+    arms = {"scratch": flat(np.zeros(7)), "A": flat(level + spread / (2 if name else 1)),
+            "B": flat(spread), "B, constant": flat(spread + 9, "B", **constant)}  # fmt: skip
+    result = Comparison("maze", arms, 10, 10, Reference(0.5), 1)
+    rows = ({"name": "A"},)
+    choice = module.Choice(name, None, module._best_alone(result, "A"), result, rows)
+    assert choice.sentence.startswith(says)
 
 
 def test_a_constant_is_named_where_it_does_as_well(monkeypatch):
@@ -191,7 +207,7 @@ def test_a_constant_is_named_where_it_does_as_well(monkeypatch):
     choice = cr.choose(target, [plan], kinds=())
     assert not choice.name
     assert choice.alone.startswith("initial_value=-")
-    assert choice.sentence.startswith(f"no curriculum: {choice.alone} alone does ")
+    assert choice.sentence.startswith("no curriculum: ")
 
 
 def test_equal_seeds_give_equal_choices_whatever_the_workers():

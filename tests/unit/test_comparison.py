@@ -1,12 +1,16 @@
 """The measures, rows and table of a comparison, worked out by hand."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import curricle as cr
 from curricle.comparison import Comparison, Reference
 from curricle.comparison.comparison import MEASURES
+from curricle.comparison.trial import Trial
+from curricle.planning import Target
 from curricle.show.findings import findings
 from curricle.statistics.intervals import interquartile_interval
 from tests.comparisons import arm_of, flat
@@ -107,10 +111,40 @@ def comparison_of(threshold=0.5, **returns):
     return Comparison("maze", arms, 100, 100, Reference(threshold), 1)
 
 
+def test_an_arm_that_is_not_shown_reaches_the_threshold_too():
+    arms = {"scratch": flat([5.0, 5.1]), "A": flat([6.0, 6.1])}
+    hidden = arm_of([[0, 9]] * 2, scratch=True, curriculum="A", initial_values=np.zeros(2))
+    comparison = Comparison("maze", arms, 10, 10, Reference(8.0), 1)
+    assert comparison.nothing_learnt
+    comparison = replace(comparison, arms=arms | {"A, constant mean": hidden})
+    assert "A, constant mean" not in comparison.shown
+    assert not comparison.nothing_learnt
+
+
+def test_where_the_random_policy_is_optimal_up_to_rounding_there_is_nothing_to_learn():
+    target = SimpleNamespace(solution=True, optimum=2 + 1e-12, random_return=2.0)
+    reference = Reference.of(target)
+    assert (reference.threshold, reference.nothing_to_learn) == (None, True)
+    comparison = comparison_of(scratch=[[2.0, 2.0]], other=[[2.0, 2.0]])
+    assert comparison.nothing_learnt == ""  # 2 is above the threshold
+    comparison = replace(comparison, reference=replace(reference, threshold=2.0))
+    assert not comparison.times("other").reached.any()
+    assert comparison.nothing_learnt == ""
+    assert Trial(comparison, "").numbers("other").startswith("nothing to learn, as the random")
+    outcomes = [[[(0.5, 1, -1.0), (0.5, 0, -1.0)]], [[]]]
+    one_action = cr.FiniteMDP.from_outcomes(
+        outcomes, terminal=[False, True], start=0, discount=0.9, time_limit=9
+    )
+    assert Target.of(one_action).floor == -np.inf
+
+
 @pytest.mark.parametrize(("more", "gain"), [(1e-9, 0.0), (1e-5, 1e-5), (-1e-5, -1e-5)])
 def test_a_gain_within_rounding_is_none(more, gain):
     scratch, helped = flat([1.0]), flat([1.0 + more])
     np.testing.assert_allclose(helped.strong_gain(scratch), [gain], rtol=1e-3)
+    arms = {"scratch": scratch, "helped": helped}
+    contrast = Comparison("maze", arms, 10, 10, Reference(9.0), 1).contrasts["helped"]
+    assert contrast.probability_of_improvement.estimate == (np.sign(gain) + 1) / 2
 
 
 @pytest.mark.parametrize(

@@ -225,5 +225,5 @@ def test_what_makes_no_sense_is_refused_before_anything_is_trained(scratch, mess
 
 
 def test_an_arm_cannot_have_the_name_of_a_learner():
-    with pytest.raises(CurriculumError, match="the name 'scratch, fast' is taken by a learner"):
+    with pytest.raises(CurriculumError, match="'scratch, fast' names two; rename"):
         compare({"scratch, fast": copied(MAZE)}, seeds=1, scratch={"fast": FAST})

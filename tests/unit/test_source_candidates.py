@@ -233,6 +233,11 @@ def test_a_task_with_two_states_for_one_is_the_same_task():
         source_candidates(target, kinds=[], propose=lambda t: [proposed(doubled, target=t)])
 
 
+def test_rewards_may_be_small():
+    rewards = cr.Rewards(step=-1e-13, treasure=1e-12)
+    assert names(only("starts", GridWorld("S....T", rewards=rewards)))
+
+
 @pytest.mark.parametrize(
     ("task", "reason"),
     [

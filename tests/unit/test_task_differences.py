@@ -322,7 +322,25 @@ def test_text_of_a_parameter_is_the_same_in_every_process():
     named = plain_text(slip)
     assert named.startswith("slip (")
     assert "0x" not in plain_text(slip) + plain_text((slip, object()))
+    assert plain_text({"b", "a"}) == "['a', 'b']"
     assert plain_text(lambda state: state) != plain_text(lambda state: state + 2)
+
+
+PENALTY = -1.0
+
+
+def paid(steps):
+    return PENALTY if steps == 0 else paid(steps - 1)
+
+
+def test_text_of_a_function_tells_the_constants_of_its_module(monkeypatch):
+    def step(state):
+        return state, paid(state), np.inf
+
+    before = plain_text(step)
+    assert before == plain_text(step)
+    monkeypatch.setitem(globals(), "PENALTY", -5.0)
+    assert before != plain_text(step)
 
 
 @pytest.mark.parametrize("task", [ROOMS, Pursuit(3, 2), random_mdp(0)])

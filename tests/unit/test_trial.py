@@ -270,7 +270,19 @@ def test_the_used_candidate_alone_is_tried_where_all_would_take_long(monkeypatch
     monkeypatch.setattr(trials, "QUICK", 1.5 * trials.FEWEST * alone)
     some, seeds = affordable(tried)
     assert [candidate.name for candidate in some] == ["minimum"]
+    assert cr.forecast(plan, seeds=1).ranking[0] == "minimum"  # the others have no gain
     assert seeds == int(1.5 * trials.FEWEST)
+
+
+def test_the_best_is_among_the_rows_that_were_tried_and_failures_are_named():
+    foreseen = cr.forecast(pursuit(), seeds=1, trial=True)
+    untried = replace(foreseen.best, name="untried", gain=None, used=False)
+    untried = replace(untried, seeds=[replace(untried.seeds[0], start=1e9)])
+    assert replace(foreseen, rows=(untried, *foreseen.rows)).best is foreseen.best
+    failed = {"scratch, fast": SettingError("a rule: a value")}
+    played = replace(foreseen.trial.comparison, failed=failed)
+    said = replace(foreseen, trial=replace(foreseen.trial, comparison=played))
+    assert "scratch, fast failed: a rule: a value" in str(said).splitlines()
 
 
 def test_trials_share_what_is_learnt_without_sources(calls):  # noqa: F811
@@ -326,4 +338,5 @@ def test_one_seed_against_the_others_is_noise():
     assert anti_knowledge(row((-1.0, 0.2), (-9.0, 0.3), (1.0, 0.1)), 0.0) == ""
     assert "below the random" in anti_knowledge(row((-5.0, 0.2), (-5.1, 0.3), (-4.9, 0.1)), 0.0)
     assert "below the random" in anti_knowledge(row((-5.0, np.nan)), 0.0)
+    assert anti_knowledge(row((-5.0, np.nan)), -5.0 + 1e-14) == ""
     assert anti_knowledge(row((1.0, -0.2)), 0.0).startswith("may be anti-knowledge: its order")

@@ -141,6 +141,16 @@ def test_the_gain_over_several_rivals_has_the_smallest_of_their_bounds():
     assert gain.high == min(mean_interval(row, confidence=0.975).high for row in over)
 
 
+def test_a_rival_at_a_constant_distance_does_not_hide_the_spread_over_another():
+    gains = np.array([0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 10.0])
+    returns = {"mine": gains, "scratch": np.zeros(7), "hopeless": gains - 100}
+    verdict = verdicts_of(returns, {"mine": ["scratch", "hopeless"]})["mine"]
+    assert verdict.gain.low < 0 < verdict.gain.high
+    assert verdict.against_scratch == "no difference shown"
+    alone = verdicts_of(returns, {"mine": ["hopeless"]})["mine"]
+    assert np.isnan(alone.gain.low)
+
+
 # -- arm against arm ---------------------------------------------------------------------------
 
 

@@ -531,9 +531,11 @@ class ActionComparison:
         if by_values:
             vanishing &= self.undecided[:, None]
         hidden = float(short[vanishing].max(initial=0.0))
-        from_potential = behind is not None and behind.plain.potential.any()
-        if from_potential and not tied_exactly(self.met, self.unshaped, self.task.optimal):
-            hidden = max(hidden, error)
+        if behind is not None and behind.plain.potential.any():
+            # Ties stay where F is that of the potential, up to rounding, in every step.
+            fits = behind.plain.worst <= 8 * EPSILON * largest
+            if not (fits and tied_exactly(self.met, self.unshaped, self.task.optimal)):
+                hidden = max(hidden, error)
         if hidden <= self.tolerance:
             return True, ()
         return None, (
@@ -774,9 +776,7 @@ def _returning(shaped: ShapedTask, rollouts: RandomRollouts, f: FloatArray) -> t
     place = state_name(shaped.task.states, int(where[path]))
     if factor[path] == 0:
         reason = f"F adds up to {total[path]:.4g} over a loop through {place}, not to 0"
-    else:
-        reason = (
-            f"one path from {place} requires Phi = {total[path] / factor[path]:.4g}, another "
-            f"{total[other] / factor[other]:.4g}"
-        )
-    return float(apart[worst]), f"not potential-based: {reason}"
+        return float(apart[worst]), f"not potential-based: {reason}"
+    values = total[path] / factor[path], total[other] / factor[other]
+    reason = f"one path from {place} requires Phi = {values[0]:.4g}, another {values[1]:.4g}"
+    return float(apart[worst]), f"no potential that is 0 at the ends: {reason}"

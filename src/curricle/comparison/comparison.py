@@ -4,6 +4,7 @@ All arms spend the same total of steps, source steps included. Seed k of every a
 same random stream in the target. Arms with different targets are refused.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
@@ -125,8 +126,9 @@ class Reference:
         if stated is not None:
             return cls(stated, STATED, worst, best)
         # Undiscounted, the policy that is optimal with the discount need not beat a random one.
-        if best is None or worst is None or best <= worst:
-            return cls(None, MIDPOINT, worst, best)
+        reference = cls(None, MIDPOINT, worst, best)
+        if best is None or worst is None or best <= worst or reference.nothing_to_learn:
+            return reference
         return cls(fraction_of_optimum(best, worst, FRACTION), OF_OPTIMUM, worst, best)
 
     @classmethod
@@ -136,6 +138,14 @@ class Reference:
         if stated is not None:
             return cls(stated, STATED, possible=possible)
         return replace(cls.of(target_of(node.task, node.evaluation)), possible=possible)
+
+    @property
+    def nothing_to_learn(self) -> bool:
+        """Whether the random policy is optimal, up to rounding."""
+        best, worst = self.optimum, self.random_return
+        if best is None or worst is None:
+            return False
+        return math.isclose(best, worst, rel_tol=ROUNDING)
 
     def after(self, scratch: Curve) -> Self:
         """Return the reference after training: midway up scratch's curve without a threshold."""
@@ -500,6 +510,7 @@ class Comparison:
     def _contrast(self, name: str) -> Contrast:
         rival = self.best_opponent(name)
         arm, scratch = self[name], self[rival]
+        ours, theirs = self.returns[name], self.returns[rival]
         alone = self._verdicts({name: self.opponents(name)})[name]
         verdict, reason = self.verdicts.get(name), self.reasons.get(name)
         weak, base = self._weak(name), self._weak(rival)
@@ -514,8 +525,9 @@ class Comparison:
             asymptotic_gain=mean_interval(
                 difference(asymptotic_performance(strong), asymptotic_performance(whole))
             ),
+            # Returns within rounding are equal, as in gains.
             probability_of_improvement=probability_of_improvement(
-                mean_return(strong), mean_return(whole)
+                np.where(difference(ours, theirs), ours, theirs), theirs
             ),
             p=alone.p,
             adjusted_p=NAN if verdict is None else verdict.adjusted_p,
@@ -643,7 +655,8 @@ class Comparison:
     @property
     def nothing_learnt(self) -> str:
         """A sentence on a threshold that no arm reaches in any seed; empty if an arm does."""
-        if np.isnan(self.threshold) or any(self.times(name).reached.any() for name in self.shown):
+        reached = any(self.times(name).reached.any() for name in self.arms)
+        if np.isnan(self.threshold) or reached or self.reference.nothing_to_learn:
             return ""
         return (
             f"no arm reaches the threshold of {self.threshold:.4g} in any seed, so that the gains "
@@ -863,8 +876,6 @@ def comparison_plan(
     for name, arm in arms.items():
         fit_name("an arm", name, CurriculumError)
         instance(f"arm {name!r}", arm, Curriculum, CurriculumError)
-        if name == SCRATCH:
-            raise CurriculumError(f"the name {SCRATCH!r} is taken by the baseline: rename this arm")
     if isinstance(controls, str):
         raise SettingError(f"controls must be a list of names: got {controls!r}")
     for control in controls:
@@ -883,9 +894,6 @@ def comparison_plan(
     for name, arm in arms.items():
         check_fit(controls, name, arm)
     scratches = {SCRATCH: from_scratch(first), **scratch_curricula(scratch, first)}
-    for name in scratches:
-        if name in arms:
-            raise CurriculumError(f"the name {name!r} is taken by a learner: rename this arm")
     how: Any = {"controls": controls, "opponents": opponents}
     return Plan.made(arms, scratches, memory.keys_of, **how)
 

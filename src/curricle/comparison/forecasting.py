@@ -5,6 +5,7 @@ states where learning starts: the return of the policy greedy on phi, and whethe
 that returns then fall. For each source it states whether the source learnt its own task.
 """
 
+import math
 import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,7 +33,7 @@ from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.learning import policy_return
 from curricle.deep.miniature import Miniatures
 from curricle.display import block, printed, table
-from curricle.errors import CurricleError, CurriculumError
+from curricle.errors import CurricleError, CurriculumError, in_words
 from curricle.learning.potential import PairPotential
 from curricle.learning.seeds import over_seeds, seed_tuple, threads_for
 from curricle.planning.greedy import Values, VisitedValues
@@ -43,6 +44,7 @@ from curricle.planning.policy_evaluation import (
     Target,
 )
 from curricle.progress import Bars, Progress, check_progress, shown
+from curricle.statistics.curves import ROUNDING
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import generative_model
@@ -356,8 +358,9 @@ class Forecast:
 
     @property
     def best(self) -> ForecastRow:
-        """The row with the highest score, aggregate or single transfer."""
-        return max(self.rows, key=lambda row: np.nan_to_num(row.score, nan=-np.inf))
+        """The row with the highest score, of those in the trial if there is one."""
+        rows = [row for row in self.rows if row.gain is not None] or self.rows
+        return max(rows, key=lambda row: np.nan_to_num(row.score, nan=-np.inf))
 
     @property
     def computed_from(self) -> str:
@@ -431,8 +434,13 @@ class Forecast:
     def _head(self) -> list[str]:
         """The sentences above the table: the answer with its basis, and the start."""
         lines = [f"Forecast for {self.target!r}: {self.answer}", self.basis]
-        if self.trial is not None and not self.best.used:
-            lines.append(f"the highest gain in the trial: {self.best.name}")
+        if self.trial is not None:
+            lines += [
+                f"{name} failed: {in_words(error)}"
+                for name, error in self.trial.comparison.failed.items()
+                if name != self.used.name  # whose error is the basis
+            ]
+            lines += [f"the highest gain in the trial: {self.best.name}"] * (not self.best.used)
         lines += map(str, self.sources.values())
         # Transfers that may be anti-knowledge; a single transfer has the row of its aggregate.
         alone = [row for row in self.rows if not row.aggregate] or self.rows[:1]
@@ -540,7 +548,8 @@ def anti_knowledge(row: ForecastRow, random_return: float) -> str:
     signs = []
     starts, ranks = (np.array([getattr(k, of) for k in row.seeds]) for of in ("start", "rank"))
     high, mean = float(mean_interval(starts).high), float(starts.mean())
-    if (mean if np.isnan(high) else high) < random_return:
+    end = mean if np.isnan(high) else high
+    if end < random_return and not math.isclose(end, random_return, rel_tol=ROUNDING):
         below = f"below the random policy's {random_return:.3g}"
         signs.append(f"its policy starts at {mean:.3g}, {below}")
     if (ranks < 0).all():
@@ -595,7 +604,7 @@ def forecast(
         default 1000, or 50 for an observation task.
     trial : bool, optional
         True for a trial of 20 seeds, False for none. By default there is a trial of 8 to 20 seeds
-        if the tasks have models and it takes at most about 5 s on one processor.
+        if the tasks have models and it takes at most about 10 s on one processor.
     opponents, scratch, threshold : optional
         The learners without sources against which the trial asks whether the curriculum pays, and
         the return that counts as learnt, as in :func:`compare`.
@@ -679,7 +688,8 @@ def forecast(
             learnt |= distilled_sources(curriculum.tasks, sources)
     if made_trial is not None:
         rows = [replace(row, gain=made_trial.gain(row.name)) for row in rows]
-    rows.sort(key=lambda row: (not row.aggregate, -np.nan_to_num(row.score, nan=-np.inf)))
+    scores = {row.name: np.nan_to_num(row.score, nan=-np.inf) for row in rows}
+    rows.sort(key=lambda row: (not row.aggregate, row.gain is None, -scores[row.name]))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     coverage: dict[str, Any]  # of mappings whose pairs are few enough to count
     if isinstance(any_target, ObservationTarget):

@@ -138,22 +138,31 @@ class Plan:
                 return curriculum
             return curriculum.replace(target, budget=total, eval_freq=node.eval_freq)
 
-        arms = dict[str, PlannedArm]()
+        arms = list[tuple[str, PlannedArm]]()
         scratches = {name: as_long(curriculum) for name, curriculum in scratches.items()}
         for name, curriculum in scratches.items():
-            arms[name] = PlannedArm(curriculum, *keys_of(name, curriculum, ""), scratch=True)
-        for label, curriculum in unasked_learners(opponents, scratches) if scratches else ():
+            arm = PlannedArm(curriculum, *keys_of(name, curriculum, ""), scratch=True)
+            arms.append((name, arm))
+        unasked = dict(unasked_learners(opponents, scratches) if scratches else ())
+        for label, curriculum in unasked.items():
             keys = keys_of(SCRATCH, curriculum, label)
-            arms[f"{SCRATCH}, {label}"] = PlannedArm(curriculum, *keys, scratch=True)
+            arms.append((f"{SCRATCH}, {label}", PlannedArm(curriculum, *keys, scratch=True)))
         for name, curriculum in curricula.items():
             whole = as_long(curriculum)
-            arms[name] = PlannedArm(whole, *keys_of(name, whole, ""))
+            arms.append((name, PlannedArm(whole, *keys_of(name, whole, ""))))
             kinds = {False: control_arms(controls, whole), True: constants_of(opponents, whole)}
             for free, changes in kinds.items():
                 for label, changed in changes:
                     keys = keys_of(name, changed, label)
-                    arms[f"{name}, {label}"] = PlannedArm(changed, *keys, free, label, name)
-        return cls(arms, target, budget, total, node.eval_freq)
+                    arm = PlannedArm(changed, *keys, free, label, name)
+                    arms.append((f"{name}, {label}", arm))
+        names = [name for name, _ in arms]
+        if twice := next((name for name in names if names.count(name) > 1), ""):
+            raise CurriculumError(
+                f"arms must have other names than controls and opponents: {twice!r} names two; "
+                "rename the arm or learner"
+            )
+        return cls(dict(arms), target, budget, total, node.eval_freq)
 
     @property
     def steps(self) -> tuple[int, int]:

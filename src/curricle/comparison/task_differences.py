@@ -226,20 +226,25 @@ def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...
     return (*lines, *_unequal(task.parameters, other.parameters))
 
 
-def plain_text(value: Any) -> str:
+def plain_text(value: Any, within: tuple[Any, ...] = ()) -> str:
     """Return a value as text that is the same in every process and on every machine."""
     if isinstance(value, np.ndarray):
         text = repr(value)
         return text if "..." not in text else f"array {value.shape} ({_digest(value.tobytes())})"
     function = getattr(value, "py_func", value)
-    if inspect.isfunction(function):
+    if inspect.isfunction(function) and function not in within:
         try:
             source = inspect.getsource(function)
         except OSError:
             source = repr(function.__code__.co_code)
-        constants = function.__code__.co_consts, inspect.getclosurevars(function).nonlocals
+        used = inspect.getclosurevars(function)
+        known = {k: x for k, x in used.globals.items() if not inspect.ismodule(x)}
+        texts = {name: plain_text(x, (*within, function)) for name, x in known.items()}
+        constants = function.__code__.co_consts, used.nonlocals, *([texts] if texts else ())
         content = source + _of_any_process(repr(constants))
         return f"{function.__name__} ({_digest(content.encode())})"
+    if isinstance(value, set | frozenset):  # whose order differs between processes
+        value = sorted(value, key=repr)
     return _of_any_process(repr(value))
 
 

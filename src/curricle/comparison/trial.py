@@ -151,6 +151,8 @@ class Trial:
         if gain is None:
             return in_words(comparison.failed[name])
         gained = f"gain in mean return {in_brief(gain)}"
+        if comparison.reference.nothing_to_learn:
+            return f"nothing to learn, as the random policy is optimal; {gained}"
         best = comparison.best_opponent(name)
         by = f"by {best}" if best != SCRATCH else "from scratch"
         times, alone = comparison.times(name), comparison.times(best)

@@ -211,7 +211,8 @@ def _p_value(differences: FloatArray, draws: int) -> float:
     if p >= SIGNIFICANT or not gain.low <= 0 <= gain.high:
         return p
     k = differences.shape[1]
-    t = differences.mean(axis=1) / differences.std(axis=1, ddof=1) * math.sqrt(k)
+    with np.errstate(divide="ignore", invalid="ignore"):  # without a spread
+        t = differences.mean(axis=1) / differences.std(axis=1, ddof=1) * math.sqrt(k)
     return max(SIGNIFICANT, _of_all(differences, 2 * stdtr(k - 1, -abs(t))))
 
 
@@ -225,15 +226,13 @@ def _of_all(differences: FloatArray, p_values: npt.ArrayLike) -> float:
 
 def _smallest_gain(differences: FloatArray) -> Interval:
     """Return the interval of the smallest of n true differences, from the differences (n, K)."""
-    levels = [1 - SIGNIFICANT / n for n in (1, len(differences))]
+    means, levels = differences.mean(axis=1), [1 - SIGNIFICANT / n for n in (1, len(differences))]
     below, above = ([mean_interval(row, confidence=c) for row in differences] for c in levels)
-    return Interval(
-        estimate=float(differences.mean(axis=1).min()),
-        low=float(np.min([interval.low for interval in below])),
-        high=float(np.min([interval.high for interval in above])),
-        confidence=1 - SIGNIFICANT,
-        n=differences.shape[1],
-    )
+    bounds = np.array([[a.low for a in below], [b.high for b in above]])
+    if not np.isnan(bounds).all():  # a difference without a spread, beside others, is its mean
+        bounds = np.where(np.isnan(bounds), means, bounds)
+    low, high = bounds.min(axis=1).tolist()
+    return Interval(float(means.min()), low, high, 1 - SIGNIFICANT, n=differences.shape[1])
 
 
 NO_MORE = "not shown to gain more than from an unrelated task"

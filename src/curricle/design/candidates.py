@@ -379,7 +379,7 @@ def judged(mdp: FiniteMDP, goal: BoolArray | None = None) -> Judged:
         return Judged(mdp, "goal avoided by every optimal policy")
     optimum, random_return = float(best.start_value), float(chance.start_value)
     error = best.error_bound + chance.error_bound
-    error += ROUNDING * max(1.0, abs(optimum), abs(random_return))
+    error += ROUNDING * max(abs(optimum), abs(random_return))
     values = best.values[reachable_states(mdp)]
     pointless = optimum - random_return <= error
     refusal = "nothing to learn: the random policy is optimal" if pointless else ""

@@ -108,7 +108,7 @@ class Choice:
         The chosen curriculum as it was played, with ``QInitialisation()`` and no portfolio if it
         uses a candidate; None if no curriculum pays, or it cannot be carried over to the target.
     alone : str
-        The best opponent in words, which needs no source.
+        The best opponent of the first finalist in words, which needs no source.
     comparison : Comparison
         The finalists against all opponents, on seeds that no finalist was chosen on.
     rows : tuple of dict
@@ -137,8 +137,10 @@ class Choice:
         if self.name:
             p = f"p = {verdict.adjusted_p:.2g}"
             return f"{best}: gains {gain} more than {self.alone} alone ({p})"
-        well = "better" if verdict.direction < 0 else "as well"
-        return f"no curriculum: {self.alone} alone does {well} (the best, {best}, gains {gain})"
+        why = f"none is shown to gain more than {self.alone} alone"
+        if verdict.direction < 0:
+            why = f"{self.alone} alone does better"
+        return f"no curriculum: {why} (the best, {best}, gains {gain})"
 
     def __str__(self) -> str:
         return self.text()
@@ -211,7 +213,7 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
     remarks += [f"{arm} failed: {in_words(error)}" for arm, error in failed.items()]
     listed = tuple(rows[name] for name in (*finalists, *others))
     best = finalists[0] * pays[finalists[0]]
-    return Choice(best, None, _best_alone(final), final, listed, tuple(remarks))
+    return Choice(best, None, _best_alone(final, finalists[0]), final, listed, tuple(remarks))
 
 
 def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
@@ -219,9 +221,9 @@ def _may_exceed(returns: FloatArray, others: FloatArray) -> bool:
     return not mean_interval(returns - others).high < 0
 
 
-def _best_alone(comparison: Comparison) -> str:
-    """Return the opponent with the highest mean return, in words."""
-    best = max(comparison.scratches, key=lambda name: float(comparison.returns[name].mean()))
+def _best_alone(comparison: Comparison, name: str) -> str:
+    """Return the best opponent of a curriculum, in words."""
+    best = comparison.best_opponent(name)
     values = comparison[best].initial_values
     if values is not None:
         return f"initial_value={values.mean():.4g}"

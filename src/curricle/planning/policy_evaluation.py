@@ -1,5 +1,6 @@
 """Evaluation of greedy policies, exactly or by rollouts; and a target task with its optimum."""
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +26,7 @@ from curricle.planning.greedy import (
 from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_episode
 from curricle.planning.solution import Solution, limited_optimum, solve
 from curricle.progress import HALTED
-from curricle.statistics.curves import fraction_of_optimum
+from curricle.statistics.curves import ROUNDING, fraction_of_optimum
 from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.mdp import (
@@ -625,10 +626,13 @@ class Target:
     def floor(self) -> float:
         """The return above which something was learnt: half of the way from random to the optimum.
 
-        Where the optimum is unknown, the random policy's return and its noise.
+        Where the optimum is unknown, the random policy's return and its noise; without a bound
+        where the random policy is optimal, as there is nothing to learn.
         """
         if self.solution is not None:
-            return self.level(NOT_LEARNT)
+            best, worst = self.optimum, self.random_return
+            equal = math.isclose(best, worst, rel_tol=ROUNDING)
+            return -math.inf if equal else self.level(NOT_LEARNT)
         random, noise = self.estimated(self._no_values)
         return random + STANDARD_ERRORS * noise
 
