@@ -106,12 +106,12 @@ CONSTANT = (gym.Space, EnvSpec, *GENERATORS)
 numbers decide what happens next only in environments that are random."""
 NAMED = (type, BuiltinFunctionType, ModuleType)
 # What is read again wherever it is met: sharing it makes no difference.
-UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType)
+UNCHANGING = (tuple, frozenset, Enum, *NAMED, MethodType, CodeType)
 
 
-def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
+def fingerprint(value: Any, left_out: Collection[str] = (), *, strict: bool = True) -> bytes:
     """Return a digest, 16 bytes, of a value and all it refers to, without names in `left_out`."""
-    return _Reader(value, frozenset(left_out)).digest.digest()
+    return _Reader(value, frozenset(left_out), strict=strict).digest.digest()
 
 
 class _Reader:
@@ -169,8 +169,7 @@ class _Reader:
             parts = value.co_consts
         elif isinstance(value, FunctionType):
             self.tell("function", value.__module__, value.__qualname__)
-            self.read(value.__code__)
-            self.read(value.__defaults__)
+            self.read((value.__code__, value.__defaults__, value.__kwdefaults__))
             parts = [cell.cell_contents for cell in value.__closure__ or ()]
         elif isinstance(value, tuple | list | deque | np.ndarray):
             self.tell(type(value).__name__, np.shape(value) if hasattr(value, "shape") else "")

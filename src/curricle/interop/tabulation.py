@@ -292,7 +292,7 @@ def tabulate(
     cache : str or Path, optional
         A file that the tables are read from, or written to if it does not exist. Tables of another
         environment, content after a reset, setting or version are refused. The environment's code
-        is not compared: name another file when you change it.
+        and functions that others call are not compared: name another file when you change them.
     action_masks : bool
         Whether only available actions are taken, as in :func:`from_gymnasium`.
     **make_arguments
@@ -665,7 +665,10 @@ def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> d
         # MiniGrid's space of missions prints a function with its address, another in every process.
         "spaces": re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}"),
         "seeds": list(seeds),
-        "settings": [getattr(way, "__qualname__", repr(way)) for way in ways],
+        "settings": [
+            digest_of(fingerprint(way, strict=False)) if callable(way) else repr(way)
+            for way in ways
+        ],
         "content after a reset": digest_of(content),
         "versions": {p: str(getattr(module, "__version__", "")) for p, module in modules.items()},
     }
