@@ -332,7 +332,8 @@ def tabulate(
                 f"would be a state: tabulate it without them, got {env}"
             )
         name = str(make) if make.recipe is not None else type(env.unwrapped).__name__
-        named = names_of(env.unwrapped)[1] or named_actions(env)
+        turned = any(isinstance(layer, gym.ActionWrapper) for layer in layers_of(env))
+        named = names_of(env)[1] or (None if turned else named_actions(env))
         act, moves = actions_of(env.action_space, actions, named)
         tables, record = plan.carried_out(env, act, moves.size, name)
         limit: Any = time_limit

@@ -256,6 +256,28 @@ def test_names_may_be_given():
         cr.from_gymnasium("FrozenLake-v1", discount=0.9, actions=cr.Space([cr.Component("a", 5)]))
 
 
+class Swapped(gym.ActionWrapper):
+    def action(self, action):
+        return 3 - action
+
+
+class Mirrored(gym.ObservationWrapper):
+    def observation(self, observation):
+        return 15 - observation
+
+
+@pytest.mark.parametrize("kind", [Swapped, Mirrored, lambda env: TransformReward(env, abs)])
+def test_wrappers_that_change_what_is_seen_or_done_leave_no_names(kind):
+    def make():
+        return kind(gym.make("FrozenLake-v1", is_slippery=False))
+
+    task, tables = cr.from_gymnasium(make, discount=0.9), cr.tabulate(make, discount=0.9)
+    named = kind not in (Swapped, Mirrored)
+    assert task.states.names == (("row", "column") if named else ("state",))
+    for actions in (task.actions, tables.actions):
+        assert actions.label(2) == ("move=east" if named else "action=2")
+
+
 def test_an_encode_of_ones_own():
     place = cr.Space([cr.Component("side", 2), cr.Component("lean", 3, low=-1)])
 
