@@ -140,9 +140,9 @@ def from_gymnasium(
     with opened(environment, make) as env:
         world: Any = env.unwrapped
         limit: Any = time_limit
-        if time_limit == "own":
-            limit = None if env.spec is None else env.spec.max_episode_steps
-            limit = time_limit_of(env) if limit is None else limit
+        if time_limit == "own":  # the least of its limits
+            limits = getattr(env.spec, "max_episode_steps", None), time_limit_of(env)
+            limit = min((steps for steps in limits if steps is not None), default=None)
         known, moves = names_of(env)
         act, actions = actions_of(env.action_space, actions, moves)
         number = encode

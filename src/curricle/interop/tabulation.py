@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium.wrappers import FrameStackObservation
+from gymnasium.wrappers import FrameStackObservation, TimeLimit as StepLimit
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
@@ -529,6 +529,7 @@ def _free(name: str, parts: Sequence[Part]) -> str:
 def steps_checked(world: World, tables: Tables) -> int:
     """Return how many steps of episodes agree with the tables; TaskError where a step does not."""
     rng, steps, n_actions = np.random.default_rng(0), 0, world.n_actions
+    clocks: Any = [layer for layer in layers_of(world.env) if isinstance(layer, StepLimit)]
     for walk in range(WALKS):
         k = walk % len(world.seeds)
         # An episode: on the way to some state, then at random.
@@ -544,6 +545,13 @@ def steps_checked(world: World, tables: Tables) -> int:
             action = way[taken] if taken < len(way) else int(allowed[rng.integers(len(allowed))])
             observed, reward, ended, truncated, _ = world.env.step(world.act(action))
             taken += 1
+            if any(clock._elapsed_steps != taken for clock in clocks):
+                raise TaskError(
+                    "a time limit must count the steps of an episode, so that TimeLimit belongs "
+                    "around wrappers that repeat steps (and max_episode_steps=-1 in make): after "
+                    f"step {taken} that of {world.name} has counted "
+                    f"{max(clock._elapsed_steps for clock in clocks)}"
+                )
             reached = set[int]()
             for state in possible:
                 pair = state * n_actions + action

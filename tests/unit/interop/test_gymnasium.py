@@ -38,7 +38,9 @@ def test_horizons_are_those_of_the_environments():
         assert endless.time_limit is None
     walked = cr.planning.rollout(endless, np.zeros(500, int), steps=250)  # south, for ever
     assert len(walked) == 250
-    assert cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9).time_limit == 100
+    for outer, limit in ((200, 100), (100, 100), (50, 50)):
+        lake = TimeLimit(gym.make("FrozenLake-v1"), outer)
+        assert cr.from_gymnasium(lake, discount=0.9).time_limit == limit
 
 
 def test_the_optimum_is_the_one_that_gymnasium_states():

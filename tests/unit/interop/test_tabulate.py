@@ -233,7 +233,20 @@ def test_estimates_say_so_and_come_close():
     np.testing.assert_array_equal(task.mdp.probability, again.mdp.probability)
 
 
+class Twice(gym.Wrapper):
+    """Repeats every step but the last."""
+
+    def step(self, action):
+        first = self.env.step(action)
+        return first if first[2] else self.env.step(action)
+
+
 REFUSALS = {
+    "a time limit counts others": (
+        lambda: Twice(TimeLimit(Corridor(), 9)),
+        {},
+        "TimeLimit belongs around wrappers that repeat .*: after step 1 .* has counted 2",
+    ),
     "cannot be copied": (Uncopyable, {}, "copying .* failed with TypeError"),
     "never ends counting": (
         Counting,
