@@ -68,6 +68,10 @@ TASKS = [
     (lambda: outcomes([[[(1.0, 1, 0.0)]], [[]]]), "terminated flag.*state 0, action 0 has"),
     (lambda: outcomes([[np.zeros(2)], [[]]]), "terminated flag: state 0, action 0 has"),
     (lambda: outcomes([[[(0.5, 1, 0.0, True), (0.5, 1, 0.0, False)]], [[]]]), "state 1 does both"),
+    (
+        lambda: outcomes([[[(1.0, 1, 0.0)]], [[(1.0, 2, 0.0, False)]], [[]]], terminal=[0, 0, 1]),
+        "as terminal has it .*: state 2 does both, at last from state 1, action 0",
+    ),
     (lambda: outcomes([[[(1.0, 1, 0.0, True)]], [[]]], start=2), r"must lie in 0\.\.1: got 2"),
     (lambda: outcomes([[[(1, 2, 0, True)]], [[]]]), r"0\.\.1: got 0\.\.2"),
     (lambda: tables(outcome_row=np.full((3, 4), 6)), r"outcome.rows? .* 0\.\.5: got 6"),
@@ -162,6 +166,7 @@ TASKS = [
     (lambda: block_dude_family(columns=7), "must be one of 10, 11, .* no way to the exit: got"),
     # Starts and goals.
     (lambda: with_start(MAZE, GoalDistance(30)), "lies 30..30 steps from the goal: the farthest"),
+    (lambda: with_start(MAZE, [0, 0, 1, 0]), r"none twice .*: got \[0, 0, 1, 0\]"),
     (lambda: with_start(MAZE, [3]), "must not start in a terminal state: state 3"),
     (lambda: with_start(ring(), "uniform"), "given by functions or played live has no tables"),
     (lambda: with_start(RiverSwim(), GoalDistance(1)), "none is terminal and can be entered"),

@@ -299,6 +299,7 @@ MAPPINGS = [
         "states of row, column are 3 in the target and 3 in the source, not the same points in the",
     ),
     (lambda: identity(chain(), chain(labels=("right", "left"))), "and right, left in the source; "),
+    (lambda: identity(chain(), chain(labels=("right", "stay"))), "and right, stay in the source; "),
     (
         lambda: identity(observation_task("MountainCar-v0"), observation_task("CartPole-v1")),
         r"target's observations are Box\(\[-1.2  -0.07\].*, the source's Box\(.*; a function of",

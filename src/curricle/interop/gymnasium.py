@@ -140,10 +140,10 @@ def from_gymnasium(
     with opened(environment, make) as env:
         world: Any = env.unwrapped
         limit: Any = time_limit
-        if time_limit == "own":
-            limit = None if env.spec is None else env.spec.max_episode_steps
-            limit = time_limit_of(env) if limit is None else limit
-        known, moves = names_of(world)
+        if time_limit == "own":  # the least of its limits
+            limits = getattr(env.spec, "max_episode_steps", None), time_limit_of(env)
+            limit = min((steps for steps in limits if steps is not None), default=None)
+        known, moves = names_of(env)
         act, actions = actions_of(env.action_space, actions, moves)
         number = encode
         outcomes = outcomes_of(world) if encode is None and not live and has_table(env) else None
@@ -494,8 +494,11 @@ def outcomes_available(world: Any, outcomes: Any) -> Any:
     ]
 
 
-def names_of(world: Any) -> tuple[Space | None, Space | None]:
+def names_of(env: Any) -> tuple[Space | None, Space | None]:
     """Return named state and action spaces of a known environment, None for others."""
+    *wrappers, world = layers_of(env)
+    if not all(acts_as(wrapper, *HARMLESS, gym.RewardWrapper) for wrapper in wrappers):
+        return None, None  # observations and actions may mean something else
     # Named as the library's own domains are, so that mappings by name work between the two.
     labels: Sequence[str]
     if isinstance(world, FrozenLakeEnv):

@@ -106,12 +106,12 @@ CONSTANT = (gym.Space, EnvSpec, *GENERATORS)
 numbers decide what happens next only in environments that are random."""
 NAMED = (type, BuiltinFunctionType, ModuleType)
 # What is read again wherever it is met: sharing it makes no difference.
-UNCHANGING = (tuple, frozenset, Enum, *NAMED, FunctionType, MethodType, CodeType)
+UNCHANGING = (tuple, frozenset, Enum, *NAMED, MethodType, CodeType)
 
 
-def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
+def fingerprint(value: Any, left_out: Collection[str] = (), *, strict: bool = True) -> bytes:
     """Return a digest, 16 bytes, of a value and all it refers to, without names in `left_out`."""
-    return _Reader(value, frozenset(left_out)).digest.digest()
+    return _Reader(value, frozenset(left_out), strict=strict).digest.digest()
 
 
 class _Reader:
@@ -169,8 +169,7 @@ class _Reader:
             parts = value.co_consts
         elif isinstance(value, FunctionType):
             self.tell("function", value.__module__, value.__qualname__)
-            self.read(value.__code__)
-            self.read(value.__defaults__)
+            self.read((value.__code__, value.__defaults__, value.__kwdefaults__))
             parts = [cell.cell_contents for cell in value.__closure__ or ()]
         elif isinstance(value, tuple | list | deque | np.ndarray):
             self.tell(type(value).__name__, np.shape(value) if hasattr(value, "shape") else "")
@@ -199,8 +198,9 @@ class _Reader:
             for name in (names,) if isinstance(names, str) else names:
                 if hasattr(value, name):
                     attributes[name] = getattr(value, name)
-        self.skipped |= attributes.keys() & self.left_out
-        for name in sorted(attributes.keys() - self.left_out):
+        left_out = self.left_out | TOY_CONSTANTS if acts_as(value, *TOY_TEXT) else self.left_out
+        self.skipped |= attributes.keys() & left_out
+        for name in sorted(attributes.keys() - left_out):
             self.tell(name)
             self.read(attributes[name])
         if attributes or isinstance(value, gym.Env):
@@ -222,7 +222,7 @@ Words = Mapping[str, int | str]  # a state in words: the value of each component
 CONSTANTS = frozenset({"metadata", "spec"})  # attributes that no step changes; copies share them
 TOY_CONSTANTS = frozenset({"P", "initial_state_distrib", "desc", "locs"})  # of toy-text
 LEFT_OUT = CONSTANTS | {"_np_random_seed"}  # attributes that make no difference between states
-TOY_LEFT_OUT = TOY_CONSTANTS | {"lastaction", "taxi_orientation"}  # some are only drawn
+TOY_DRAWN = frozenset({"lastaction", "taxi_orientation"})  # of toy-text, where nothing wraps it
 MOST_CELLS = 16  # entries of an array that are part of a state's label, at most
 
 
@@ -373,17 +373,19 @@ def layers_of(env: Environment) -> list[Any]:
 
 def left_out(env: Environment) -> frozenset[str]:
     """Return the names of an environment's attributes that make no difference between states."""
-    return LEFT_OUT | TOY_LEFT_OUT if acts_as(env.unwrapped, *TOY_TEXT) else LEFT_OUT
+    # A wrapper may read what its toy-text environment only draws.
+    return LEFT_OUT | TOY_DRAWN if acts_as(env, *TOY_TEXT) else LEFT_OUT
 
 
 def copied(env: Any) -> tuple[Any, dict[int, Any]]:
     """Return a deep copy that shares what is constant, and the memo of copying; or TaskError."""
-    shared = CONSTANTS | TOY_CONSTANTS if acts_as(env.unwrapped, *TOY_TEXT) else CONSTANTS
     memo: dict[int, Any] = {
         id(value): value
         for layer in layers_of(env)
         for name, value in vars(layer).items()
-        if name in shared or isinstance(value, gym.Space)
+        if name in CONSTANTS
+        or isinstance(value, gym.Space)
+        or (name in TOY_CONSTANTS and acts_as(layer, *TOY_TEXT))
     }
     try:
         return deepcopy(env, memo), memo

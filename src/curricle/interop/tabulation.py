@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from gymnasium.wrappers import FrameStackObservation
+from gymnasium.wrappers import FrameStackObservation, TimeLimit as StepLimit
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
@@ -292,7 +292,7 @@ def tabulate(
     cache : str or Path, optional
         A file that the tables are read from, or written to if it does not exist. Tables of another
         environment, content after a reset, setting or version are refused. The environment's code
-        is not compared: name another file when you change it.
+        and functions that others call are not compared: name another file when you change them.
     action_masks : bool
         Whether only available actions are taken, as in :func:`from_gymnasium`.
     **make_arguments
@@ -332,7 +332,8 @@ def tabulate(
                 f"would be a state: tabulate it without them, got {env}"
             )
         name = str(make) if make.recipe is not None else type(env.unwrapped).__name__
-        named = names_of(env.unwrapped)[1] or named_actions(env)
+        turned = any(isinstance(layer, gym.ActionWrapper) for layer in layers_of(env))
+        named = names_of(env)[1] or (None if turned else named_actions(env))
         act, moves = actions_of(env.action_space, actions, named)
         tables, record = plan.carried_out(env, act, moves.size, name)
         limit: Any = time_limit
@@ -528,6 +529,7 @@ def _free(name: str, parts: Sequence[Part]) -> str:
 def steps_checked(world: World, tables: Tables) -> int:
     """Return how many steps of episodes agree with the tables; TaskError where a step does not."""
     rng, steps, n_actions = np.random.default_rng(0), 0, world.n_actions
+    clocks: Any = [layer for layer in layers_of(world.env) if isinstance(layer, StepLimit)]
     for walk in range(WALKS):
         k = walk % len(world.seeds)
         # An episode: on the way to some state, then at random.
@@ -543,6 +545,13 @@ def steps_checked(world: World, tables: Tables) -> int:
             action = way[taken] if taken < len(way) else int(allowed[rng.integers(len(allowed))])
             observed, reward, ended, truncated, _ = world.env.step(world.act(action))
             taken += 1
+            if any(clock._elapsed_steps != taken for clock in clocks):
+                raise TaskError(
+                    "a time limit must count the steps of an episode, so that TimeLimit belongs "
+                    "around wrappers that repeat steps (and max_episode_steps=-1 in make): after "
+                    f"step {taken} that of {world.name} has counted "
+                    f"{max(clock._elapsed_steps for clock in clocks)}"
+                )
             reached = set[int]()
             for state in possible:
                 pair = state * n_actions + action
@@ -665,7 +674,10 @@ def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> d
         # MiniGrid's space of missions prints a function with its address, another in every process.
         "spaces": re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}"),
         "seeds": list(seeds),
-        "settings": [getattr(way, "__qualname__", repr(way)) for way in ways],
+        "settings": [
+            digest_of(fingerprint(way, strict=False)) if callable(way) else repr(way)
+            for way in ways
+        ],
         "content after a reset": digest_of(content),
         "versions": {p: str(getattr(module, "__version__", "")) for p, module in modules.items()},
     }

@@ -266,12 +266,13 @@ class FiniteMDP(Frozen):
         """
         lists, *tables = read_outcomes(outcomes)
         begins = start_distribution(start, len(lists))
-        if terminal is None:
-            terminal = terminal_states(lists, np.flatnonzero(begins).tolist())
+        first = np.flatnonzero(begins).tolist()
+        ends = terminal_states(lists, first) if terminal is None else np.asarray(terminal)
         settings: Any = {"start": begins, "discount": discount, "time_limit": time_limit}
-        settings["terminal"] = np.asarray(terminal)
         settings["available"] = np.array([[bool(pair) for pair in row] for row in lists])
-        return cls.one_row_a_pair(states, actions, *tables, **settings)
+        made = cls.one_row_a_pair(states, actions, *tables, terminal=ends, **settings)
+        terminal_states(lists, first, made.terminal)  # checks the flags where both are given
+        return made
 
     @classmethod
     def from_sparse(cls, transition: Sequence[Any], reward: Any, **settings: Any) -> Self:
@@ -619,28 +620,33 @@ def read_outcomes(outcomes: Any) -> tuple[list[list[Any]], FloatArray, IntArray,
     return lists, p, successor, r
 
 
-def terminal_states(lists: list[list[Any]], first: list[int]) -> BoolArray:
-    """Return the ``terminated`` flags of outcome lists as one flag for each state."""
+def terminal_states(
+    lists: list[list[Any]], first: list[int], given: BoolArray | None = None
+) -> BoolArray:
+    """Return the ``terminated`` flags of outcome lists as one flag for each state, as `given`."""
     # Only states that can be reached from the `first` count: tables such as Taxi's also list
     # impossible states, whose flags contradict the others.
-    flags, met, starts = dict[int, bool](), list(first), set(first)
+    flags = {} if given is None else dict(enumerate(given.tolist()))
+    met, known = list(first), set(first)
     for s in met:  # which grows meanwhile
         for a, pair in enumerate(lists[s]):
             for outcome in pair:
-                if len(outcome) < 4:
+                if len(outcome) < 4 and given is None:
                     raise TaskError(
                         "outcomes need a terminated flag where no terminal array is given: state "
                         f"{s}, action {a} has {outcome}"
                     )
-                probability, reached, _, ended = outcome[:4]
+                probability, reached, _, ended = (*outcome, flags.get(outcome[1]))[:4]
                 if probability == 0:
                     continue
-                if not ended and reached not in flags and reached not in starts:
-                    met.append(reached)
+                if not ended and reached not in known:
+                    known.add(reached)
+                    met.append(int(reached))
                 if flags.setdefault(reached, bool(ended)) != bool(ended):
                     raise TaskError(
-                        "entering a state must end the episode always or never: state "
-                        f"{reached} does both, the second time from state {s}, action {a}"
+                        "entering a state must end the episode always or never, as terminal has "
+                        f"it where it is given: state {reached} does both, at last from state {s}, "
+                        f"action {a}"
                     )
     return np.array([flags.get(s, False) for s in range(len(lists))])
 

@@ -168,8 +168,11 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
             raise TaskError(f"start={start!r} needs a state that does not end the episode")
     elif np.asarray(start).dtype.kind in "iu":
         states = np.atleast_1d(indices("start states", start, n_states, TaskError))
-        if not states.size or states.ndim > 1:
-            raise TaskError(f"start must name at least one state: got {start!r}")
+        if not states.size or states.ndim > 1 or len(np.unique(states)) < states.size:
+            raise TaskError(
+                "start must name at least one state and none twice (probabilities are fractions, "
+                f"such as 1.0): got {start!r}"
+            )
         chosen = _flags(n_states, states)
     else:
         chances = numbers("start", start, TaskError)

@@ -276,7 +276,8 @@ def _difference(kind: str, target: Space, source: Space) -> str:
         if (ours.size, ours.low) != (theirs.size, theirs.low):
             return f"the target's {kind} have {target_range}, the source's {source_range}"
         labels, other_labels = ours.labels or (), theirs.labels or ()
-        if labels != other_labels and set(labels) == set(other_labels):
+        pairs = zip(labels, other_labels, strict=False)  # either may have none
+        if any(label != other and label in other_labels for label, other in pairs):
             return (
                 f"values of {ours.name} are {', '.join(labels)} in the target and "
                 f"{', '.join(other_labels)} in the source"

@@ -38,7 +38,9 @@ def test_horizons_are_those_of_the_environments():
         assert endless.time_limit is None
     walked = cr.planning.rollout(endless, np.zeros(500, int), steps=250)  # south, for ever
     assert len(walked) == 250
-    assert cr.from_gymnasium(gym.make("FrozenLake-v1"), discount=0.9).time_limit == 100
+    for outer, limit in ((200, 100), (100, 100), (50, 50)):
+        lake = TimeLimit(gym.make("FrozenLake-v1"), outer)
+        assert cr.from_gymnasium(lake, discount=0.9).time_limit == limit
 
 
 def test_the_optimum_is_the_one_that_gymnasium_states():
@@ -254,6 +256,28 @@ def test_names_may_be_given():
         cr.errors.TaskError, match="actions must name all 4 of the environment's: got 5"
     ):
         cr.from_gymnasium("FrozenLake-v1", discount=0.9, actions=cr.Space([cr.Component("a", 5)]))
+
+
+class Swapped(gym.ActionWrapper):
+    def action(self, action):
+        return 3 - action
+
+
+class Mirrored(gym.ObservationWrapper):
+    def observation(self, observation):
+        return 15 - observation
+
+
+@pytest.mark.parametrize("kind", [Swapped, Mirrored, lambda env: TransformReward(env, abs)])
+def test_wrappers_that_change_what_is_seen_or_done_leave_no_names(kind):
+    def make():
+        return kind(gym.make("FrozenLake-v1", is_slippery=False))
+
+    task, tables = cr.from_gymnasium(make, discount=0.9), cr.tabulate(make, discount=0.9)
+    named = kind not in (Swapped, Mirrored)
+    assert task.states.names == (("row", "column") if named else ("state",))
+    for actions in (task.actions, tables.actions):
+        assert actions.label(2) == ("move=east" if named else "action=2")
 
 
 def test_an_encode_of_ones_own():

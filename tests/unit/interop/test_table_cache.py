@@ -69,6 +69,19 @@ def test_tables_of_something_else_are_refused(tmp_path):
         assert tabulated(tmp_path / aspect, **settings).record.cached
 
 
+def test_functions_of_another_content_are_another_setting(tmp_path):
+    def functions(content):
+        def save(env, *, again=True):  # which holds itself, as what calls itself does
+            return save(env, again=False) if again else (env.place, env.lit, content)
+
+        return save, lambda env, state: vars(env).update(place=state[0], lit=state[1])
+
+    for cached in (False, True):
+        assert tabulated(tmp_path / "lamps", state=functions(1)).record.cached == cached
+    with pytest.raises(StoreError, match="tables of the same settings"):
+        tabulated(tmp_path / "lamps", state=functions(2))
+
+
 def test_a_file_says_what_it_was_made_of(tmp_path):
     tabulated(tmp_path / "lamps")
     about = read_saved(tmp_path / "lamps", KIND).about

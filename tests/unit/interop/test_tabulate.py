@@ -8,6 +8,7 @@ from typing import NamedTuple
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv
 from gymnasium.wrappers import TimeLimit, TransformReward
 
 import curricle as cr
@@ -164,6 +165,31 @@ def test_what_makes_no_difference_is_left_out_or_made_one():
     assert cr.tabulate(Counting, discount=0.5, state=DeepCopy(ignore=["taken"])).states.size == 8
 
 
+def test_a_wrapper_is_read_whole_and_may_read_what_the_lake_draws():
+    class Turning(gym.Wrapper):
+        """Pays less where the last action was 1, which it keeps under the lake's own name."""
+
+        kept = property(lambda self: self)
+
+        def reset(self, **settings):
+            self.lastaction = None
+            return self.env.reset(**settings)
+
+        def step(self, action):
+            before = self.kept.lastaction
+            seen, reward, *rest = self.env.step(action)
+            self.lastaction = int(action)
+            return seen, reward * (0.1 if before == 1 else 1), *rest
+
+    class Asking(Turning):
+        kept = property(lambda self: self.env.unwrapped)
+
+    for kind in (Turning, Asking):
+        lake = cr.tabulate(partial(kind, FrozenLakeEnv(is_slippery=False)), discount=0.9)
+        assert cr.solve(lake).start_value == pytest.approx(0.9**5)  # of at least 6 steps
+        assert lake.record.explored > lake.states.size == 17
+
+
 def test_an_environment_that_is_given_is_left_alone():
     env = gym.make("FrozenLake-v1", is_slippery=False)
     env.reset(seed=5)
@@ -207,7 +233,20 @@ def test_estimates_say_so_and_come_close():
     np.testing.assert_array_equal(task.mdp.probability, again.mdp.probability)
 
 
+class Twice(gym.Wrapper):
+    """Repeats every step but the last."""
+
+    def step(self, action):
+        first = self.env.step(action)
+        return first if first[2] else self.env.step(action)
+
+
 REFUSALS = {
+    "a time limit counts others": (
+        lambda: Twice(TimeLimit(Corridor(), 9)),
+        {},
+        "TimeLimit belongs around wrappers that repeat .*: after step 1 .* has counted 2",
+    ),
     "cannot be copied": (Uncopyable, {}, "copying .* failed with TypeError"),
     "never ends counting": (
         Counting,

@@ -336,7 +336,7 @@ def _ways(env: Any, play: Play) -> list["partial[Any]"]:
         names, space = play.names(), space_of(env.observation_space, "state")
         known = (
             isinstance(env.observation_space, Dict)  # whose keys are names
-            or names_of(env.unwrapped)[0]
+            or names_of(env)[0]
             or len(names) != len(space.names)
         )
         if not known and names != [*space.names]:
