@@ -196,7 +196,9 @@ def test_a_forecast_of_endless_rollouts_is_not_begun(capsys):
         transfers = [{ source = "one", target = "all", mapping = "identity" }]
     """)
     Path("study.toml").write_text(text)
-    study = read_study("study.toml", set=["tasks.all.time_limit=1_000_000_000"])
+    study = read_study(
+        "study.toml", set=["tasks.all.arguments={ max_episode_steps = 1_000_000_000 }"]
+    )
     arms = Arms.of(study)
     print_forecasts(study, arms, costs(study, arms), whole=False)
     assert "no forecast: to compare the potentials in all could take" in capsys.readouterr().out
