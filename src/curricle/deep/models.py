@@ -249,8 +249,6 @@ class DeepRun:
         with isolated(self.learner.threads):
             source = np.empty(0) if saves is None else traits(self.task, shaping)
             saved = None if saves is None else load_checkpoint(saves, run)
-            if saved is not None:
-                check_source(saves, saved.progress.source, source)
             if saved is None:
                 progress = Progress.begun(self, warm_up)
                 model = model_for(
@@ -262,6 +260,7 @@ class DeepRun:
                     processes=self.learner.processes,
                 )
             else:
+                check_source(saves, saved.progress.source, source)
                 kind, held = saved.model
                 model, progress = object.__new__(kind), saved.progress
                 model.__dict__.update(held)

@@ -32,7 +32,6 @@ from curricle.interop.states import (
     TOY_TEXT,
     acts_as,
     fingerprint,
-    layers_of,
     time_limit_of,
 )
 from curricle.tasks.domain import cell_space
@@ -41,7 +40,12 @@ from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import OLD_GYM, LiveMDP, is_live
 from curricle.tasks.mdp import FiniteMDP, available_actions, generative_model
 from curricle.tasks.models import Functions, check_answers, first_state, transition
-from curricle.tasks.observation_task import EnvironmentMaker, ObservationTask, check_spaces
+from curricle.tasks.observation_task import (
+    EnvironmentMaker,
+    ObservationTask,
+    check_spaces,
+    layers_of,
+)
 from curricle.tasks.pursuit import LARGEST_SPACE, Pursuit
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi

@@ -29,6 +29,7 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import same_observation
 from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
 from curricle.tasks.mdp import SINGLE_PRECISION, number_of
+from curricle.tasks.observation_task import layers_of
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv
 HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
@@ -361,14 +362,6 @@ class SaveAndRestore(StateAccess):
     def describe(self, env: Environment) -> Words:
         """Return the numbers and words that are saved."""
         return words_of_state(self.save_state(env.unwrapped))
-
-
-def layers_of(env: Environment) -> list[Any]:
-    """Return an environment's wrappers from the outermost, and it itself last."""
-    layers: list[Any] = [env]
-    while isinstance(layers[-1], gym.Wrapper):
-        layers.append(layers[-1].env)
-    return layers
 
 
 def left_out(env: Environment) -> frozenset[str]:

@@ -54,7 +54,6 @@ from curricle.interop.states import (
     copied,
     core_and_views,
     fingerprint,
-    layers_of,
     shared_draws,
     time_limit_of,
 )
@@ -69,6 +68,7 @@ from curricle.interop.tabulated_task import (
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
 from curricle.tasks.mdp import FiniteMDP, number_of
+from curricle.tasks.observation_task import layers_of
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows
 

@@ -604,14 +604,14 @@ class Target:
         if self.solution is None:
             return float("nan")
         best = Values(self.solution.action_values)
-        found = greedy_policy_return(self.task, best, self.evaluation)
+        attained = greedy_policy_return(self.task, best, self.evaluation)
         model, start_value = generative_model(self.task), self.solution.start_value
         comparable = self.evaluation.discount(self.task) == model.discount
         rounding = max(self.solution.error_bound, 1e-9 * abs(start_value))
-        cut_off = model.time_limit is not None and found < start_value - rounding
+        cut_off = model.time_limit is not None and attained < start_value - rounding
         if self.evaluation.method == "exact" and comparable and cut_off:
             return limited_optimum(tables(self.task), self.evaluation.horizon(self.task))
-        return found
+        return attained
 
     @cached_property
     def random_return(self) -> float:

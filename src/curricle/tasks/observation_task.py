@@ -112,10 +112,8 @@ class ObservationTask:
         if not isinstance(environment, gymnasium.Env):
             raise TaskError(f"make must return a gymnasium.Env: {self.make} made {environment!r}")
         check_spaces(environment)
-        spaces, limit = (
-            (environment.observation_space, environment.action_space),
-            _limit_of(environment),
-        )
+        spaces = environment.observation_space, environment.action_space
+        limit = _limit_of(environment)
         environment.close()
         if self.time_limit is None:
             return (*spaces, limit)
@@ -169,11 +167,17 @@ class ObservationTask:
         return f"ObservationTask({maker}, discount {self.discount:g}{limit}, {self.shapes})"
 
 
-def _limit_of(environment: gymnasium.Env[Any, Any]) -> int | None:
-    """Return the least of an environment's own time limits; None if there is none."""
-    layers: list[Any] = [environment]
+def layers_of(environment: Any) -> list[Any]:
+    """Return an environment's wrappers from the outermost, and it itself last."""
+    layers = [environment]
     while isinstance(layers[-1], gymnasium.Wrapper):
         layers.append(layers[-1].env)
+    return layers
+
+
+def _limit_of(environment: gymnasium.Env[Any, Any]) -> int | None:
+    """Return the least of an environment's own time limits; None if there is none."""
+    layers = layers_of(environment)
     limits = [vars(layer).get("_max_episode_steps") for layer in layers]  # of a TimeLimit
     bare = layers[-1]
     limits.append(getattr(getattr(bare, "task", None), "time_limit", None))  # Curricle's
