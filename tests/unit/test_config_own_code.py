@@ -306,8 +306,12 @@ def outcomes(state, action):
     return [(0.25, left, 0.0, False), (0.75, meant, float(ends and lit), ends)]
 
 
+class Lamps(Corridor):
+    pass
+
+
 def corridor(cells=4):
-    return Corridor(cells)
+    return Lamps(cells)
 """
 LAMPS = """
 name = "lamps"
@@ -355,6 +359,10 @@ def test_a_tabulated_environment_is_what_python_makes(lamp_folder):
     assert_same(long, cr.tabulate(Corridor, discount=0.99, seeds=[0, 2]))
     assert long.record.seeds == (0, 2)
     assert (lamp_folder / "kept.npz").exists()
+    (lamp_folder / "own.py").write_text(OWN_LAMPS + "REWARD = 2\n", "utf-8")
+    with pytest.raises(ConfigError, match="tables of the same code of the classes"):
+        built_lamp(lamp_folder, "long")
+    (lamp_folder / "own.py").write_text(OWN_LAMPS, "utf-8")
     listed, near = built_lamp(lamp_folder, "listed"), built_lamp(lamp_folder, "near")
     assert (listed.exact, near.exact, near.record.samples) == (True, False, 400)
     assert cr.solve(listed).start_value == pytest.approx(cr.solve(near).start_value, abs=0.05)

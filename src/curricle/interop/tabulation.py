@@ -291,8 +291,9 @@ def tabulate(
         called with a sentence on the progress from time to time.
     cache : str or Path, optional
         A file that the tables are read from, or written to if it does not exist. Tables of another
-        environment, content after a reset, setting or version are refused. The environment's code
-        and functions that others call are not compared: name another file when you change them.
+        environment, content after a reset, setting or version are refused, and where a file that
+        holds a class of the environment or of its wrappers has changed. Code elsewhere that these
+        call is not compared: name another file when you change it.
     action_masks : bool
         Whether only available actions are taken, as in :func:`from_gymnasium`.
     **make_arguments
@@ -660,8 +661,11 @@ def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
 
 
 def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
-    """Return the origin of tables for JSON: environment and settings, but no code."""
+    """Return the origin of tables for JSON: environment, settings and a digest of their code."""
     layers = layers_of(env)
+    kinds = dict.fromkeys(kind.__module__ for layer in layers for kind in type(layer).__mro__)
+    files = [getattr(sys.modules.get(kind), "__file__", None) for kind in kinds]
+    code = b"".join(Path(file).read_bytes() for file in files if file is not None)
     content = b""  # arguments are in it too, of an environment that is no id but a function or made
     for seed in seeds:
         env.reset(seed=seed)
@@ -678,6 +682,7 @@ def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> d
             digest_of(fingerprint(way, strict=False)) if callable(way) else repr(way)
             for way in ways
         ],
+        "code of the classes": digest_of(code.replace(b"\r\n", b"\n")),
         "content after a reset": digest_of(content),
         "versions": {p: str(getattr(module, "__version__", "")) for p, module in modules.items()},
     }
