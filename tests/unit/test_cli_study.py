@@ -243,7 +243,7 @@ def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_p
 # -- show, compare, merge ----------------------------------------------------------------------
 
 
-def test_show_prints_how_far_it_is_and_what_paid(curricle, finished):
+def test_show_prints_how_far_it_is_and_what_paid(curricle, refused, finished):
     code, out, _ = curricle("show", finished)
     assert code == 0
     assert out.startswith("chain: 4 of 4 seeds finished in every arm\n")
@@ -257,6 +257,8 @@ def test_show_prints_how_far_it_is_and_what_paid(curricle, finished):
     assert "chain: easy" in out
     assert "chain: maze" not in out
     assert "state: easy" not in out
+    elsewhere = ["--arm", "scratch", "--task", "easy"]
+    refused(1, "a task of 'scratch' must be one of maze", "show", finished, *elsewhere)
 
 
 def test_decisions_are_sentences(curricle, refused, finished):

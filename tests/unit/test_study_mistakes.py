@@ -159,7 +159,8 @@ sweep.RATES & tune.space.RATES | is swept already: leave out one of
 tune.seeds=0 | tune.seeds must be a number of seeds, a list of different ones
 tune.space.learner.epsilon.low=1 | epsilon.high must be above low, 1: got 0.3
 tune.space.tasks.corner.budget={ low = 10.0, high = 90.0 } | must be a whole number:
-scratch=false | tune needs learning from scratch, which is tuned as every arm
+scratch=false | tune needs the comparison with scratch, … leave out scratch = false
+compared=false | tune needs the comparison with scratch, … leave out compared = false
 """
 """Of each file: what is set (by &), or a text and what takes its place (+ at the end); what the
 sentence has (… and its end)."""

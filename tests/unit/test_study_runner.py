@@ -136,6 +136,10 @@ def test_an_interrupted_run_goes_on_with_other_blocks(study_file, finished, tmp_
 
 
 def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
+    with pytest.raises(SettingError, match="needs greedy evaluation: that of 'maze' is off"):
+        run_study(
+            read_study(study_file, set=["tasks.maze.evaluation.method=off"]), tmp_path / "out"
+        )
     shards = [(0, 1), (3, 2), (1, 0), (1.5, 2), ("1", 2), (1,), "1/2", None]
     wrong = {"executor": [3], "report": [3], "resume": ["no"], "workers": [0, -1, 1.5]}
     wrong |= {"shard": shards, "trackers": ["tensorboard"]}

@@ -230,7 +230,8 @@ def _check(results: StudyResults, arm: str | None, task: str | None) -> None:
     if arm is not None:
         one_of("an arm", arm, results.record.arms, StoreError)
     if task is not None:
-        one_of("a task", task, dict.fromkeys(name for _, name in results.record.keys), StoreError)
+        tasks = dict.fromkeys(name for of, name in results.record.keys if arm in (None, of))
+        one_of("a task" if arm is None else f"a task of {arm!r}", task, tasks, StoreError)
 
 
 def _mean_and_deviation(returns: FloatArray) -> str:

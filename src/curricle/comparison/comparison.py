@@ -38,6 +38,7 @@ from curricle.comparison.plan import (
     PlannedArm,
     Trained,
     check_comparable,
+    check_evaluated,
 )
 from curricle.comparison.verdicts import (
     Reason,
@@ -889,8 +890,7 @@ def comparison_plan(
             "a comparison at one total budget needs the target's in steps: "
             f"{target!r} has {node.budget}"
         )
-    if node.evaluation.method == "off":
-        raise SettingError(f"a comparison needs greedy evaluation: that of {target!r} is off")
+    check_evaluated(first)
     for name, arm in arms.items():
         check_fit(controls, name, arm)
     scratches = {SCRATCH: from_scratch(first), **scratch_curricula(scratch, first)}

@@ -303,6 +303,12 @@ def check_comparable(arms: Mapping[str, Curriculum], learners: Collection[Any] |
                 )
 
 
+def check_evaluated(arm: Curriculum) -> None:
+    """Raise SettingError if the target of an arm that is to be compared is not evaluated."""
+    if arm.node(arm.target).evaluation.method == "off":
+        raise SettingError(f"a comparison needs greedy evaluation: that of {arm.target!r} is off")
+
+
 # -- Training a unit -------------------------------------------------------------------------------
 
 

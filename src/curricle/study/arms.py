@@ -20,6 +20,7 @@ from curricle.comparison.plan import (
     Trained,
     Unit as Unit,
     check_comparable,
+    check_evaluated,
     train,
 )
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
@@ -154,6 +155,8 @@ class Arms(Plan):
         ]
         if study.compared:
             check_comparable(study.curricula, None if study.own_learners else learners)
+            if scratches:
+                check_evaluated(next(iter(scratches.values())))
         plain = study.to_data()
         target = next(iter(study.curricula.values())).target
         data = {**scratch_data(plain, target), **plain["arms"]}

@@ -405,9 +405,10 @@ def wrong_tuning(study: Raw, complete: Mapping[str, Any]) -> Messages:
     settings = tuned_in(study)
     if not settings and isinstance(table(study.get("tune")).get("space"), dict):
         yield TUNE_HOME, "must name a setting to tune: got none"
-    if "tune" in study and study.get("scratch") is False:
-        text = "needs learning from scratch, which is tuned as every arm: leave out scratch = false"
-        yield ("tune",), text
+    for flag in ("scratch", "compared"):
+        if "tune" in study and study.get(flag) is False:
+            text = f"needs the comparison with scratch, at one total: leave out {flag} = false"
+            yield ("tune",), text
     names, swept = [s.name for s in settings], {s.name for s in swept_in(study)}
     for number, setting in enumerate(settings):
         values, why = setting.values, ""
