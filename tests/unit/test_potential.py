@@ -222,7 +222,8 @@ def test_many_pairs_are_ranked_by_a_sample(monkeypatch):
 @pytest.mark.parametrize("largest", [target_module.LARGEST_EVALUATED, 0], ids=["exact", "rollouts"])
 @pytest.mark.parametrize("task", [MAZE, random_mdp(5, time_limit=20)])
 def test_the_start_is_the_first_checkpoint_of_learning(task, largest, discounted, monkeypatch):
-    monkeypatch.setattr(target_module, "LARGEST_EVALUATED", largest)
+    for bound in ("LARGEST_EXACT", "LARGEST_EVALUATED"):
+        monkeypatch.setattr(target_module, bound, min(largest, getattr(target_module, bound)))
     target = Target.of(task, cr.GreedyEvaluation(discounted=discounted), episodes=50)
     assert target.evaluation.method == ("exact" if largest else "rollouts")
     for seed in (0, 3):

@@ -267,12 +267,22 @@ def late_reward(limit):
     )
 
 
+OF_FIRE = cr.Rewards(step=-1, treasure=0, fire=-50, near_fire=0)
+FIRE = cr.GridWorld("SFT", rewards=OF_FIRE, discount=0.99, time_limit=20)
+CHANCES = [[(p, 0, -1.0), (1 - p, 1, -1.0)] for p in (0.5, 0.6)]
+ENDS_BY_CHANCE = cr.FiniteMDP.from_outcomes(
+    [CHANCES, [[], []]], terminal=[False, True], start=0, discount=1.0
+)
+
+
 @pytest.mark.parametrize(
     ("task", "optimum"),
     [
         (late_reward(5), 1.0),
         (late_reward(20), 100 * 0.99**9),
         (cr.tasks.FourRooms(size=9, discount=1.0, time_limit=100), 1.0),  # all actions tie
+        (FIRE, -(1 - 0.99**20) / 0.01),  # waits until the time is over
+        (ENDS_BY_CHANCE, -2.0),  # no limit, no discount: few outcomes are evaluated exactly
     ],
 )
 def test_the_optimum_is_that_of_the_steps_there_are(task, optimum):

@@ -103,7 +103,8 @@ def test_a_source_that_cannot_be_solved_is_measured_by_a_fresh_learner_of_twice_
 
 def test_noise_is_the_standard_error_of_rollouts(monkeypatch):
     """The same source, exactly and by rollouts: they agree within four standard errors."""
-    monkeypatch.setattr(target_module, "LARGEST_EVALUATED", 0)
+    for bound in ("LARGEST_EXACT", "LARGEST_EVALUATED"):
+        monkeypatch.setattr(target_module, bound, 0)
     learning = judged(solved())
     assert learning.noise > 0
     assert abs(learning.random_return - Target.of(CORNER).random_return) < 4 * learning.noise

@@ -136,21 +136,14 @@ MOMENTS = ("reward", "transitions", "rewarded outcomes")
 def moments(mdp: FiniteMDP, weight: FloatArray, unit: float) -> list[FloatArray]:
     """Return E r, E w(s') and E cos(r / unit + w(s')) of each pair, (S, A)."""
     # The third tells joint distributions of reward and successor apart whose first two agree.
-    reward, weighed = _rewards(mdp), weight[mdp.next_state]
+    reward, weighed = mdp.reward, weight[mdp.next_state]
     values = (reward, weighed, np.cos(reward / unit + weighed))
     return [np.asarray((mdp.probability * x).sum(axis=1)[mdp.outcome_row]) for x in values]
 
 
-def _rewards(mdp: FiniteMDP) -> FloatArray:
-    """Return the rewards, with 0 for outcomes that cannot occur, whose entries are arbitrary."""
-    used = np.zeros((len(mdp.reward), 1), dtype=bool)
-    used[mdp.outcome_row[~mdp.terminal]] = True
-    return np.where(used & (mdp.probability > 0), mdp.reward, 0.0)
-
-
 def largest_reward(mdp: FiniteMDP) -> float:
     """Return the largest absolute reward of an outcome that can occur; 1 where all are 0."""
-    return float(abs(_rewards(mdp)).max(initial=0.0)) or 1.0
+    return float(abs(mdp.reward).max(initial=0.0)) or 1.0
 
 
 def _equal(first: Any, second: Any) -> bool:

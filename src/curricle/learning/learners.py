@@ -29,7 +29,7 @@ from curricle.tasks.kernel import (
     splitmix64,
     uniform,
 )
-from curricle.tasks.mdp import Task, generative_model, has_tables, tables
+from curricle.tasks.mdp import Task, generative_model, has_tables, rows_in_use, tables
 from curricle.tasks.models import OpenValues, drawn_among_available
 
 Q_LEARNING, SARSA_RULE, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)  # update rules
@@ -286,8 +286,7 @@ def value_bounds(task: Task) -> tuple[float, float]:
     """
     mdp = tables(task)
     horizon = 1.0 / (1.0 - mdp.discount) if mdp.discount < 1.0 else _horizon("value_bounds", task)
-    rows = np.zeros(len(mdp.probability), bool)
-    rows[mdp.outcome_row[~mdp.terminal]] = True
+    rows = rows_in_use(mdp.outcome_row, mdp.terminal, len(mdp.probability))
     possible, ends = mdp.probability[rows] > 0, mdp.terminal[mdp.next_state[rows]]
     on, last = mdp.reward[rows][possible & ~ends], mdp.reward[rows][possible & ends]
     going = [horizon * on.min(), horizon * on.max()] if on.size else []

@@ -469,8 +469,6 @@ class TabularPlanningModel(_Model):
     def of(cls, mdp: FiniteMDP) -> Self:
         """Return the model of a FiniteMDP."""
         largest = max(mdp.reward.max(initial=0.0), -mdp.reward.min(initial=0.0))
-        if not np.isfinite(largest):  # in a row that only terminal states name, hence no reward
-            largest = abs(mdp.reward[np.isfinite(mdp.reward)]).max(initial=0.0)
         return cls(
             terminal=mdp.terminal,
             mean_reward=np.einsum("yo,yo->y", mdp.probability, mdp.reward),

@@ -587,10 +587,11 @@ class Target:
             except SettingError:
                 if generative.discount < 1:
                     raise  # at discount 1 not every policy ends
-            sizes = abs(mdp.reward[(mdp.reward != 0) & np.isfinite(mdp.reward)])
+            sizes = abs(mdp.reward[mdp.reward != 0])
             typical = float(np.median(sizes)) if sizes.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
-            if outcomes * settings.horizon(task) <= LARGEST_EVALUATED:
+            few = outcomes <= LARGEST_EXACT  # without a limit or discount the horizon is endless
+            if few or outcomes * settings.horizon(task) <= LARGEST_EVALUATED:
                 method = "exact"
         return cls(task, replace(settings, method=method, episodes=episodes), solution, typical)
 
@@ -598,20 +599,17 @@ class Target:
     def optimum(self) -> float:
         """The highest expected return of a policy; NaN where the target is not solved.
 
-        An optimal policy has it, unless the time limit cuts its episodes off: then it is that of
-        the best policy that counts the steps.
+        Under a time limit the policy may count the steps. Where the evaluation has another discount
+        than the task, or samples, it is the return of a policy that is optimal without a limit.
         """
         if self.solution is None:
             return float("nan")
-        best = Values(self.solution.action_values)
-        attained = greedy_policy_return(self.task, best, self.evaluation)
-        model, start_value = generative_model(self.task), self.solution.start_value
+        model = generative_model(self.task)
         comparable = self.evaluation.discount(self.task) == model.discount
-        rounding = max(self.solution.error_bound, 1e-9 * abs(start_value))
-        cut_off = model.time_limit is not None and attained < start_value - rounding
-        if self.evaluation.method == "exact" and comparable and cut_off:
-            return limited_optimum(tables(self.task), self.evaluation.horizon(self.task))
-        return attained
+        if self.evaluation.method == "exact" and comparable and model.time_limit is not None:
+            return limited_optimum(tables(self.task), model.time_limit)
+        best = Values(self.solution.action_values)
+        return greedy_policy_return(self.task, best, self.evaluation)
 
     @cached_property
     def random_return(self) -> float:

@@ -57,7 +57,8 @@ class FiniteMDP(Frozen):
     next_state : (Y, O) int32
         Successor of each outcome.
     reward : (Y, O) float64
-        Reward of each outcome, so that it may depend on s, a and s'.
+        Reward of each outcome, so that it may depend on s, a and s'. It becomes 0 where the outcome
+        has probability 0, and in rows that only terminal states name.
     terminal : (S,) bool
         States that end the episode when entered; their value is 0.
     start : (S,) float64
@@ -130,6 +131,10 @@ class FiniteMDP(Frozen):
             object.__setattr__(self, name, array)
         self._check_available()
         check_rows(self.probability, self.reward, self.outcome_row, self.terminal)
+        used = rows_in_use(self.outcome_row, self.terminal, len(self.probability))
+        paid = used[:, None] & (self.probability > 0)
+        if (self.reward[~paid] != 0).any():  # bounds, goals and comparisons read all rewards
+            object.__setattr__(self, "reward", frozen(np.where(paid, self.reward, 0.0)))
         start = self.start
         if abs(start.sum() - 1) > PROBABILITY_TOLERANCE:
             raise TaskError(f"start probabilities must sum to 1: they sum to {start.sum()}")
@@ -669,6 +674,15 @@ def normalised(rows: FloatArray) -> FloatArray:
     return rows / np.where(rounded, sums, 1.0) if rounded.any() else rows
 
 
+def rows_in_use(
+    outcome_row: npt.NDArray[np.integer[Any]], terminal: BoolArray, n_rows: int
+) -> BoolArray:
+    """Return which outcome rows states name that are not terminal, (Y,) bool."""
+    used = np.zeros(n_rows, dtype=bool)
+    used[outcome_row[~terminal]] = True
+    return used
+
+
 def check_rows(
     probability: FloatArray,
     reward: FloatArray,
@@ -686,8 +700,7 @@ def check_rows(
     for rule, holds, values in rules:
         if holds.all():
             continue
-        used = np.zeros(len(probability), dtype=bool)
-        used[outcome_row[~terminal]] = True
+        used = rows_in_use(outcome_row, terminal, len(probability))
         bad = np.flatnonzero(used & ~holds.reshape(len(used), -1).all(axis=1))
         if bad.size:
             state, action = np.argwhere((outcome_row == bad[0]) & ~terminal[:, None])[0]

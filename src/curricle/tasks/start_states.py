@@ -16,7 +16,7 @@ from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
 from curricle.display import pictured
 from curricle.errors import TaskError
-from curricle.tasks.mdp import FiniteMDP, reachable_states, steps_to, tables
+from curricle.tasks.mdp import FiniteMDP, reachable_states, rows_in_use, steps_to, tables
 from curricle.tasks.spaces import MISSING, Space
 from curricle.text import counted
 
@@ -215,8 +215,7 @@ def goal_states(task: Any, goal: Goal = None) -> BoolArray:
     mdp = tables(task)
     n_states, states = len(mdp.terminal), np.asarray(goal)
     if goal is None:  # the terminal states that are entered with the largest reward of all
-        used = np.zeros(len(mdp.probability), dtype=bool)
-        used[mdp.outcome_row[~mdp.terminal]] = True
+        used = rows_in_use(mdp.outcome_row, mdp.terminal, len(mdp.probability))
         ends = used[:, None] & (mdp.probability > 0) & mdp.terminal[mdp.next_state]
         best = mdp.reward[ends].max(initial=-np.inf)
         states = _flags(n_states, mdp.next_state[ends & (mdp.reward == best)])
