@@ -27,6 +27,19 @@ def test_states_that_cannot_be_reached_are_not_compared():
     assert Reachable.of(walled.mdp).ends.tolist() == np.flatnonzero(walled.mdp.terminal).tolist()
 
 
+def test_actions_that_are_not_available_are_not_asked_about():
+    outcomes = [[[(1.0, 1, 0.0)], []], [[(1.0, 2, 1.0)]] * 2, [[], []]]
+    ends, phi = [False, False, True], np.array([2.0, 3.0, 0.0])
+    task = cr.FiniteMDP.from_outcomes(outcomes, terminal=ends, start=0, discount=0.9)
+
+    def reward(s, a, after):
+        return np.where((s == 0) & (a == 1), np.nan, 0.9 * phi[after] - phi[s])
+
+    certificate = certify(task, ShapingReward(reward))
+    assert certificate.holds
+    assert certificate.theorem is not None
+
+
 def test_a_loss_within_the_tolerance_is_allowed_for():
     slight = np.zeros((MAZE.states.size, 4))
     slight[0, 0] = 3.0  # worse by 1.39 without this

@@ -233,6 +233,9 @@ def test_progress_is_told_and_a_failure_is_reported(hunt, choice):
     assert "scratch" in told
 
 
+PLAN, ELSEWHERE = (cr.Curriculum({"t": of}, budget=300) for of in (MAZE, cr.GridWorld("S.T")))
+
+
 @pytest.mark.parametrize(
     ("how", "error", "says"),
     [
@@ -242,6 +245,8 @@ def test_progress_is_told_and_a_failure_is_reported(hunt, choice):
         ({"kinds": ["near"]}, CurriculumError, "kind"),
         ({"seed": -1, "kinds": ["crop"]}, SettingError, "seed"),
         ({"budget": cr.Episodes(3)}, SettingError, "budget"),
+        ({"candidates": [PLAN], "kinds": (), "budget": 77}, CurriculumError, "differs in budget"),
+        ({"candidates": [ELSEWHERE], "kinds": ()}, CurriculumError, "differs in states"),
     ],
 )
 def test_what_cannot_be_chosen_from_is_refused(how, error, says):

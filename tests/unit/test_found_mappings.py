@@ -45,6 +45,45 @@ def test_a_homomorphism_maps_pairs_of_the_same_q_alone():
     assert own[0][mapped] == pytest.approx(own[1].ravel()[index[mapped]], abs=1e-6)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+def test_scores_do_not_depend_on_the_unit_of_rewards(unit):
+    outcomes = [[[(1.0, (s + 1) % 4, unit * (s == 0))], [(1.0, s - 1, 0.0)]] for s in range(1, 4)]
+    outcomes = [[[(1.0, 1, unit)], [(1.0, 3, 0.0)]], *outcomes]
+    ends = [False] * 4
+    task = cr.FiniteMDP.from_outcomes(outcomes, terminal=ends, start=0, discount=0.9, time_limit=20)
+    index = np.arange(8).reshape(4, 2)[[1, 0, 2, 3]]
+    scores = score_mapping(cr.transfer.StateActionMapping(task, task, index))
+    assert scores.dynamics_error == pytest.approx(0.625)
+    assert scores.regained == pytest.approx(-10 / 9)
+    assert scores.bellman_inconsistency == pytest.approx(0.593 * unit, rel=1e-2)
+    small = cr.Rewards(step=0, treasure=1e-8 * unit)
+    found = cr.transfer.find_mappings(*(cr.GridWorld(m, rewards=small) for m in ("S...T", "T...S")))
+    assert found[0].how.startswith("exact homomorphism")
+
+
+@pytest.mark.parametrize("more", [0, 6])
+def test_actions_that_are_not_available_change_no_score(more):
+    def pairs(s):
+        on = [(1.0, s + 1, 10.0 if s == 3 else -1.0)]
+        return [[(1.0, max(0, s - 1), -1.0)], on, *[[]] * more]
+
+    outcomes, ends = [*map(pairs, range(4)), [[]] * (2 + more)], [False] * 4 + [True]
+    task = cr.FiniteMDP.from_outcomes(outcomes, terminal=ends, start=0, discount=0.9)
+    index = np.array(cr.transfer.identity(task).index)
+    index[:4, 0] = 0
+    scores = score_mapping(cr.transfer.StateActionMapping(task, task, index))
+    assert (scores.dynamics_error, scores.unexplained) == pytest.approx((0.25, 0.3025), abs=1e-3)
+
+
+@pytest.mark.parametrize("reward", [1.0, 1e12])
+def test_a_reward_that_no_episode_meets_changes_no_score(reward):
+    hub = [[[(1.0, 0, 0.0)], [(1.0, 1, 0.0)]], [[(1.0, 0, 0.0)], [(1.0, 2, 10.0)]], [[], []]]
+    outcomes = [*hub, [[(1.0, 2, reward)], [(1.0, 2, 0.0)]]]
+    ends = [False, False, True, False]
+    task = cr.FiniteMDP.from_outcomes(outcomes, terminal=ends, start=0, discount=0.9)
+    assert score_mapping(cr.transfer.identity(task)).regained == pytest.approx(1.0)
+
+
 MAZE = cr.GridWorld(["S..P", ".F..", "...T"], time_limit=50)
 MIRRORED = cr.GridWorld([row[::-1] for row in MAZE.map], time_limit=50)
 CROP = MAZE.crop(rows=(1, 3), columns=(2, 4))
@@ -196,7 +235,7 @@ def test_states_that_behave_alike_are_one_block():
     room = model_for_refinement(cr.GridWorld(["...", ".T.", "S.."]).mdp)
     blocks = refined([room])[0].states.reshape(3, 3)  # corners, sides, and the end
     np.testing.assert_array_equal(blocks, [[2, 1, 2], [1, 0, 1], [2, 1, 2]])
-    assert levels(np.array([0.1 + 0.2, 0.3, 5.0])).tolist() == [0, 0, 1]
+    assert levels(np.array([0.1 + 0.2, 0.3, 5.0]), 5.0).tolist() == [0, 0, 1]
 
 
 def test_mappings_in_words_and_digests():

@@ -267,7 +267,16 @@ def around(*names):
     return Curriculum(dict.fromkeys(names, ROW), edges)
 
 
+CAR = observation_task("MountainCar-v0")
+FLAT = from_function, LINE, END, lambda s, a: ({k: v.ravel() for k, v in s.items()}, a)
 MAPPINGS = [
+    (lambda: FLAT[0](*FLAT[1:]), r"\(S, A\) being \(4, 4\): got \(4,\)"),
+    (
+        lambda: ObservationMapping(CAR, CAR, status=lambda o: np.full(len(o), -7)).coverage(
+            np.zeros((2, 2))
+        ),
+        "UNMAPPED, ENDED or 0: got -7",
+    ),
     (lambda: StateActionMapping(ROW, ROW, INDEX[:2]), r"\(3, 4\): got int64 of shape \(2, 4\)"),
     (lambda: StateActionMapping(ROW, ROW, INDEX * 1.0), "integer array .*got float64"),
     (lambda: StateActionMapping(ROW, ROW, np.where(INDEX == 5, 12, INDEX)), r"action 1 has 12"),
@@ -326,6 +335,13 @@ CURRICULA = [
 @pytest.mark.parametrize(("call", "says"), MAPPINGS)
 def test_bad_mappings_are_refused_in_one_sentence(call, says):
     check_refusal(MappingError, call, says)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint64])
+def test_an_index_of_any_whole_type_is_read(kind):
+    index = np.arange(16).reshape(4, 4)
+    mapping = StateActionMapping(LINE, LINE, index.astype(kind))
+    np.testing.assert_array_equal(mapping.index, StateActionMapping(LINE, LINE, index).index)
 
 
 @pytest.mark.parametrize(("call", "says"), CURRICULA)

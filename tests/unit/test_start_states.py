@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.errors import TaskError
 from curricle.planning import visit_distribution
 from curricle.show.views import GridView
 from curricle.tasks.mdp import reachable_states
@@ -117,8 +118,18 @@ def test_goals_are_treasures_or_named_by_components():
     ]
     caught = cr.Pursuit(3, 2)
     assert goal_states(caught).tolist() == caught.terminal.tolist()
+    with pytest.raises(TaskError, match="a goal needs at least one state"):
+        goal_states(MAZE, {})
     corridor = cr.GridWorld("S.P.T", ends=("pit", "treasure"))
     assert cr.tasks.goal_distance(corridor).tolist() == [-1, -1, -1, 1, 0]
+
+
+def test_a_start_that_was_moved_bounds_the_states_that_can_be_reached():
+    last = int(np.flatnonzero(~cr.tasks.DeepSea(4).mdp.terminal)[-2])
+    moved = cr.tasks.with_start(cr.tasks.DeepSea(4), last)
+    again = [cr.tasks.with_start(of, "reachable").mdp for of in (moved, moved.mdp)]
+    np.testing.assert_array_equal(*(mdp.start > 0 for mdp in again))
+    assert (again[0].start > 0).sum() == 1
 
 
 def test_it_is_learnt_solved_and_drawn():

@@ -8,7 +8,7 @@ from concurrent.futures import Executor, Future
 import numpy as np
 import pytest
 
-from curricle.errors import StoreError, StudyError
+from curricle.errors import ConfigError, StoreError, StudyError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.engines.engine import train_sent, versions_here
@@ -61,6 +61,19 @@ def test_the_other_arms_stand(study, finished, tmp_path):
     assert set(results.comparison.arms) == {"scratch", "chain", "calibrated"}
     page = write_report(tmp_path / "out").read_text()
     assert f"The arm state failed and is left out: {WORDS}" in page
+
+
+def test_own_code_that_leaves_fails_its_arm_alone(study, finished, tmp_path):
+    (tmp_path / "rules.py").write_text("def mean(values):\n    raise SystemExit(0)\n")
+    with pytest.raises(StudyError, match=r"state: easy, .*the study's own code called sys.exit"):
+        run_study(study, tmp_path / "out", workers=1)
+    results, wanted = StudyResults(tmp_path / "out"), StudyResults(finished)
+    assert [*results.failed] == ["state"]
+    calibrated = (of.comparison["calibrated"].curve.values for of in (results, wanted))
+    np.testing.assert_array_equal(*calibrated)
+    (tmp_path / "rules.py").write_text("raise SystemExit(0)\n")
+    with pytest.raises(ConfigError, match="SystemExit"):
+        read_study(tmp_path / "chain.toml").curricula  # noqa: B018
 
 
 def test_what_failed_is_trained_again(study, finished, tmp_path, contents):

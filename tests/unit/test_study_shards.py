@@ -58,7 +58,7 @@ def test_all_shards_are_one_run(part, finished, tmp_path, n):
 
 def test_a_part_without_seeds_is_said_to_be_so_and_merged(part, finished, tmp_path, capsys):
     parts = [part(f"part-{i}", shard=(i, 5)) for i in range(1, 6)]
-    assert "shard (5, 5) has no seeds: there are fewer groups" in capsys.readouterr().err
+    assert "shard 5/5 has no seeds: there are fewer groups" in capsys.readouterr().err
     assert StudyResults(parts[-1]).seeds == ()
     merge(tmp_path / "whole", parts)
     assert_same_tables(tmp_path / "whole", finished)

@@ -19,7 +19,14 @@ from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, reachable_states, tables
+from curricle.tasks.mdp import (
+    FiniteMDP,
+    Task,
+    generative_model,
+    live_pairs,
+    reachable_states,
+    tables,
+)
 from curricle.tasks.spaces import action_name, state_name
 
 RewardFunction = Callable[..., Any]
@@ -90,7 +97,7 @@ class Reachable:
         met = reachable_states(mdp)
         states = np.flatnonzero(met & ~mdp.terminal)
         rows = mdp.outcome_row[states].ravel()
-        possible = mdp.probability[rows] > 0
+        possible = (mdp.probability[rows] > 0) & live_pairs(mdp)[states].reshape(-1, 1)
         place, action = np.divmod(np.nonzero(possible)[0].astype(np.int32), mdp.actions.size)
         ends, source = np.flatnonzero(met & mdp.terminal), states.astype(np.int32)[place]
         target = mdp.next_state[rows][possible]

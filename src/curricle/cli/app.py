@@ -411,6 +411,7 @@ def play(
     """
     from curricle.study import StudyResults
     from curricle.study.analysis import played_episode, stored_episode
+    from curricle.study.tuning import tuned_before
 
     if changes and study is None:
         raise BadParameter(f"--set needs --study: got --set {changes[0]} alone")
@@ -425,7 +426,8 @@ def play(
         seed, episode = stored_episode(results, arm, task, seed)
     else:
         _announce_imports()
-        seed, episode = played_episode(results, _read(study, None, changes), arm, task, seed)
+        run = tuned_before(_read(study, None, changes), results.store.path)
+        seed, episode = played_episode(results, run, arm, task, seed)
     title = f"{arm}: {task}, learnt by seed {seed}"
     if out is None:
         echo(f"{title}\n\n{episode}")
@@ -498,7 +500,7 @@ def paper(
 
 def main() -> None:
     """Run the command; errors of the library become one sentence and an exit code."""
-    from curricle.errors import CurricleError, EngineError, LostStoreError, StudyError
+    from curricle.errors import CurricleError, LostStoreError, StudyError
 
     # Imports make objects that stay: searching them took a tenth of the time.
     gc.set_threshold(50_000, 20, 50)
@@ -514,7 +516,7 @@ def main() -> None:
         if failed:
             traceback.print_exception(error.__cause__)
         sentence = str(error)
-        code = 3 if failed or isinstance(error, EngineError | LostStoreError) else 1
+        code = 3 if isinstance(error, StudyError | LostStoreError) else 1
     except OSError as error:  # of a path that the command line names
         place = f"{error.filename} cannot be used: " if error.filename else ""
         sentence = f"{place}{error.strerror or error}"

@@ -141,10 +141,15 @@ def print_effects(results: StudyResults) -> None:
             "main effects: mean return, sources charged, over all arms, 95 % intervals over seeds"
         )
         rows = [
-            (f"{arm}: {key} = {text}", f"{n}", f"{mean:.4g}", f"[{low:.4g}, {high:.4g}]")
+            (f"{arm}: {key} = {text}", f"{n}", f"{mean:.4g}", _bounds(low, high))
             for arm, key, text, n, mean, low, high in effects
         ]
         print_table(("", "arms", "mean return", ""), rows)
+
+
+def _bounds(low: float, high: float) -> str:
+    """Return an interval as text; empty where there is none, as of a single seed."""
+    return "" if np.isnan(low) else f"[{low:.4g}, {high:.4g}]"
 
 
 def _number(value: object) -> str:
@@ -307,7 +312,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
 def too_few(study: StudyConfig, arms: Arms) -> str:
     """Return the text that a study has too few seeds for any verdict; empty if it has enough."""
     curricula = sum(not (arm.scratch or arm.of) for arm in arms.arms.values())
-    if SCRATCH not in arms.curricula or not curricula:
+    if not study.compared or SCRATCH not in arms.curricula or not curricula:
         return ""
     return too_few_seeds(len(study.seeds), seeds_needed(curricula))
 

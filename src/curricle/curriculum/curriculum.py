@@ -513,7 +513,7 @@ class Curriculum:
     def replace(self, name: str, **settings: Any) -> "Curriculum":
         """Return the curriculum with other settings, such as ``budget=``, for one task."""
         changes: dict[str, Any] = {
-            which: {**{n: self.setting(which, n) for n in self.tasks}, name: value}
+            which: {**{n: self._stated(which, n) for n in self.tasks}, name: value}
             for which, value in settings.items()
         }
         return replace(self, **changes)

@@ -29,6 +29,7 @@ from curricle.comparison.comparison import (
 )
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
+from curricle.comparison.task_differences import differences
 from curricle.comparison.trial import WINDOW, hindrance
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
 from curricle.design.candidates import KINDS, MAKERS, SourceCandidate, source_candidates
@@ -339,6 +340,14 @@ def trial_curricula(
     names = numbered([", ".join(plan.ancestors(plan.target)) for plan in plans])
     labels = candidates if isinstance(candidates, Mapping) and not sources else names
     curricula = dict(zip(labels, plans, strict=True))
+    for plan in plans:
+        apart = [*differences(_task(target), plan.tasks[plan.target])]
+        apart += [key for key, x in settings.items() if plan.setting(key, plan.target) != x]
+        if apart:
+            raise CurriculumError(
+                "curricula must lead to the target, with the settings given: "
+                f"{plan.target!r} of a candidate differs in {'; '.join(apart)}"
+            )
     name, options = plans[0].target if plans else TARGET, dict[str, Option]()
     for key in OF_TARGET if plans else ():
         settings = {key: plans[0].setting(key, name), **settings}
@@ -351,6 +360,8 @@ def trial_curricula(
         propose = (lambda _: sources) if sources else None
         proposals = source_candidates(target, kinds=kinds, most=most, propose=propose)
         options = {option.name: option for option in options_of(proposals.candidates, budget)}
+        if twice := {*curricula} & {*options}:
+            raise CurriculumError(f"candidates need different names: {min(twice)!r} is there twice")
         for label, option in options.items():
             curricula[label] = option.curriculum(name, proposals.target, settings)
     if not curricula:

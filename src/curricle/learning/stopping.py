@@ -132,6 +132,8 @@ class StoppingRule:
         used : int, optional
             Steps that the seed took in all; later checkpoints repeat its last value.
         """
+        if self.fraction is not None and level is None:
+            raise SettingError("a rule with a fraction needs the return that it stands for: level=")
         kernel, greedy = self.kernel(level, floor), np.asarray(greedy_return, dtype=np.float64)
         decisions = list[Decision]()
         for checkpoint, step in enumerate(np.asarray(steps).tolist()):
@@ -288,7 +290,7 @@ class Decision:
     @property
     def unlearnt(self) -> bool:
         """Whether the return lies too low to have settled."""
-        return self.kernel.floor > -math.inf and not self.recent > self.kernel.floor
+        return self.recent <= self.kernel.floor
 
     @property
     def criterion(self) -> str:

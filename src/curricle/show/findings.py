@@ -294,7 +294,8 @@ def effects_rows(effects: Sequence[Level]) -> Texts:
     rows: Texts = []
     for name, key, text, number, *ends in effects:
         mean, low, high = (minus(short(end)) for end in ends)
-        with_ends = Markup("{}<small>[{}, {}]</small>").format(mean, low, high)
+        both = "" if np.isnan(ends[1]) else Markup("<small>[{}, {}]</small>").format(low, high)
+        with_ends = Markup("{}{}").format(mean, both)
         rows.append((name, key, minus(text), f"{number}", with_ends))
     return rows
 

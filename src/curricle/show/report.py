@@ -486,7 +486,9 @@ class InterimReport:
         self._was_running |= running is True
         let_go = self._was_running and running is False
         done = whole or bool(study.failed and running is False)
-        return let_go or (done and not running and study.store.has(ANALYSIS))
+        return let_go or (
+            done and not running and (study.store.has(ANALYSIS) or not study.has_baseline)
+        )
 
     def _write(self, sentence: str, seconds: float) -> None:
         time, seconds = f"{datetime.now():%X}", round(seconds, 1)

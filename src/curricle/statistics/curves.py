@@ -121,8 +121,9 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
 def charge_source(baseline: Curve, transfer: Curve) -> Curve:
     """Return a transfer curve over total steps, source steps included (strong transfer).
 
-    At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, and
-    then its value at x - source_steps_k target steps, interpolated between checkpoints.
+    At checkpoint x, seed k has the baseline's first value while x < source_steps_k + steps_0, less
+    any gain in area that a baseline would have by beginning later; and then its value at
+    x - source_steps_k target steps, interpolated between checkpoints.
     """
     require_pair(baseline, transfer)
     if np.any(baseline.source_steps):

@@ -25,7 +25,7 @@ from curricle.comparison.plan import (
 )
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.curriculum.result import SourceValues, source_values
-from curricle.errors import ConfigError, SettingError
+from curricle.errors import ConfigError, ForeignError, SettingError
 from curricle.files import Place
 from curricle.learning.result import arrays_of
 from curricle.learning.stopping import ended_by
@@ -257,7 +257,10 @@ def train_unit(sent: UnitInput) -> UnitResult:
         arm = replace(arm, curriculum=arm.curriculum.replace(unit.task, storage=for_all))
     sources = source_values(arm.curriculum, sent.sources)
     charge = arms.total is not None
-    trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
+    try:
+        trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
+    except SystemExit as error:  # would end the run, with exit code 0, instead of this unit
+        raise ForeignError(f"the study's own code called sys.exit({error.code})") from error
     arrays = arrays_of(trained.result)
     arrays["source_steps"] = trained.source_steps
     if trained.calibrations:

@@ -483,8 +483,8 @@ def _shared_total(studies: Sequence[StudyResults]) -> int:
     for study in studies:
         if not study.has_baseline:
             raise StoreError(
-                "a comparison needs the target learnt from scratch, for a number of steps: "
-                f"{study.store.path} holds a study without it"
+                "a comparison needs the target learnt from scratch, at one total of steps: "
+                f"{study.store.path} has scratch = false, compared = false or another budget"
             )
         if SCRATCH in study.failed:
             raise StoreError(

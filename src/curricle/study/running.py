@@ -370,7 +370,8 @@ def run_study(
     trackers = trackers_of(trackers)
     report = report or to_stderr
     if not seeds_of(study, shard):
-        report(f"shard {shard} has no seeds: there are fewer groups of seeds than shards")
+        part = f"shard {shard[0]}/{shard[1]}"
+        report(f"{part} has no seeds: there are fewer groups of seeds than shards")
     study = tuned_before(study, place_at(path))
     trials = trial_study(study) if study.choose else study.of_trials() if study.tune else None
     arms, of_trials = Arms.of(study), Arms.of(trials) if trials else None

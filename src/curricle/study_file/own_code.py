@@ -76,7 +76,7 @@ def users_code(reference: str) -> Iterator[None]:
         yield
     except CurricleError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a script's sys.exit would end the command as done
         raise ConfigError(f"{reference} failed: {type(error).__name__}: {error}") from error
 
 

@@ -129,7 +129,7 @@ def with_start(task: Any, start: Any) -> Any:
     52
     """
     base = task.task if isinstance(task, TaskWithStart) else task
-    mdp = tables(base)
+    mdp = tables(task)
     if isinstance(start, str) and start == "uniform" and hasattr(base, "with_start"):
         return base.with_start("uniform")
     distribution = _distribution(mdp, start)
@@ -220,7 +220,7 @@ def goal_states(task: Any, goal: Goal = None) -> BoolArray:
         best = mdp.reward[ends].max(initial=-np.inf)
         states = _flags(n_states, mdp.next_state[ends & (mdp.reward == best)])
     elif isinstance(goal, Mapping):
-        states, values = np.ones(n_states, dtype=bool), mdp.states.decode()
+        states, values = np.full(n_states, bool(goal)), mdp.states.decode()
         for name, wanted in goal.items():
             component = mdp.states.component(name)
             several = isinstance(wanted, Iterable) and not isinstance(wanted, str)

@@ -176,7 +176,8 @@ class Learnability(_BySuccess):
 
     def probabilities(self, memory: Outcomes) -> FloatArray:
         """Return rho spread over the most learnable tasks plus 1 - rho spread over all, (M,)."""
-        learnability = memory.rate * (1 - memory.rate)
+        wins, known = memory.success.sum(axis=1), np.maximum(memory.known, 1)
+        learnability = wins * (known - wins) / known**2  # p (1 - p), equal for p and 1 - p
         last = np.sort(learnability)[-min(self.top, len(learnability))]
         return mixed(equally(learnability >= last), 1 - self.rho)
 
@@ -333,7 +334,7 @@ class TaskSampler:
     eval_freq: int  # steps between checkpoints
     tasks: list[int] = field(default_factory=list)  # the task of every episode begun
     begun_at: list[int] = field(default_factory=list)  # steps in all tasks before every episode
-    # Checkpoint -> the probabilities in the last draw before it.
+    # Checkpoint -> the probabilities in the last draw at or before it.
     changes: list[tuple[int, FloatArray]] = field(default_factory=list)
     memory: Any = field(init=False)
 

@@ -56,7 +56,7 @@ class TeachingResult(Frozen):
     begun_at : tuple of K (E,) int64 arrays
         Steps in all tasks before every such episode.
     probabilities : (K, T, M) float64
-        The teacher's probabilities in the last draw before each checkpoint; repeated after a
+        The teacher's probabilities in the last draw at or before each checkpoint; repeated after a
         seed's end.
     steps_per_task : (K, M) int64
 

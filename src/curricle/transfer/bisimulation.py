@@ -66,12 +66,13 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
     """Return the coarsest blocks, equal in rewards and next blocks, of tasks with one discount."""
     joint = _joined(models)
     states = np.where(joint.terminal, 0, 1)
-    rewards, before = levels(joint.mean_reward), len(np.unique(states))
+    largest = float(abs(joint.mean_reward).max(initial=0.0))
+    rewards, before = levels(joint.mean_reward, largest), len(np.unique(states))
     while True:
         # Rows are alike if their rewards and the chances of each block are equal; states if their
         # sets of rows are equal.
         entered, chances = merged_outcomes(states[joint.next_state], joint.probability)
-        rows = numbered_rows(np.column_stack([rewards, entered, levels(chances)]))
+        rows = numbered_rows(np.column_stack([rewards, entered, levels(chances, 1.0)]))
         pairs = np.where(joint.terminal[:, None], -1, rows[joint.outcome_row])
         ordered = np.sort(pairs, axis=1)
         ordered[:, 1:][ordered[:, 1:] == ordered[:, :-1]] = -1
@@ -88,11 +89,11 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
     ]  # fmt: skip
 
 
-def levels(values: FloatArray) -> IntArray:
+def levels(values: FloatArray, largest: float) -> IntArray:
     """Return a number for each value, equal for values that differ only by rounding."""
     order = np.argsort(values, axis=None)
     ordered = values.ravel()[order]
-    apart = np.diff(ordered) > PRECISION * max(1.0, float(abs(ordered).max(initial=0.0)))
+    apart = np.diff(ordered) > PRECISION * largest
     numbers = np.empty(values.size, np.int64)
     numbers[order] = np.concatenate([[0], np.cumsum(apart)]) if values.size else []
     return numbers.reshape(values.shape)
@@ -185,7 +186,7 @@ def by_homomorphism(tasks: TaskPair) -> Iterator[Proposal]:
     share = float((index[live] >= 0).mean())
     if share == 0:
         raise MappingError("no pair of the target is equivalent to a pair of the source")
-    how = f"exact homomorphism: {share:.0%} of pairs have a source pair of the same Q*"
+    how = f"exact homomorphism: {int(100 * share)}% of pairs have a source pair of the same Q*"
     yield tasks.proposal(index, how)
 
 

@@ -16,7 +16,7 @@ from curricle.checks import brief, instance, one_of
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, tables
+from curricle.tasks.mdp import FiniteMDP, Task, generative_model, live_pairs, tables
 from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.text import brief_repr
@@ -491,7 +491,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
             f"tasks have {n_assignments:,}"
         )
     mdp, source_mdp = tables(target), tables(source)
-    alive = np.flatnonzero(np.repeat(~mdp.terminal, mdp.actions.size))
+    alive, source_pairs = np.flatnonzero(live_pairs(mdp)), live_pairs(source_mdp)
     n_drawn = min(COMPARED, len(alive))
     drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
     s, a = np.divmod(drawn, mdp.actions.size)
@@ -506,7 +506,7 @@ def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
         state = source_points(target.states, source.states, states)
         action = source_points(target.actions, source.actions, actions)
         mapped = (state[s] != MISSING) & (action[a] != MISSING)
-        mapped &= ~source_mdp.terminal[np.maximum(state[s], 0)]
+        mapped &= source_pairs[np.maximum(state[s], 0), np.maximum(action[a], 0)]
         row = mdp.outcome_row[s[mapped], a[mapped]]
         source_row = source_mdp.outcome_row[state[s[mapped]], action[a[mapped]]]
         predicted = source_mdp, source_row, np.arange(source.states.size)

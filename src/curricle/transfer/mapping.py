@@ -244,6 +244,8 @@ class StateActionMapping(Frozen, TaskMapping):
                 f"a mapping must be an integer array of the target's shape {shape}: got "
                 f"{index.dtype} of shape {index.shape}"
             )
+        if index.dtype not in (np.int32, np.int64):  # in which ENDED or a pair may not fit
+            index = index.astype(np.int64)
         check_unmapped_value(self.unmapped_value)
         if target.terminal is not None:
             index = np.where(target.terminal[:, None], ENDED, index)
@@ -426,6 +428,13 @@ def from_function(
                 f"{', '.join(space.names)}: got {', '.join(map(str, values)) or 'none'}"
             )
         encoded.append(space.encode(**values))
+    shape = target.states.size, target.actions.size
+    for points in encoded:  # (S,) would be read as (A,) where there are as many actions as states
+        if np.shape(points) not in ((), (1, 1), (shape[0], 1), (1, shape[1]), shape):
+            raise MappingError(
+                f"the function must return components of shape (S, 1), (1, A) or (S, A), (S, A) "
+                f"being {shape}: got {points.shape}"
+            )
     return pair_mapping(target, source, encoded[0], encoded[1], unmapped_value)
 
 
@@ -665,6 +674,10 @@ class ObservationMapping(TaskMapping):
             if status.dtype == np.bool_:
                 status = np.where(status, 0, UNMAPPED)
             status = _integers("status", status)
+            if (status < ENDED).any():
+                raise MappingError(
+                    f"a mapping's status must be UNMAPPED, ENDED or 0: got {status.min()}"
+                )
         if not is_observation_task(self.source):
             images = _integers("states", images)
             n_states = self.source.states.size

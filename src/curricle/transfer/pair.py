@@ -9,7 +9,15 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import FiniteMDP, Task, closed, duplicated, reachable_states, tables
+from curricle.tasks.mdp import (
+    FiniteMDP,
+    Task,
+    closed,
+    duplicated,
+    live_pairs,
+    reachable_states,
+    tables,
+)
 from curricle.text import brief_repr
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 
@@ -73,6 +81,11 @@ class TaskPair:
     def judged(self) -> BoolArray:
         """The target's reachable nonterminal states, (S,) bool."""
         return reachable_states(self.target_mdp) & ~self.target_mdp.terminal
+
+    @cached_property
+    def pairs(self) -> BoolArray:
+        """The pairs of these states and their available actions, (S, A) bool."""
+        return self.judged[:, None] & live_pairs(self.target_mdp)
 
     @cached_property
     def own_solutions(self) -> tuple[Solution, Solution] | None:

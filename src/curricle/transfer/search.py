@@ -20,7 +20,7 @@ from curricle.display import printed
 from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.mdp import Task, closed, has_tables, live_pairs, same_task, steps_to
+from curricle.tasks.mdp import Task, closed, has_tables, same_task, steps_to
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.bisimulation import (
@@ -112,9 +112,8 @@ def score_mapping(
     phi = mapping.read(tasks.source_solution.action_values)
     inconsistency, unexplained = _bellman_inconsistency(phi, tasks)
     start_value, regained, regained_where_known = _greedy_values(phi, tasks)
-    judged = tasks.judged[:, None] & live_pairs(tasks.target)
-    known = ~np.isnan(phi[judged])
-    excess = phi[judged] - tasks.target_solution.finite_action_values[judged]
+    known = ~np.isnan(phi[tasks.pairs])
+    excess = phi[tasks.pairs] - tasks.target_solution.finite_action_values[tasks.pairs]
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
     return MappingScores(
         dynamics_error=_dynamics_error(mapping, phi, tasks, seed),
@@ -136,7 +135,7 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
     best[mdp.terminal] = 0.0
     after = np.where(mdp.probability > 0, mdp.probability * best[mdp.next_state], 0.0)
     expected = (mdp.probability * mdp.reward).sum(axis=1) + mdp.discount * after.sum(axis=1)
-    expected, stated = expected[mdp.outcome_row][tasks.judged], phi[tasks.judged]
+    expected, stated = expected[mdp.outcome_row][tasks.pairs], phi[tasks.pairs]
     known = ~np.isnan(expected - stated)
     if not known.any():
         return NAN, NAN
@@ -149,7 +148,7 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
 def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, float]:
     """Return the start value of phi's greedy policy, its regained share, in all and with phi."""
     filled = np.where(np.isnan(phi), 0.0, phi)
-    tolerance = TIED * float(abs(filled).max())
+    tolerance = TIED * float(abs(filled[tasks.judged]).max(initial=0.0))
     policy = greedy_policy(closed(filled, tasks.target_mdp.available), tolerance=tolerance)
     of_policy = evaluate(tasks.target_mdp, policy)
     with_phi = ~np.isnan(phi).all(axis=1) & tasks.judged
@@ -158,7 +157,7 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
 
     def share(states: BoolArray) -> float:
         whole = float(most[states].sum())
-        nothing = whole <= TIED * max(1.0, float(abs(best[states]).sum()))
+        nothing = whole <= TIED * float(abs(best[states]).sum())
         return NAN if nothing else float(gained[with_phi].sum()) / whole
 
     return of_policy.start_value, share(tasks.judged), share(with_phi)
@@ -169,7 +168,7 @@ def _dynamics_error(
 ) -> float:
     """Return the mean total variation distance between predicted and true next states."""
     mdp, source = tasks.target_mdp, tasks.source_mdp
-    mapped = np.argwhere((mapping.index >= 0) & tasks.judged[:, None])
+    mapped = np.argwhere((mapping.index >= 0) & tasks.pairs)
     if len(mapped) > LARGEST_SAMPLE:
         rng = np.random.default_rng(seed)
         mapped = mapped[rng.choice(len(mapped), LARGEST_SAMPLE, replace=False)]
@@ -385,7 +384,7 @@ def find_mappings(
     >>> find_mappings(GridWorld("S....T"), GridWorld("S.T"))[0].how
     'components by name, last column aligned, clipped'
     """
-    whole_number("keep", keep, 1, SettingError)
+    keep = whole_number("keep", keep, 1, SettingError)
     whole_number("seed", seed, 0, SettingError)
     check_unmapped_value(unmapped_value)
     if not isinstance(searches, Sequence) or not all(map(callable, searches)):
@@ -395,7 +394,7 @@ def find_mappings(
     check_progress(progress)
     tasks = TaskPair(target, source)
     q, refused = tasks.source_solution.action_values, dict[str, str]()
-    slack = SAME * max(1.0, float(abs(tasks.source_solution.finite_action_values).max()))
+    slack = SAME * float(abs(tasks.source_solution.finite_action_values).max())
     read, candidates = list[FloatArray](), list[FoundMapping]()
     with shown(progress) as bars:
         for mapping, how in proposed(tasks, searches, unmapped_value, refused, bars):
@@ -421,7 +420,7 @@ def proposed(
     for search in searches:
         name = getattr(search, "__name__", repr(search))
         try:
-            for proposal in search(tasks):
+            for proposal in search(tasks) or ():
                 if not isinstance(proposal, Proposal):
                     raise SettingError(
                         f"a search must yield a Proposal: {name} yielded {brief(proposal)}"

@@ -44,9 +44,10 @@ class Calibrate:
     max_steps: int | None = None
 
     def __post_init__(self) -> None:
-        whole_number("episodes of a calibration", self.episodes, 1, SettingError)
-        if self.max_steps is not None:
-            whole_number("max_steps of a calibration", self.max_steps, 1, SettingError)
+        for name in ("episodes", "max_steps"):
+            if (value := getattr(self, name)) is not None:
+                whole = whole_number(f"{name} of a calibration", value, 1, SettingError)
+                object.__setattr__(self, name, whole)
 
     def within(self, steps: int, episodes: int) -> "Calibrate":
         """Return the calibration for a target with a budget of `steps` and `episodes`."""
