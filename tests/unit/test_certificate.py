@@ -40,6 +40,15 @@ def test_actions_that_are_not_available_are_not_asked_about():
     assert certificate.theorem is not None
 
 
+def test_advice_that_never_ends_loses_without_bound():
+    west = np.zeros((4, 4))
+    west[:, 3] = 500
+    line = cr.GridWorld("S..T", discount=1.0)
+    certificate = certify(line, cr.learning.DecayingAdvice(west), method="exact")
+    assert certificate.holds is False
+    assert certificate.total_loss == np.inf
+
+
 def test_a_loss_within_the_tolerance_is_allowed_for():
     slight = np.zeros((MAZE.states.size, 4))
     slight[0, 0] = 3.0  # worse by 1.39 without this

@@ -179,14 +179,6 @@ def test_each_task_may_have_its_own_settings():
     assert same(by_hand, result["left"])
 
 
-def test_a_replaced_budget_leaves_sources_their_share():
-    plan = build(CHAIN, budget={"far": 1_000})
-    for steps in (100, 5_000):
-        again, by_hand = plan.replace("far", budget=steps), replace(plan, budget={"far": steps})
-        for name in ("near", "left", "far"):
-            assert again.setting("budget", name) == by_hand.setting("budget", name)
-
-
 def test_state_shaping_uses_the_largest_action_value_of_a_state():
     result = build([("near", "far")], shaping={"far": cr.StateShaping()}).train()
     (phi,) = result.potentials["far"]

@@ -56,7 +56,7 @@ def test_every_step_is_as_the_drawing_says(lines, combine, ends, bump):
     ended = {"treasure": "T", "pit": "P", "fire": "F"}
     drawn = [lines[r][c] in [ended[name] for name in ends] for r, c in free]
     assert maze.mdp.terminal.tolist() == drawn
-    for cell in free:
+    for cell in (cell for cell, end in zip(free, drawn, strict=True) if not end):
         for move, way in enumerate(WAYS):
             assert step(maze, cell, move) == by_the_rules(maze, cell, way)
 

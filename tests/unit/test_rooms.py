@@ -57,7 +57,8 @@ def test_moves_slip_as_in_the_drawing(slip):
             np.add.at(reached, mdp.next_state[row], mdp.probability[row])
             assert reached == pytest.approx(expected)
             assert mdp.reward[row].tolist() == [
-                float(CELLS[after] == (7, 9)) for after in mdp.next_state[row]
+                float(CELLS[after] == (7, 9) != cell and chance > 0)
+                for after, chance in zip(mdp.next_state[row], mdp.probability[row], strict=True)
             ]
 
 

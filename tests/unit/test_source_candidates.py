@@ -117,11 +117,22 @@ def test_predators_are_removed():
     assert read == ["predator_1", "predator_2"]
 
 
+def test_a_maze_without_a_discount_has_candidates():
+    line = cr.GridWorld("S.T", discount=1.0)  # the uniform policy ends, though others do not
+    values = cr.evaluate(line, line.mdp.random_policy).values
+    np.testing.assert_allclose(values, [188, 192, 0])
+    visits = cr.planning.visit_distribution(line)
+    np.testing.assert_allclose(visits, [2 / 3, 1 / 3, 0])
+    maze = cr.GridWorld(["S...", "....", "...T"], discount=1.0)
+    assert cr.design.source_candidates(maze).candidates
+
+
 def test_penalties_are_rewards_below_those_of_most_steps():
     target = cr.tasks.CliffWalking(rows=3, columns=5)
     (candidate,) = only("removed", target)
     assert candidate.name == "no penalties"
-    assert set(np.unique(candidate.task.mdp.reward)) == {-1.0}
+    mdp = candidate.task.mdp
+    assert set(np.unique(mdp.reward[mdp.outcome_row[~mdp.terminal]])) == {-1.0}
     with pytest.raises(CurriculumError, match="no candidates of the kinds removed"):
         only("removed", chain())
 
@@ -251,7 +262,10 @@ def test_rewards_may_be_small():
             GridWorld("ST", rewards=cr.Rewards(step=0, treasure=0)),
             "nothing to learn: the random policy is optimal",
         ),
-        (GridWorld("S..T", discount=1.0, time_limit=20), "no exact solution"),
+        (
+            GridWorld("S..T", rewards=cr.Rewards(step=1), discount=1.0, time_limit=20),
+            "no exact solution",
+        ),
     ],
 )
 def test_what_cannot_be_learnt_is_dropped(task, reason):

@@ -27,7 +27,7 @@ from curricle.certificate.shaped_task import (
 )
 from curricle.checks import number, one_of, whole_number
 from curricle.display import block, printed, table
-from curricle.errors import SettingError
+from curricle.errors import CurricleError, SettingError
 from curricle.learning.potential import StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.rollouts import RandomRollouts, random_rollouts
@@ -308,8 +308,9 @@ def certify(
         A loss that does not matter, in return units: optimal actions may fall short by as much.
     method : {"auto", "exact", "sampled"}
         "exact" compares every state; "auto" does so if the tables have at most 20 million outcomes
-        and can be solved. "sampled" checks look-back advice, a bonus or a reward on steps of the
-        uniform policy, which prove nothing; other shapings are decided by their theorem alone.
+        and, at discount 1, every policy ends. "sampled" checks look-back advice, a bonus or a
+        reward on steps of the uniform policy, which prove nothing; other shapings are decided by
+        their theorem alone.
     steps, seed : int
         About the number of steps to sample, and the seed of the sample.
     progress : bool or callable, optional
@@ -465,7 +466,10 @@ class ActionComparison:
         row = mdp.outcome_row.copy()
         first = np.take_along_axis(row[states], chosen.argmax(axis=1)[:, None], axis=1)
         row[states] = np.where(chosen, row[states], first)
-        worst = solve(replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward)))
+        try:
+            worst = solve(replace(mdp, outcome_row=frozen(row), reward=frozen(-mdp.reward)))
+        except CurricleError:  # at discount 1 the worst policy may pay for ever
+            return np.inf
         lost = (self.unshaped.values + worst.values)[states].max(initial=0.0)
         return float(lost) + self.unshaped.error_bound + worst.error_bound
 

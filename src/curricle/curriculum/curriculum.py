@@ -511,9 +511,12 @@ class Curriculum:
         )
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":
-        """Return the curriculum with other settings, such as ``budget=``, for one task."""
+        """Return the curriculum with other settings, such as ``budget=``, for one task.
+
+        Every other task keeps its own, the budget of a source that states none included.
+        """
         changes: dict[str, Any] = {
-            which: {**{n: self._stated(which, n) for n in self.tasks}, name: value}
+            which: {**{n: self.setting(which, n) for n in self.tasks}, name: value}
             for which, value in settings.items()
         }
         return replace(self, **changes)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
 from curricle.tasks.kernel import Overloaded, compiled_once
-from curricle.tasks.mdp import FiniteMDP, Task, improper_states, tables
+from curricle.tasks.mdp import FiniteMDP, Task, improper_states, steps_to, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
 RowArray = npt.NDArray[np.uint32]
@@ -535,9 +535,10 @@ class TabularPlanningModel(_Model):
 
     def endless(self, policy: Policy | None) -> IntArray:
         """Return the states from which a policy (some policy if None) may never end."""
-        if policy is not None and policy.ndim == 1:
-            policy = np.arange(self.n_actions) == policy[:, None]
-        return improper_states(self.mdp, None if policy is None else policy > 0)
+        if policy is None:
+            return improper_states(self.mdp)
+        taken = policy > 0 if policy.ndim == 2 else np.arange(self.n_actions) == policy[:, None]
+        return np.flatnonzero(np.isinf(steps_to(self.mdp, self.terminal, taken=taken)))
 
     def counting_steps(self) -> Self:
         """Return the model with a reward of 1 for every step and discount 1."""

@@ -28,7 +28,6 @@ from curricle.tasks.mdp import (
     FiniteMDP,
     Task,
     closed,
-    improper_states,
     normalised,
     steps_to,
     tables,
@@ -603,7 +602,7 @@ def visit_distribution(task: Task, policy: npt.ArrayLike | None = None) -> Float
             break
     else:
         if mdp.time_limit is None:
-            endless = mdp.discount == 1 and improper_states(mdp, table > 0).size
+            endless = mdp.discount == 1 and TabularPlanningModel.of(mdp).endless(table).size
             small = visits.size <= LARGEST_DIRECT and not endless
             visits += solved(step.T, mdp.discount, now) if small else np.nan
         if not np.isfinite(visits).all():

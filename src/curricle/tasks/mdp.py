@@ -813,30 +813,34 @@ def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
     return np.isin(np.arange(len(mdp.terminal)), order)
 
 
-def improper_states(mdp: Any, allowed: BoolArray | None = None) -> IntArray:
-    """Return the states from which `allowed` actions can avoid all terminal states for ever."""
-    # The largest set whose states can stay in it. It is empty exactly if every allowed policy ends
-    # with probability 1, is proper (Bertsekas, Tsitsiklis 1991).
+def improper_states(mdp: Any) -> IntArray:
+    """Return the states from which some policy avoids all terminal states for ever."""
+    # The largest set whose states can stay in it. It is empty exactly if every policy ends with
+    # probability 1, is proper (Bertsekas, Tsitsiklis 1991).
     staying = ~mdp.terminal
     impossible = mdp.probability == 0
     while True:
         row_stays = (staying[mdp.next_state] | impossible).all(axis=1)
-        pair_stays = row_stays[mdp.outcome_row]
-        if allowed is not None:
-            pair_stays &= allowed
-        remains = staying & pair_stays.any(axis=1)
+        remains = staying & row_stays[mdp.outcome_row].any(axis=1)
         if (remains == staying).all():
             return np.flatnonzero(staying)
         staying = remains
 
 
-def steps_to(mdp: Any, goal: BoolArray, among: BoolArray | None = None) -> FloatArray:
-    """Return the fewest steps to `goal` that lead only through `among`, (S,) each; or infinity."""
+def steps_to(
+    mdp: Any, goal: BoolArray, among: BoolArray | None = None, *, taken: BoolArray | None = None
+) -> FloatArray:
+    """Return the fewest steps to `goal`, (S,), or infinity where no way leads there.
+
+    A way leads only through the states `among`, (S,), and by the pairs `taken`, (S, A).
+    """
     among = np.ones(len(goal), bool) if among is None else among
     steps = np.where(goal & among, 0.0, np.inf)
     while True:
         after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
-        nearer = np.minimum(steps, 1 + after[mdp.outcome_row].min(axis=1))
+        ahead = after[mdp.outcome_row]
+        ahead = ahead if taken is None else np.where(taken, ahead, np.inf)
+        nearer = np.minimum(steps, 1 + ahead.min(axis=1))
         nearer[~among] = np.inf
         if (nearer == steps).all():
             return steps
