@@ -170,8 +170,9 @@ def test_run_in_processes_is_the_same(curricle, study_file, finished, tmp_path, 
 
 
 def test_a_dry_run_says_what_is_left_and_does_nothing(
-    curricle, study_file, finished, copied, tmp_path, contents
+    curricle, refused, study_file, finished, copied, tmp_path, contents
 ):
+    refused(1, "results need a folder", "run", study_file, "--dry-run", "--out", study_file)
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", "out")
     lines = out.splitlines()
     assert code == 0

@@ -26,7 +26,7 @@ from curricle.study.config import StudyConfig, rivals
 from curricle.study.cost import Cost, costs, sweeping_seconds, total_words
 from curricle.study.results import StudyResults
 from curricle.study.running import Done, usable_units
-from curricle.study.store import StudyStore, holds_study
+from curricle.study.store import StudyStore, check_ours, holds_study
 from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.tasks.live import is_live
@@ -337,6 +337,7 @@ def graph(curriculum: Curriculum) -> Iterator[str]:
 
 def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) -> Iterator[str]:
     """Yield lines on a folder's damaged and stale units, the units to train, and those done."""
+    check_ours(place_at(path), resume=True)
     study = tuned_before(study, place_at(path))
     if study.choose:
         yield "first of all its arm is chosen by trials; which units follow is known after that"

@@ -445,8 +445,8 @@ def compare_studies(studies: Sequence[StudyResults]) -> Comparison:
     seeds = sorted(set.intersection(*(set(study.seeds) for study in studies)))
     if not seeds:
         raise StoreError(
-            "a comparison needs a seed that every arm has finished: "
-            f"{' and '.join(map(str, paths))} have none yet"
+            "a comparison needs a seed that every arm has finished: there is none yet in "
+            f"{' and '.join(map(str, paths))}"
         )
     names = [study.record.name for study in studies], [path.name for path in paths], paths
     differing = [texts for texts in names if len({*texts}) == len(texts)]
