@@ -120,6 +120,15 @@ def test_a_finished_study_is_watched_to_its_end_outside_its_folder(
     assert contents(copied) == before
 
 
+def test_a_study_that_compares_nothing_is_watched_to_its_end(
+    curricle, opened, study_file, tmp_path
+):
+    alone = ["--seeds", "1", "--set", "compared=false", "--arm", "chain"]
+    assert curricle("run", study_file, "--out", tmp_path / "out", *alone)[0] == 0
+    code, out, _ = curricle("watch", tmp_path / "out")
+    assert (code, "The run is over: " in out, len(opened())) == (0, True, 1)
+
+
 SHORT = "budget=400"
 
 

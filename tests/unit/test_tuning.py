@@ -153,6 +153,13 @@ def test_show_says_how_far_a_tuning_is(tuned_file, tuned, tmp_path, curricle, fi
     assert "every arm spends" in shown
 
 
+def test_a_tuned_arm_is_played_in_its_task(tuned_file, tuned, tuning, curricle):
+    arm = next(name for name in tuning.arms if name != "scratch")
+    code, shown, _ = curricle("play", tuned, "--arm", arm, "--study", tuned_file)
+    assert code == 0
+    assert "return" in shown
+
+
 # -- what it is --------------------------------------------------------------------------------
 
 
