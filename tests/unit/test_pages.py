@@ -14,7 +14,7 @@ import pytest
 import typer
 
 from curricle.cli.app import app
-from curricle.comparison.verdicts import NO_MORE, Reason, Verdict, not_asked, too_few_seeds
+from curricle.comparison.verdicts import NO_MORE, Reason, Verdict, not_known, too_few_seeds
 from curricle.statistics import Interval
 from curricle.transfer.transfer import FOUND
 from tests.pages import Command, blocks, commands_of
@@ -177,7 +177,7 @@ def test_every_word_of_a_verdict_is_explained():
     assert len(words) == 11
     assert [word for word in sorted(words) if f"| {word} |" not in page] == []
     assert all(f"**{words}**" in page for words in (FOUND, NO_MORE))
-    assert not_asked([Reason(verdict_of_one(interval), None)]).partition(":")[0] in page
+    assert not_known([Reason(verdict_of_one(interval), None)]).partition(" without")[0] in page
 
 
 def verdict_of_one(gain: Interval) -> Verdict:

@@ -44,7 +44,7 @@ from curricle.comparison.verdicts import (
     Reason,
     Verdict,
     difference,
-    not_asked,
+    not_known,
     verdicts_of,
 )
 from curricle.curriculum.curriculum import Curriculum, Node
@@ -651,7 +651,7 @@ class Comparison:
             if self.verdicts[name].direction > 0
         ]
         lines += [self.unlearnt(name) or self.level_sentence(name) for name in self.controls]
-        return [line for line in (*lines, not_asked(list(self.reasons.values()))) if line]
+        return [line for line in (*lines, not_known(list(self.reasons.values()))) if line]
 
     @property
     def nothing_learnt(self) -> str:

@@ -236,10 +236,10 @@ def _smallest_gain(differences: FloatArray) -> Interval:
 
 
 NO_MORE = "not shown to gain more than from an unrelated task"
-ASKING = 'cr.compare(..., controls=["placebo"]), with "constant" among the opponents'
+ASKING = 'cr.compare(..., controls=["placebo"]) and constants (optimistic learners have none)'
 """How to ask why a curriculum pays; in a study file: ``controls = ["placebo"]``."""
 
-Why = Literal["", "not asked", "knowledge", "mapping", "placebo", "not shown"]
+Why = Literal["", "not known", "knowledge", "mapping", "placebo", "not shown"]
 
 
 @dataclass(frozen=True)
@@ -262,7 +262,7 @@ class Reason:
         if self.pays.direction <= 0:
             return ""
         if over is None:
-            return "not asked"
+            return "not known"
         if over.direction > 0:
             # A gain may come from a search that read the target's model instead of from the source.
             return "mapping" if self.knows_target else "knowledge"
@@ -284,7 +284,7 @@ class Reason:
         )
 
 
-def not_asked(reasons: Sequence[Reason]) -> str:
-    """Return the text that it was not asked why a curriculum pays; empty if it was asked."""
-    open_ = any(reason.why == "not asked" for reason in reasons)
-    return f"by what it knows? Not asked: {ASKING}" if open_ else ""
+def not_known(reasons: Sequence[Reason]) -> str:
+    """Return the text on what tells why a curriculum pays; empty where it is known."""
+    open_ = any(reason.why == "not known" for reason in reasons)
+    return f"by what it knows? Not known without {ASKING}" if open_ else ""

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from curricle.comparison.comparison import ARM_MEASURES, Comparison
-from curricle.comparison.verdicts import not_asked
+from curricle.comparison.verdicts import not_known
 from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.curves import SCRATCH
@@ -121,7 +121,7 @@ def _finding(comparison: Comparison, name: str, rows: Mapping[str, Row]) -> Find
     if name in comparison.control_verdicts:
         remarks.append(comparison.control_sentence(name).removeprefix(f"{name} "))
     if name in comparison.verdicts:
-        remarks.append(not_asked([comparison.reasons[name]]))
+        remarks.append(not_known([comparison.reasons[name]]))
     sentences += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
     control = comparison[name].control
     return Finding(name, control, tone, contrast.answer, tuple(sentences), contrast.strong_gain)
