@@ -90,7 +90,7 @@ def refined(models: Sequence[Model]) -> list[Blocks]:
 
 
 def levels(values: FloatArray, largest: float) -> IntArray:
-    """Return a number for each value, equal for values that differ only by rounding."""
+    """Return a number for each value, equal where values differ only by rounding of the largest."""
     order = np.argsort(values, axis=None)
     ordered = values.ravel()[order]
     apart = np.diff(ordered) > PRECISION * largest
