@@ -61,6 +61,11 @@ def test_scores_do_not_depend_on_the_unit_of_rewards(unit):
     assert found[0].how.startswith("exact homomorphism")
 
 
+def test_a_search_that_returns_nothing_is_refused():
+    with pytest.raises(SettingError, match="must yield Proposals: <lambda> returned None"):
+        cr.transfer.find_mappings(MAZE, MAZE, searches=[lambda tasks: None])
+
+
 @pytest.mark.parametrize("more", [0, 6])
 def test_actions_that_are_not_available_change_no_score(more):
     def pairs(s):

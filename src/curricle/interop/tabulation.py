@@ -663,8 +663,8 @@ def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
 def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
     """Return the origin of tables for JSON: environment, settings and a digest of their code."""
     layers = layers_of(env)
-    kinds = dict.fromkeys(kind.__module__ for layer in layers for kind in type(layer).__mro__)
-    files = [Path(getattr(sys.modules.get(kind), "__file__", None) or "") for kind in kinds]
+    defining = dict.fromkeys(kind.__module__ for layer in layers for kind in type(layer).__mro__)
+    files = [Path(getattr(sys.modules.get(m), "__file__", None) or "") for m in defining]
     code = b"".join(file.read_bytes() for file in files if file.is_file())
     content = b""  # arguments are in it too, of an environment that is no id but a function or made
     for seed in seeds:

@@ -420,7 +420,10 @@ def proposed(
     for search in searches:
         name = getattr(search, "__name__", repr(search))
         try:
-            for proposal in search(tasks) or ():
+            proposals = search(tasks)
+            if not isinstance(proposals, Iterable):
+                raise SettingError(f"a search must yield Proposals: {name} returned {proposals!r}")
+            for proposal in proposals:
                 if not isinstance(proposal, Proposal):
                     raise SettingError(
                         f"a search must yield a Proposal: {name} yielded {brief(proposal)}"
