@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
-from curricle.checks import number
+from curricle.checks import number, numbers
 from curricle.display import printed
 from curricle.errors import SettingError
 from curricle.statistics.intervals import (
@@ -66,7 +66,7 @@ class Curve(Frozen):
             raise SettingError(
                 f"steps must be increasing: checkpoint {place} is {steps[place]} after {before}"
             )
-        values = np.array(self.values, dtype=np.float64)
+        values = numbers("values", self.values, SettingError)
         if values.ndim != 2 or values.shape[0] == 0 or values.shape[1] != steps.size:
             raise SettingError(
                 f"values must have shape (K, {steps.size}) with K at least 1: got {values.shape}"
@@ -254,7 +254,7 @@ class Times(Frozen):
     _repr_html_ = printed
 
     def __post_init__(self) -> None:
-        steps = np.array(self.steps, dtype=np.float64)
+        steps = numbers("steps", self.steps, SettingError)
         reached = np.array(self.reached, dtype=np.bool_)
         if steps.ndim != 1 or steps.size == 0 or steps.shape != reached.shape:
             raise SettingError(
@@ -385,8 +385,7 @@ def time_to_threshold(curve: Curve, threshold: float, *, window: int = 1) -> Tim
     >>> time_to_threshold(curve, 5.0)
     Times(steps=array([100., 200.]), reached=array([ True, False]))
     """
-    if not np.isfinite(threshold):
-        raise SettingError(f"threshold must be a finite return: got {threshold}")
+    number("threshold", threshold, SettingError)
     above = smooth(curve.values, window) >= threshold
     reached = np.asarray(above.any(axis=1))
     place = np.where(reached, above.argmax(axis=1), curve.steps.size - 1)

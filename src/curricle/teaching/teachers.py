@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
-from curricle.checks import number, whole_number
+from curricle.checks import number, numbers, whole_number
 from curricle.errors import SettingError
 from curricle.tasks.kernel import ALL, STRIDE, splitmix64, uniform
 from curricle.text import brief_repr
@@ -344,7 +344,7 @@ class TaskSampler:
     def draw(self, step: int) -> int:
         """Return the task of the episode that begins after `step` steps."""
         answer = self.teacher.probabilities(self.memory)
-        probabilities = np.asarray(answer, dtype=np.float64)
+        probabilities = numbers("a teacher's probabilities", answer, SettingError)
         fits = probabilities.shape == (self.n_tasks,) and bool((probabilities >= 0).all())
         if not fits or not abs(probabilities.sum() - 1) <= SUM_TOLERANCE:
             raise SettingError(
