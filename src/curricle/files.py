@@ -328,6 +328,11 @@ def as_json(value: Any) -> bytes:
     return f"{text}\n".encode()
 
 
+def short_digest(content: bytes) -> str:
+    """Return a digest of 16 digits."""
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
 def digest_of(content: bytes) -> str:
     """Return the checksum of a content."""
     return hashlib.blake2b(content, digest_size=DIGEST_BYTES).hexdigest()

@@ -64,7 +64,9 @@ def test_the_stored_episode_is_that_of_the_last_snapshot(finished, study_file):
     policy = cr.planning.greedy_policy(last)
     path = cr.planning.rollout(maze, policy, seed=0)
     assert seed == 0
-    assert np.allclose(episode.rewards, path.rewards)
+    assert (episode.rewards == path.rewards).all()
+    shown = results.analysis.episodes["chain"]["maze"].after.returns[-1]
+    assert shown == pytest.approx(path.discounted_return(maze.discount))  # as evaluations are
     assert episode.terminated == path.terminated
     drawn = scene_of(maze)
     for place, state in enumerate(path.states):

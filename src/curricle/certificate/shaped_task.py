@@ -261,11 +261,6 @@ class ShapedTask:
         """Whether the potential is 0 at all known ends."""
         return not self.phi_at_ends.any()
 
-    @property
-    def same_for_all_actions(self) -> bool:
-        """Whether phi is the same for all actions of a state."""
-        return not np.ptp(self.phi, axis=1).any()
-
     def phi_of(self, state: IntArray, action: IntArray) -> FloatArray:
         """Return phi(s, a) of n pairs without ends, (n,), without reading other pairs."""
         if self.is_array:

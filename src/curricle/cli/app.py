@@ -97,8 +97,7 @@ Changes = Annotated[
     list[str] | None, Option("--set", help="key=value over the file's, such as tasks.hunt.size=5.")
 ]
 OnlyArms = Annotated[
-    list[str] | None,
-    Option("--arm", help="Only this arm of the file; may be repeated."),
+    list[str] | None, Option("--arm", help="Only this arm of the file; may be repeated.")
 ]
 Explain = Annotated[bool, Option("--explain", help="Also explain the words.")]
 

@@ -275,12 +275,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
     print()
     costing = costs(study, arms)
     rows = [
-        (
-            f"{cost.arm}: {cost.task}",
-            f"{cost.seeds}",
-            f"{cost.steps:,}",
-            duration(cost.seconds),
-        )
+        (f"{cost.arm}: {cost.task}", f"{cost.seeds}", f"{cost.steps:,}", duration(cost.seconds))
         for cost in costing
     ]
     print_table(("cost at most", "seeds", "steps a seed", "time"), rows)

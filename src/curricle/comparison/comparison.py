@@ -15,14 +15,7 @@ import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
-from curricle.comparison.controls import (
-    ALONE,
-    CONTROLS,
-    PLACEBO,
-    UNRELATED,
-    Control,
-    check_fit,
-)
+from curricle.comparison.controls import ALONE, CONTROLS, PLACEBO, UNRELATED, Control, check_fit
 from curricle.comparison.opponents import (
     OPPONENTS,
     Learners,
@@ -40,13 +33,7 @@ from curricle.comparison.plan import (
     check_comparable,
     check_evaluated,
 )
-from curricle.comparison.verdicts import (
-    Reason,
-    Verdict,
-    difference,
-    not_known,
-    verdicts_of,
-)
+from curricle.comparison.verdicts import Reason, Verdict, difference, not_known, verdicts_of
 from curricle.curriculum.curriculum import Curriculum, Node
 from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
 from curricle.errors import CurriculumError, SettingError, in_words
@@ -739,7 +726,7 @@ ARM_MEASURES = {
         "mean return",
         "the mean height of the learning curve: its area, divided by all steps",
         Comparison.mean_return,
-    ),
+    )
 }
 """Key in :meth:`Comparison.rows` -> a column of printed tables and of the report's."""
 HEADS = (

@@ -8,12 +8,12 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
 from curricle.arrays import FloatArray
+from curricle.files import short_digest
 from curricle.tasks.mdp import (
     FiniteMDP,
     Task,
@@ -160,7 +160,6 @@ def _equal(first: Any, second: Any) -> bool:
 
 SELDOM = ("available", "action_masks")  # parameters that are stated only where they are set
 AGREE = 1e-11  # relative difference of equal projections: 10^5 times the rounding of a sum
-DIGEST_BYTES = 8
 
 
 @dataclass(frozen=True)
@@ -194,10 +193,10 @@ def task_summary(task: Any) -> TaskSummary:
         content = repr(space.components).encode()
         if space.size < math.prod(component.size for component in space.components):
             content += b"".join(values.tobytes() for values in space.decode().values())
-        spaces[name] = f"{space.size:,} ({_digest(content)})"
+        spaces[name] = f"{space.size:,} ({short_digest(content)})"
     spaces |= {name: repr(getattr(generative, name)) for name in ("discount", "time_limit")}
     if _comparable(task) and (available := tables(task).available) is not None:
-        spaces["available actions"] = f"{available.sum():,} ({_digest(available.tobytes())})"
+        spaces["available actions"] = f"{available.sum():,} ({short_digest(available.tobytes())})"
     projections = dict(_projections(tables(task))) if _comparable(task) else {}
     return TaskSummary(kind, spaces, projections, parameters)
 
@@ -223,7 +222,9 @@ def plain_text(value: Any, within: tuple[Any, ...] = ()) -> str:
     """Return a value as text that is the same in every process and on every machine."""
     if isinstance(value, np.ndarray):
         text = repr(value)
-        return text if "..." not in text else f"array {value.shape} ({_digest(value.tobytes())})"
+        return (
+            text if "..." not in text else f"array {value.shape} ({short_digest(value.tobytes())})"
+        )
     function = getattr(value, "py_func", value)
     if inspect.isfunction(function) and function not in within:
         try:
@@ -235,7 +236,7 @@ def plain_text(value: Any, within: tuple[Any, ...] = ()) -> str:
         texts = {name: plain_text(x, (*within, function)) for name, x in known.items()}
         constants = function.__code__.co_consts, used.nonlocals, *([texts] if texts else ())
         content = source + _of_any_process(repr(constants))
-        return f"{function.__name__} ({_digest(content.encode())})"
+        return f"{function.__name__} ({short_digest(content.encode())})"
     if isinstance(value, set | frozenset):  # whose order differs between processes
         value = sorted(value, key=repr)
     return _of_any_process(repr(value))
@@ -261,7 +262,3 @@ def _projections(mdp: FiniteMDP) -> Iterator[tuple[str, tuple[float, float]]]:
 def _projected(direction: Any, values: Any) -> tuple[float, float]:
     terms = np.where(direction != 0, values, 0.0) * direction
     return float(terms.sum()), float(abs(terms).sum())
-
-
-def _digest(content: bytes) -> str:
-    return blake2b(content, digest_size=DIGEST_BYTES).hexdigest()

@@ -97,10 +97,7 @@ class Verdict:
 
 
 def verdicts_of(
-    returns: Mapping[str, npt.ArrayLike],
-    rivals: Mapping[str, Sequence[str]],
-    *,
-    interim: str = "",
+    returns: Mapping[str, npt.ArrayLike], rivals: Mapping[str, Sequence[str]], *, interim: str = ""
 ) -> dict[str, Verdict]:
     """Return for each arm in `rivals` whether it gains more than all of its rivals.
 
@@ -160,11 +157,14 @@ def verdicts_of(
     draws = _draws(sum(map(len, apart.values())))
     p = [math.nan if interim else _p_value(rows, draws) for rows in apart.values()]
     adjusted_p = p if interim else holm(p).tolist()
-    needed, verdicts = seeds_needed(len(apart)), {}
+    verdicts = {}
     for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
         n, seeds = rows.shape
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
         gain = _smallest_gain(rows)
+        # A loss to one of n rivals is corrected for n: more seeds may be needed to show it.
+        lost = gain.high < 0 and adjusted >= SIGNIFICANT
+        needed = seeds_needed(len(apart) * (n if lost else 1))
         verdicts[name] = Verdict(gain, strongest, n, p_value, adjusted, seeds, needed, interim)
     return verdicts
 

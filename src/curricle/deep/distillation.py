@@ -136,11 +136,7 @@ def _fit(
 
 
 def learn_miniatures(
-    task: Miniatures,
-    learner: DeepLearner,
-    seeds: Sequence[int],
-    *,
-    progress: Progress = None,
+    task: Miniatures, learner: DeepLearner, seeds: Sequence[int], *, progress: Progress = None
 ) -> DeepResult:
     """Return a network for each seed, fitted to miniatures."""
     outcomes = []
@@ -160,9 +156,7 @@ def learn_miniatures(
                     f"the random policy to the optimum of {task}"
                 )
             # With the steps that it is charged, and no episode.
-            outcomes.append(
-                Outcome(record, network, task.cost, 0, out_of_memory=False, evaluation_steps=0)
-            )
+            outcomes.append(Outcome(record, network, task.cost, 0, 0))
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)

@@ -120,11 +120,7 @@ def model_for(
 
 
 def environments(
-    task: ObservationTask,
-    learner: DeepLearner,
-    shaping: Shaping | None,
-    *,
-    processes: bool = False,
+    task: ObservationTask, learner: DeepLearner, shaping: Shaping | None, *, processes: bool = False
 ) -> VecEnv:
     """Return new sub-environments, with their rewards shaped where the shaping does so."""
     makers = [lambda: Monitor(task.environment())] * learner.envs
@@ -296,14 +292,8 @@ class DeepRun:
                 model.env.close()  # its processes end
                 if recorder.environments is not None:
                     recorder.environments.close()
-        return Outcome(
-            progress.record,
-            values,  # type: ignore[arg-type]
-            progress.steps,
-            progress.episodes,
-            out_of_memory=False,
-            evaluation_steps=progress.evaluation_steps,
-        )
+        spent = progress.steps, progress.episodes, progress.evaluation_steps
+        return Outcome(progress.record, values, *spent)  # type: ignore[arg-type]
 
     def _named(self, start: int, shaping: Shaping | None, spent: str) -> str:
         """Return a seed's run as text, whose checkpoints no other run takes."""

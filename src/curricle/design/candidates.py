@@ -27,20 +27,11 @@ from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
 from curricle.tasks.family import FamilyMember
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    generative_model,
-    reachable_states,
-    same_task,
-    tables,
-)
+from curricle.tasks.mdp import FiniteMDP, generative_model, reachable_states, same_task, tables
 from curricle.tasks.start_states import goal_distance
 from curricle.text import brief_repr, counted
 from curricle.transfer.bisimulation import model_for_refinement, refined
-from curricle.transfer.mapping import (
-    ObservationMapping,
-    StateActionMapping,
-)
+from curricle.transfer.mapping import ObservationMapping, StateActionMapping
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "member": family_members,

@@ -167,7 +167,10 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
     first = FIRST_SEED + whole_number("seed", seed, 0, SettingError) * SEEDS_APART
     curricula = [name for name, arm in plan.arms.items() if not (arm.scratch or arm.of)]
     if why := next(filter(None, (hindrance(plan.curricula[name]) for name in curricula)), ""):
-        raise TaskError(f"trials need a model, and {why}: name a smaller relative with on=")
+        raise TaskError(
+            f"trials need a model, and {why}: name a smaller relative with on=, or compare the "
+            "curricula by cr.forecast"
+        )
     left = curricula
     returns, rows, failed = dict[str, FloatArray](), dict[str, dict[str, Any]](), dict[str, Any]()
 

@@ -143,10 +143,8 @@ def from_gymnasium(
     make = maker_of(environment, time_limit, make_arguments)
     with opened(environment, make) as env:
         world: Any = env.unwrapped
-        limit: Any = time_limit
-        if time_limit == "own":  # the least of its limits
-            limits = getattr(env.spec, "max_episode_steps", None), time_limit_of(env)
-            limit = min((steps for steps in limits if steps is not None), default=None)
+        stated = getattr(env.spec, "max_episode_steps", None)
+        limit: Any = time_limit_of(env, stated) if time_limit == "own" else time_limit
         known, moves = names_of(env)
         act, actions = actions_of(env.action_space, actions, moves)
         number = encode

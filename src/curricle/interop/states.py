@@ -715,10 +715,10 @@ class World:
             )
 
 
-def time_limit_of(env: Environment) -> int | None:
-    """Return the steps after which an environment truncates: the least limit of its wrappers."""
+def time_limit_of(env: Environment, *more: int | None) -> int | None:
+    """Return the steps after which an environment truncates: the least of its and more limits."""
     limits = [layer._max_episode_steps for layer in layers_of(env) if isinstance(layer, TimeLimit)]
-    return min(limits, default=None)
+    return min((int(steps) for steps in (*more, *limits) if steps is not None), default=None)
 
 
 def _rewind_clocks(env: Environment) -> None:

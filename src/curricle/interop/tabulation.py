@@ -337,10 +337,8 @@ def tabulate(
         named = names_of(env)[1] or (None if turned else named_actions(env))
         act, moves = actions_of(env.action_space, actions, named)
         tables, record = plan.carried_out(env, act, moves.size, name)
-        limit: Any = time_limit
-        if time_limit == "own":  # the least of its limits
-            limits = time_limit_of(env), env.unwrapped.max_steps if is_minigrid(env) else None
-            limit = min((int(steps) for steps in limits if steps is not None), default=None)
+        stated = env.unwrapped.max_steps if is_minigrid(env) else None
+        limit: Any = time_limit_of(env, stated) if time_limit == "own" else time_limit
     if names is not None:
         tables = tables._replace(states=with_names(tables.states, names))
     return TabulatedTask(tables.mdp(moves, discount, limit), tables.observations, record)

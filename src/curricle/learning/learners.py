@@ -9,15 +9,7 @@ import numpy as np
 from curricle.arrays import IntArray
 from curricle.checks import number
 from curricle.errors import SettingError
-from curricle.learning.schedules import (
-    HARMONIC,
-    ByVisits,
-    Constant,
-    Schedule,
-    at,
-    harmonic,
-    within,
-)
+from curricle.learning.schedules import HARMONIC, ByVisits, Constant, Schedule, at, harmonic, within
 from curricle.planning.greedy import ONLY_ROW, highest
 from curricle.tasks.kernel import (
     HALF,

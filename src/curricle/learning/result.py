@@ -454,11 +454,7 @@ def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDAr
     reached = steps[None, :] <= arrays["steps_used"][:, None]
     seed, checkpoint = np.nonzero(reached)
     columns = {} if task is None else {"task": np.array([task] * len(seed), dtype=object)}
-    columns |= {
-        "seed": arrays["seeds"][seed],
-        "checkpoint": checkpoint,
-        "steps": steps[checkpoint],
-    }
+    columns |= {"seed": arrays["seeds"][seed], "checkpoint": checkpoint, "steps": steps[checkpoint]}
     if "source_steps" in arrays:
         columns["source_steps"] = arrays["source_steps"][seed]
     return columns | {name: arrays[name][reached] for name in CURVES}

@@ -389,7 +389,8 @@ class DecayingAdvice(Shaping):
 
     def meets_conditions(self, shaped: Any) -> bool:
         """Return whether the advice vanishes, or is the same for all actions of a state."""
-        return self.last_weight == 0 or bool(shaped.compared and shaped.same_for_all_actions)
+        same = shaped.compared and not np.ptp(shaped.phi, axis=1).any()
+        return self.last_weight == 0 or bool(same)
 
     def acted_on(self, shaped: Any) -> Any:
         """Return Q* + xi phi with the last weight xi."""

@@ -281,7 +281,7 @@ def figure1(studies: Studies) -> FigureResult:
                 "a 3x3 source with one pit, two 6x6 targets",
                 verdict(coverage["target A"].mapped > 0 and coverage["target B"].mapped == 0),
                 {name: str(cover) for name, cover in coverage.items()},
-            ),
+            )
         ],
         settings={"state": "positions of all objects relative to the agent (Svetlik et al. 2017)"},
     )
@@ -588,7 +588,7 @@ def hacking(studies: Studies) -> FigureResult:
                 "5x5 grid, treasure 20, step -1, discount 0.95",
                 verdict(loops and (final["as a potential"] > 0).all()),
                 {f"final greedy return, {name}": mean_interval(v) for name, v in final.items()},
-            ),
+            )
         ],
         settings={
             "learner": "Q-learning, learning rate 0.1, epsilon 0.1",

@@ -222,10 +222,8 @@ def _draw_portfolio(panel: Any, shared: Mapping[str, LearningResult], threshold:
         draw_curve(panel, curve, label=name, colour=colour, window=mazes.WINDOW)
     draw_level(panel, threshold, ls=":")
     in_thousands(panel)
-    ylabel, title = (
-        "greedy return (sum of rewards)",
-        "a harmful source, with and without a portfolio",
-    )
+    ylabel = "greedy return (sum of rewards)"
+    title = "a harmful source, with and without a portfolio"
     panel.set(xlabel="target steps (thousands)", ylabel=ylabel, ylim=(-1700, 150), title=title)
     panel.legend(loc="lower right")
 

@@ -259,7 +259,7 @@ class Film:
         if not is_live(task):
             return task, None
         with closing(task.make()) as environment:
-            if not draws_pictures(environment):
+            if PICTURES not in getattr(environment, "metadata", {}).get("render_modes", ()):
                 return task, None
             film = cls([], fps_of(environment))
         make = with_pictures(task.make)
@@ -289,11 +289,6 @@ class _Filmed:
 def fps_of(environment: Any) -> float:
     """Return the pictures a second that an environment states; 10 by default."""
     return float(getattr(environment, "metadata", {}).get("render_fps") or 10)
-
-
-def draws_pictures(environment: Any) -> bool:
-    """Return whether an environment says that it can draw pictures."""
-    return PICTURES in getattr(environment, "metadata", {}).get("render_modes", ())
 
 
 def frame_of(environment: Any) -> Frame:

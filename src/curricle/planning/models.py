@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
 from curricle.tasks.kernel import Overloaded, compiled_once
-from curricle.tasks.mdp import FiniteMDP, Task, improper_states, steps_to, tables
+from curricle.tasks.mdp import FiniteMDP, Task, improper_states, rows_in_use, steps_to, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
 RowArray = npt.NDArray[np.uint32]
@@ -512,8 +512,7 @@ class TabularPlanningModel(_Model):
 
     def largest_sum(self, policy: Policy | None) -> float:
         """Return a bound of the sum of a pair's probabilities, or of a state's under a policy."""
-        used = np.zeros(len(self.mdp.probability), dtype=bool)
-        used[self._rows[~self.terminal]] = True
+        used = rows_in_use(self.mdp.outcome_row, self.terminal, len(self.mdp.probability))
         return sum_bound(self.mdp.probability[used]) * policy_sum(policy, self.terminal)
 
     def start_value(self, values: FloatArray) -> float:

@@ -15,14 +15,7 @@ from numba.extending import intrinsic
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import SettingError
-from curricle.planning.greedy import (
-    ACTION,
-    TIED,
-    Values,
-    VisitedValues,
-    acting_row,
-    greedy_action,
-)
+from curricle.planning.greedy import ACTION, TIED, Values, VisitedValues, acting_row, greedy_action
 from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_episode
 from curricle.planning.solution import Solution, limited_optimum, solve
 from curricle.progress import HALTED
@@ -568,11 +561,7 @@ class Target:
 
     @classmethod
     def of(
-        cls,
-        task: Task,
-        evaluation: GreedyEvaluation | None = None,
-        *,
-        episodes: int = ROLLOUTS,
+        cls, task: Task, evaluation: GreedyEvaluation | None = None, *, episodes: int = ROLLOUTS
     ) -> "Target":
         """Return a target, evaluated exactly where it can be, else by `episodes` rollouts."""
         settings = GreedyEvaluation() if evaluation is None else evaluation

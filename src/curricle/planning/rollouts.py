@@ -378,12 +378,7 @@ class RandomRollouts(Frozen):
 
 
 def random_rollouts(
-    task: Task,
-    *,
-    episodes: int,
-    length: int,
-    seed: int = 0,
-    starts: IntArray | None = None,
+    task: Task, *, episodes: int, length: int, seed: int = 0, starts: IntArray | None = None
 ) -> RandomRollouts:
     """Return episodes in which every available action is equally likely at every step.
 

@@ -233,10 +233,7 @@ def greedy_policy(action_values: npt.ArrayLike, *, tolerance: float = 0.0) -> Fl
 
 
 def checked_policy(
-    policy: npt.ArrayLike,
-    terminal: BoolArray,
-    n_actions: int,
-    available: BoolArray | None = None,
+    policy: npt.ArrayLike, terminal: BoolArray, n_actions: int, available: BoolArray | None = None
 ) -> Policy:
     """Return a policy as (S,) actions or (S, A) probabilities; SettingError names the bad state."""
     checked = _of_shape(policy, terminal, n_actions)

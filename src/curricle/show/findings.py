@@ -50,7 +50,7 @@ def _paid(comparison: Comparison) -> str:
     harmed = [name for name, verdict in verdicts.items() if verdict.direction < 0]
     open_ = len(verdicts) - len(paid) - len(harmed)
     if open_ and not paid and not harmed:
-        return "No curriculum is shown to differ from learning the target from scratch."
+        return "No curriculum is shown to differ from its opponents."
     counts = [
         f"{_count(names, len(verdicts))} {verbs[len(names) > 1]}"
         for names, verbs in (

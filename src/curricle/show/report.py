@@ -53,7 +53,7 @@ from curricle.study.auditing import Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import StudyResults
 from curricle.study.store import ANALYSIS, in_use
-from curricle.study.tuning import effects_of
+from curricle.study.tuning import effects_of, short
 from curricle.text import counted
 
 # -- templates -------------------------------------------------------------------------------------
@@ -122,14 +122,10 @@ def write_page(page: str, path: str | Path) -> Path:
 
 def _evidence(value: Any) -> str:
     """Return a number, an interval or a text of a claim's evidence."""
-
-    def text(number: float) -> str:
-        return f"{number:,.0f}" if abs(number) >= 1000 else f"{number:.3g}"
-
     if isinstance(value, dict) and "estimate" in value:
         ends = [value["low"], value["high"]]
-        bounds = "(no interval)" if None in ends else f"[{', '.join(map(text, ends))}]"
-        return f"{text(value['estimate'])} {bounds}"
+        bounds = "(no interval)" if None in ends else f"[{', '.join(map(short, ends))}]"
+        return f"{short(value['estimate'])} {bounds}"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 

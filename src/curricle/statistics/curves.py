@@ -56,7 +56,12 @@ class Curve(Frozen):
     __repr__ = brief_repr
 
     def __post_init__(self) -> None:
-        steps, source = (_whole(name, getattr(self, name)) for name in ("steps", "source_steps"))
+        whole = list[IntArray]()
+        for name in ("steps", "source_steps"):
+            if (given := np.asarray(getattr(self, name))).dtype.kind not in "iu":
+                raise SettingError(f"{name} must be integers: got dtype {given.dtype}")
+            whole.append(given.astype(np.int64))
+        steps, source = whole
         if steps.ndim != 1 or steps.size == 0:
             raise SettingError(f"steps must have shape (T,) with T at least 1: got {steps.shape}")
         if steps[0] < 0:
@@ -214,14 +219,6 @@ def mean_return(curve: Curve) -> FloatArray:
         raise SettingError(f"an area needs at least 2 checkpoints: got {curve.steps.size}")
     area = np.asarray(np.trapezoid(curve.filled(), curve.steps, axis=1), dtype=np.float64)
     return area / float(curve.steps[-1] - curve.steps[0])
-
-
-def _whole(name: str, array: IntArray) -> IntArray:
-    """Return an int64 copy of `array`, or raise SettingError unless it holds integers."""
-    copy = np.array(array)
-    if copy.dtype.kind not in "iu":
-        raise SettingError(f"{name} must be integers: got dtype {copy.dtype}")
-    return copy.astype(np.int64)
 
 
 # -- Thresholds, and the steps that a learner takes to reach them ----------------------------------

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from hashlib import blake2b
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.deep.learner import DeepLearner, PolicyReuse
 from curricle.errors import CurricleError, StoreError
+from curricle.files import short_digest
 from curricle.learning.record import Snapshots
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
 from curricle.planning.greedy import Values
@@ -162,7 +162,6 @@ def _depends_on_total(curriculum: Curriculum) -> str:
 EFFORT = 800_000  # most target pairs x forecasts x seeds: about ten seconds
 MOST_SEEDS = 3  # seeds of a forecast
 LARGEST_CERTIFIED = 20_000_000  # target pairs up to which a potential is certified
-DIGEST_BYTES = 8
 LARGEST_TABLE = 20_000_000  # pairs (S x A) of a task up to which its episodes are kept
 
 
@@ -180,7 +179,7 @@ def analyse(study: StudyResults, arms: Arms) -> None:
         return
     seeds = study.seeds[:MOST_SEEDS]
     keys = sorted(item for item in study.record.keys.items() if item[0][0] in curricula)
-    of = blake2b(repr((keys, seeds)).encode(), digest_size=DIGEST_BYTES).hexdigest()
+    of = short_digest(repr((keys, seeds)).encode())
     written = study.analysis  # reads the file
     if written is not None and written.of == of:
         return
@@ -204,14 +203,14 @@ def analysed(
     episodes: dict[str, dict[str, EpisodePair]] = {}
     for arm, result in results.items():
         for name, node in result.nodes.items():
-            discounted = result.curriculum.setting("evaluation", name).discounted
-            if pair := before_and_after(node.snapshots, node.task, discounted=discounted):
+            discount = result.curriculum.setting("evaluation", name).discount(node.task)
+            if pair := before_and_after(node.snapshots, node.task, discount):
                 episodes.setdefault(arm, {})[name] = pair
     return Analysis(of=of, sections=sections, episodes=episodes)
 
 
 def before_and_after(
-    snapshots: Snapshots | None, task: Task, *, discounted: bool
+    snapshots: Snapshots | None, task: Task, discount: float
 ) -> EpisodePair | None:
     """Return an episode of the first and one of the last greedy policy; None without a grid."""
     view = None if snapshots is None else GridView.for_replay(task)
@@ -221,7 +220,6 @@ def before_and_after(
     pairs = model.states.size * model.actions.size
     if pairs > LARGEST_TABLE or not (has_tables(task) or is_live(task)):
         return None
-    weight = model.discount if discounted else 1.0
     steps = min(model.time_limit or LONGEST_EPISODE, LONGEST_EPISODE)
     episodes = list[EpisodeRecord]()
     for place in (0, -1):
@@ -230,9 +228,14 @@ def before_and_after(
         cells = np.stack([marker.cells[path.states] for marker in view.markers], axis=1)
         if (cells < 0).any():
             return None
-        rewards = path.rewards * weight ** np.arange(len(path))
-        returns = np.concatenate([[0.0], rewards.cumsum()])
-        episodes.append(EpisodeRecord(cells=cells, returns=returns, terminated=path.terminated))
+        paid = path.rewards * discount ** np.arange(len(path))
+        record = EpisodeRecord(
+            cells=cells,
+            returns=np.concatenate([[0.0], paid.cumsum()]),
+            rewards=path.rewards,
+            terminated=path.terminated,
+        )
+        episodes.append(record)
     return EpisodePair(before=episodes[0], after=episodes[1])
 
 
@@ -355,7 +358,7 @@ def stored_episode(
     return first, Episode(
         frames=Drawn(lambda moment: scene.image(cells[moment]), moments),
         actions=np.zeros(0, np.int64),
-        rewards=np.diff(record.returns),
+        rewards=np.diff(record.returns) if record.rewards is None else record.rewards,
         terminated=record.terminated,
         fps=OF_TASKS,
         texts=Drawn(lambda moment: scene.text(cells[moment]), moments),

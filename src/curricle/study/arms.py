@@ -4,7 +4,6 @@ import json
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from hashlib import blake2b
 from importlib import metadata
 from math import nan
 from pathlib import Path
@@ -26,7 +25,7 @@ from curricle.comparison.plan import (
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.curriculum.result import SourceValues, source_values
 from curricle.errors import ConfigError, ForeignError, SettingError
-from curricle.files import Place
+from curricle.files import Place, short_digest
 from curricle.learning.result import arrays_of
 from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
@@ -40,22 +39,17 @@ from curricle.transfer.transfer import mappings_digest
 
 # -- The dependencies of a unit's result, its key, and the reasons why a stored unit is stale ------
 
-KEY_BYTES = 8
 AUTO = "auto"  # the mapping of a transfer table for which a search finds the best
 Stored = Mapping[str, Mapping[int, Any]]  # key -> seed -> StoredUnit; every key has a seed
 
 
 def key_of(dependencies: Dependencies) -> str:
     """Return a short hash of dependencies: units with equal keys have equal results."""
-    data = json.dumps(dependencies, sort_keys=True)
-    return blake2b(data.encode(), digest_size=KEY_BYTES).hexdigest()
+    return short_digest(json.dumps(dependencies, sort_keys=True).encode())
 
 
 def dependencies_of(
-    arm: Mapping[str, Any],
-    curriculum: Curriculum,
-    total: int | None,
-    folder: Path,
+    arm: Mapping[str, Any], curriculum: Curriculum, total: int | None, folder: Path
 ) -> Iterator[tuple[str, str, Dependencies]]:
     """Yield each task of an arm with its key and its dependencies, sources first."""
     keys: dict[str, str] = {}

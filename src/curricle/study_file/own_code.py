@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
 from functools import lru_cache
-from hashlib import blake2b, sha256
+from hashlib import sha256
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, all_suffixes
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any
 
 from curricle.checks import listed
 from curricle.errors import ConfigError, CurricleError
+from curricle.files import digest_of
 
 # -- Functions that a study file names as ``module:function`` --------------------------------------
 #
@@ -200,7 +201,7 @@ INSTALLED = {
 def code_of(data: Any, folder: Path) -> dict[str, str]:
     """Return file -> digest of the user's modules that plain data name, equal on any machine."""
     return {
-        name: blake2b(file.read_bytes().replace(b"\r\n", b"\n"), digest_size=16).hexdigest()
+        name: digest_of(file.read_bytes().replace(b"\r\n", b"\n"))
         for name, file in own_files(data, folder).items()
     }
 

@@ -351,17 +351,15 @@ def _tried(arm: Variant, tuning: TuneTable) -> dict[str, Variant]:
     points = Halton(len(settings), rng=tuning.seed).random(tuning.trials if used else 1)
     for number, point in enumerate(points.tolist(), 1):
         shares = zip(used, compress(point, applies), strict=True)
-        values = [_value_at(setting.values, share) for setting, share in shares]
+        values = [
+            RangeTable.model_validate(tried).at(share)
+            if isinstance(tried := setting.values, dict)
+            else tried[int(share * len(tried))]
+            for setting, share in shares
+        ]
         label = arm.arm if number == 1 else f"{arm.arm}, trial {number}"
         trials[label] = arm.stating(used, values)
     return trials
-
-
-def _value_at(space: Any, share: float) -> Any:
-    """Return the value at a share of a range or of a list."""
-    if isinstance(space, dict):
-        return RangeTable.model_validate(space).at(share)
-    return space[int(share * len(space))]
 
 
 # -- Mistakes in sweeps and tunings ----------------------------------------------------------------

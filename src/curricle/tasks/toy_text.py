@@ -112,9 +112,7 @@ class FrozenLake(MapDomain, _SlipperyDomain):
         entered = np.where(self._holds("H"), self.hole_reward, entered)
         after, sides = self._slipping(self._landing(LAKE_MOVES)), (1 - self.success_rate) / 2
         return self._tables(
-            [sides, self.success_rate, sides] if self.slippery else [1.0],
-            after,
-            entered[after],
+            [sides, self.success_rate, sides] if self.slippery else [1.0], after, entered[after]
         )
 
 

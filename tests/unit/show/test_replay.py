@@ -106,11 +106,12 @@ def test_arms_that_learnt_alike_share_a_replay(pursuit, maze):
 def test_both_episodes_start_alike_and_sum_the_rewards(pursuit):
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     shot = pursuit.results["min"]["hunt"].snapshots
-    pair = before_and_after(shot, hunt, discounted=True)
+    pair = before_and_after(shot, hunt, 0.9)
     before, after = pair.before, pair.after
     assert (before.cells[0] == after.cells[0]).all()
     followed = greedy_rollout(hunt, Values(shot.values[-1].astype(np.float64)), seed=0)
     assert after.returns[-1] == pytest.approx(followed.discounted_return(0.9))
+    assert (after.rewards == followed.rewards).all()
     decoded = hunt.states.decode(followed.states)
     assert (after.cells[:, 1] == decoded["predator_1"]).all()
     assert after.terminated == followed.terminated
@@ -121,8 +122,8 @@ def test_tasks_without_tables_and_states_off_the_strip_have_no_episodes(pursuit,
     values[:, :, 1] = 1
     far = replace(chain(80), start=np.eye(80)[70])
     shot = Snapshots(seed=0, steps=np.array([0, 9]), values=values)
-    assert before_and_after(shot, far, discounted=True) is None
+    assert before_and_after(shot, far, 0.9) is None
     hunt = pursuit.results["min"].curriculum.tasks["hunt"]
     monkeypatch.setattr("curricle.study.analysis.LARGEST_TABLE", 10)
     shot = pursuit.results["min"]["hunt"].snapshots
-    assert before_and_after(shot, hunt, discounted=True) is None
+    assert before_and_after(shot, hunt, 0.9) is None

@@ -35,13 +35,7 @@ from curricle.interop.gymnasium import (
     space_of,
 )
 from curricle.interop.minigrid import is_minigrid
-from curricle.interop.states import (
-    DeepCopy,
-    Words,
-    counters_of,
-    time_limit_of,
-    words_of_state,
-)
+from curricle.interop.states import DeepCopy, Words, counters_of, time_limit_of, words_of_state
 from curricle.interop.tabulated_task import parts_of, same_observation
 from curricle.interop.tabulation import tabulate
 from curricle.learning.learners import QLearning
@@ -308,7 +302,7 @@ def _study(name: str, recipe: Any, env: Any) -> tuple[str, list[str]]:
         before = f"{target.steps:,.0f}" if target.steps < math.inf else f"over {most:,}"
         steps = f"learnt in {variant.steps:,.0f} steps instead of {before}"
         label = "_".join(f"{argument}_{value}" for argument, value in variant.arguments.items())
-        written = _inline(variant.arguments)
+        written = ", ".join(f"{k} = {json.dumps(v)}" for k, v in variant.arguments.items())
         more = variant.steps > SOURCES_SHARE * budget
         stated = _rounded_up(variant.steps) if more else None
         sources[re.sub(r"[^\w-]", "_", label)] = written, stated
@@ -353,11 +347,6 @@ def _rounded_up(steps: float) -> int:
 def _limit(env: Any, known: int | None) -> dict[str, int]:
     """Return the time limit that a study must state: none where the environment has one."""
     return {} if time_limit_of(env) or is_minigrid(env) else {"time_limit": known or LIMIT}
-
-
-def _inline(arguments: dict[str, Any]) -> str:
-    """Return arguments as TOML writes them."""
-    return ", ".join(f"{name} = {json.dumps(value)}" for name, value in arguments.items())
 
 
 def _of_network(
