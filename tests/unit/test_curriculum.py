@@ -255,3 +255,11 @@ def test_values_that_contain_what_shaping_added_are_not_handed_on(kind, learner)
         alone.train(trained={"left": shaped})
     with pytest.raises(CurriculumError, match="own rewards"):
         cr.forecast(alone, seeds=1, trained={"left": shaped})
+
+
+def test_sources_are_not_charged_to_a_budget_in_episodes():
+    hall = cr.GridWorld("S..T", time_limit=20)
+    edge = cr.Transfer("a", "b", cr.transfer.identity(hall))
+    plan = cr.Curriculum({"a": hall, "b": hall}, [edge], budget={"b": cr.Episodes(30)})
+    with pytest.raises(CurriculumError, match="that of target 'b' is 30 episodes"):
+        plan.train(charge=True)

@@ -63,3 +63,12 @@ REFUSED = [
 def test_what_the_loop_does_not_support_is_refused(settings, message):
     with pytest.raises(SettingError, match=message):
         cr.learn(cr.GridWorld("S.T"), OptimisticQLearning(), 10, **settings)
+
+
+def test_the_optimistic_table_starts_at_the_highest_value_whatever_q_starts_at():
+    hall = cr.GridWorld("S" + "." * 30 + "T")
+    returns = [
+        cr.learn(hall, OptimisticQLearning(initial_value=value), 20_000).greedy_return[0, -1]
+        for value in (None, -10_000.0)
+    ]
+    assert returns[0] == returns[1] > 100

@@ -287,3 +287,8 @@ def test_a_potential_too_large_for_exact_sums_is_refused(unmapped_value):
     )  # fmt: skip
     with pytest.raises(PotentialError, match="phi"):
         plan.train()
+
+
+def test_a_weight_may_not_make_a_potential_too_large():
+    with pytest.raises(PotentialError, match=r"weight times Phi must be at most 1e\+15"):
+        StatePotential(cr.GridWorld("S..T"), [1e14, 0.0, 0.0, 0.0], weight=1e9)

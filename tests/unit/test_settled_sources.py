@@ -304,3 +304,14 @@ def test_a_tie_within_the_error_bound_is_not_played_at_random():
     assert target.solution.optimal[:n].all(axis=1).any()
     assert target.optimum == pytest.approx(target.solution.start_value, abs=0.01)
     assert target.optimum > 0.3
+
+
+def test_a_source_whose_last_steps_reach_no_checkpoint_has_not_learnt_either():
+    hall = cr.GridWorld(["S" + "." * 60 + "T"], time_limit=100)
+    edge = cr.Transfer("far", "target", cr.transfer.identity(hall))
+    budget = {"target": 50_070}  # a tenth is no multiple of its hundredth
+    result = cr.Curriculum({"far": hall, "target": hall}, [edge], budget=budget).train()
+    last = result.decisions("far")[0][-1]
+    assert last.step < result["far"].steps_used[0] == last.rule.max_steps
+    assert last.criterion == UNLEARNT
+    assert result.unlearnt("target")["far"].all()

@@ -148,3 +148,38 @@ def test_the_steps_of_evaluations_are_counted_and_said_to_be_free():
     sentence = f"500 steps used, and {steps:,} steps of evaluations, which are free"
     assert str(rolled.decisions("maze")[1][-1]).endswith(sentence)
     assert rolled["maze"].steps_used.tolist() == [500, 500]
+
+
+@pytest.mark.parametrize("limit", [None, 1000])
+def test_a_goal_beyond_the_discount_is_no_goal_that_is_reached(limit):
+    n = 200  # steps to the only reward, of which 0.9^199 is left
+    moves, reward = np.zeros((n + 1, 2, n + 1)), np.zeros((n + 1, 2))
+    for state in range(n):
+        moves[state, 0, state + 1] = moves[state, 1, max(state - 1, 0)] = 1
+    moves[n, :, n], reward[n - 1, 0] = 1, 1e9
+    far = cr.FiniteMDP.from_dense(
+        moves, reward, terminal=np.arange(n + 1) == n, start=0, discount=0.9, time_limit=limit
+    )
+    rule = cr.StoppingRule(2_000, fraction=0.9)
+    if limit is None:
+        with pytest.raises(SettingError, match="needs a time limit"):
+            cr.learn(far, budget=rule)
+        return
+    solution = cr.solve(far)
+    assert cr.learn(far, budget=rule).steps_used[0] == 2_000
+    known = cr.QInitialisation(cr.StateActionPotential(far, solution.action_values))
+    informed = cr.learn(far, budget=rule, shaping=known)
+    assert informed.greedy_return[0, 0] == pytest.approx(solution.start_value, rel=1e-6)
+    assert informed.steps_used[0] < 2_000
+
+
+def test_an_evaluation_that_would_seem_to_hang_is_refused():
+    stay = cr.FiniteMDP.from_dense(
+        [[[1, 0.0], [0, 1.0]], [[0, 1], [0, 1.0]]],
+        [[0.0, -1.0], [0, 0]],
+        terminal=[False, True],
+        start=0,
+        discount=0.999999,
+    )
+    with pytest.raises(SettingError, match=r"discount 0\.999999 needs a time limit"):
+        cr.learn(stay, budget=100)

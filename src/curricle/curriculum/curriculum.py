@@ -198,9 +198,12 @@ class Node:
             return np.zeros(len(result.seeds), np.bool_)
         kernel = self.budget.kernel(*levels(self.budget, self.task, self.evaluation, target_of))
         ended = np.searchsorted(result.steps, result.steps_used, side="right") - 1
+        judge, steps = self.budget.decision, result.steps.tolist()
         last = [
-            self.budget.decision(kernel, greedy, checkpoint, int(result.steps[checkpoint]))
-            for greedy, checkpoint in zip(result.greedy_return, ended.tolist(), strict=True)
+            replace(judge(kernel, greedy, checkpoint, steps[checkpoint]), over=not lost)
+            for greedy, checkpoint, lost in zip(
+                result.greedy_return, ended.tolist(), result.out_of_memory, strict=True
+            )
         ]
         return np.array([decision.criterion == UNLEARNT for decision in last])
 
@@ -209,11 +212,11 @@ class Node:
         if not isinstance(self.budget, StoppingRule) or self.distilled:
             return Decisions([[] for _ in result.seeds], result.seeds)
         level, floor = levels(self.budget, self.task, self.evaluation, target_of)
-        totals = result.steps_used.tolist(), result.evaluation_steps.tolist()
+        totals = result.steps_used.tolist(), result.evaluation_steps.tolist(), result.out_of_memory
         of_seeds, judge = list[list[Decision]](), self.budget.decisions
-        for greedy, used, spent in zip(result.greedy_return, *totals, strict=True):
+        for greedy, used, spent, lost in zip(result.greedy_return, *totals, strict=True):
             *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
-            of_seeds.append([*rest, replace(last, evaluation_steps=spent)])
+            of_seeds.append([*rest, replace(last, evaluation_steps=spent, over=not lost)])
         return Decisions(of_seeds, result.seeds)
 
 
@@ -546,7 +549,8 @@ class Curriculum:
         trained : dict of str to LearningResult or SourceValues, optional
             Results of tasks that were learnt before; CurriculumError if they have other seeds.
         charge : bool
-            Whether the budget of :attr:`target` includes the steps of its sources, seed by seed.
+            Whether the budget of :attr:`target` includes the steps of its sources, seed by seed;
+            CurriculumError if it is a number of episodes.
         snapshots : int
             Number of tables of the first seed to keep during training of each task
             (:class:`Snapshots`).
@@ -576,6 +580,11 @@ class Curriculum:
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
         calibrations: dict[str, list[Calibration]] = {}
+        if charge and isinstance(self.setting("budget", self.target), Episodes):
+            raise CurriculumError(
+                "source steps are charged to a budget in steps: that of target "
+                f"{self.target!r} is {self.setting('budget', self.target)}; give it steps"
+            )
         paying = self.target if charge else None
         wanted = set(self.order if only is None else [only] if isinstance(only, str) else only)
         wanted |= {source for name in wanted for source in self.ancestors(name)}

@@ -22,7 +22,7 @@ from curricle.tasks.kernel import (
     uniform,
 )
 from curricle.tasks.mdp import Task, generative_model, has_tables, rows_in_use, tables
-from curricle.tasks.models import OpenValues, drawn_among_available
+from curricle.tasks.models import LARGEST_REWARD, OpenValues, drawn_among_available
 
 Q_LEARNING, SARSA_RULE, EXPECTED_SARSA, DOUBLE_Q_LEARNING = range(4)  # update rules
 
@@ -95,7 +95,7 @@ class Learner:
             )
         initial: float | None = self.initial_value
         if initial is not None or not self.asks_task:
-            number("initial_value", initial, SettingError)
+            number("initial_value", initial, SettingError, -LARGEST_REWARD, LARGEST_REWARD)
         self.kernel()
 
     @property

@@ -84,6 +84,9 @@ class StatePotential(Frozen):
         object.__setattr__(self, "values", _zero_at_ends(generative.terminal, values))
         object.__setattr__(self, "frame_steps", frozen(steps))
         object.__setattr__(self, "weight", schedule(self.weight))
+        ends = abs(self.weight.first), abs(self.weight.last)
+        if not max(ends) * abs(values).max() <= LARGEST_POTENTIAL:
+            raise too_large("weight times Phi", f"the weight is {self.weight}")
 
     @property
     def changes(self) -> bool:

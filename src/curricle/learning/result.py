@@ -122,7 +122,11 @@ class LearningResult(Frozen):
 
     @cached_property
     def policies(self) -> tuple[Any, ...]:
-        """The :class:`TabularPolicy` of each seed, K; SettingError where values were not saved."""
+        """The :class:`TabularPolicy` of each seed, K; SettingError where values were not saved.
+
+        It acts on `values`. Greedy returns also follow what a shaping adds to them: advice
+        that has not decayed, and in sparse tables the potential of states never visited.
+        """
         if self.values is None:
             raise SettingError(
                 "a policy needs the values that were learnt: these were not saved, see "
@@ -240,10 +244,12 @@ class LearningResult(Frozen):
 
     def __repr__(self) -> str:
         learner = "" if self.learner is None else f"{type(self.learner).__name__}, "
+        last = int(self.steps[-1])
+        at = f" at step {last:,}" if last < self.steps_used.max() else ""
         return (
             f"{type(self).__name__}({learner}{counted(len(self.seeds), 'seed')}, "
             f"{int(self.steps_used.mean()):,} steps and {int(self.episodes_used.mean()):,} "
-            f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g})"
+            f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g}{at})"
         )
 
     def _repr_html_(self) -> str:

@@ -351,8 +351,8 @@ class Run:
         tables: Any = learnt, learnt, None, None
         if isinstance(self.learner, OptimisticQLearning):
             assert self.learner.value_range is not None
-            lowest, highest = self.learner.value_range
-            acts = np.add(q, highest - lowest, dtype=q.dtype)
+            highest = self.learner.value_range[1]
+            acts = np.add(q, highest - float(self.learner.initial_value), dtype=q.dtype)
             if self.task.terminal is not None:
                 acts[self.task.terminal] = 0.0
             tables = self._dense(seed, acts), learnt, Beside(highest), None

@@ -281,11 +281,12 @@ class Decision:
     share: float  # the rise over the last three tenths of the steps, of the range; NaN if unknown
     recent: float  # the mean of the evaluations in these steps
     evaluation_steps: int = 0  # of all of a run's decisions, in its last one
+    over: bool = False  # whether all steps were used before the next checkpoint
 
     @property
     def spent(self) -> bool:
         """Whether all steps were used."""
-        return self.step >= self.rule.max_steps
+        return self.over or self.step >= self.rule.max_steps
 
     @property
     def unlearnt(self) -> bool:

@@ -30,7 +30,7 @@ COUNT = 8  # bytes of the count of a pair's updates
 class Storage:
     """How the values that :func:`learn` computes are stored.
 
-    Neither the kind of table nor a memory limit that suffices changes a result.
+    Neither the kind of table nor a memory limit that suffices changes a curve.
 
     Parameters
     ----------

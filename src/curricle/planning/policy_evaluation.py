@@ -51,6 +51,7 @@ MOST_EPISODES = 1_000_000
 LARGEST_EXACT = 20_000  # outcomes (S x A x O) up to which ``method="auto"`` is exact
 NEGLIGIBLE = 1e-9
 """Probability (or discounted weight) of not having ended at which an evaluation stops."""
+LONGEST_HORIZON = 10_000_000  # steps of an evaluation that no time limit ends
 SLICE = 2**16  # steps between two looks at whether the run was interrupted
 EVALUATION_STREAM = 0x5851F42D4C957F2D
 """Separates the random stream of evaluations from that of learning."""
@@ -276,14 +277,17 @@ class GreedyEvaluation:
             raise SettingError(
                 "an undiscounted evaluation needs a task with a time limit, time_limit=: none set"
             )
-        if 0 < discount < 1:
-            return int(np.ceil(np.log(NEGLIGIBLE) / np.log(discount)))
-        if discount == 1 and (endless := improper_states(tables(task))).size:
+        if discount in (0, 1):
+            horizon = 1.0 if discount == 0 else float(NO_LIMIT)
+        else:
+            horizon = np.ceil(np.log(NEGLIGIBLE) / np.log(discount))
+        if horizon > LONGEST_HORIZON and (endless := improper_states(tables(task))).size:
             raise SettingError(
-                "an evaluation at discount 1 needs a time limit, time_limit=, where episodes can "
-                f"go on for ever: they can from {state_name(task.states, int(endless[0]))}"
+                f"an evaluation at discount {discount!r} needs a time limit, time_limit=, where "
+                "episodes can go on for ever: they can from "
+                f"{state_name(task.states, int(endless[0]))}"
             )
-        return 1 if discount == 0 else int(NO_LIMIT)
+        return int(min(horizon, NO_LIMIT))
 
 
 def greedy_policy_return(
@@ -511,7 +515,9 @@ def return_of_chain(evaluation, view):
                     mass[1 - now, after] += part
         now, n_alive = 1 - now, n_next
         weight *= evaluation.discount
-        ends = in_play * weight < evaluation.negligible or step == evaluation.horizon - 1
+        # Until there is a reward, a discount ends nothing: a far goal may be all there is to earn.
+        left = in_play if total == 0.0 else in_play * weight
+        ends = left < evaluation.negligible or step == evaluation.horizon - 1
         if ends or evaluation.halted[0]:
             for i in range(n_alive):
                 mass[now, alive[now, i]] = 0.0
@@ -641,6 +647,12 @@ class Target:
         """
         if self.solution is None:
             raise not_solved(fraction, self.task)
+        model = generative_model(self.task)
+        if model.time_limit is None and self.optimum == 0 != self.solution.start_value:
+            raise SettingError(
+                "a fraction of the optimum needs a time limit, time_limit=, where the discount "
+                f"leaves less than {NEGLIGIBLE:g} of all rewards: it is {model.discount:g}"
+            )
         return fraction_of_optimum(self.optimum, self.random_return, fraction)
 
 

@@ -30,7 +30,7 @@ from curricle.tasks.kernel import (
 from curricle.tasks.spaces import Space, action_name, state_name
 from curricle.text import counted
 
-LARGEST_REWARD = 1e100  # rewards of every task are at most this large, so that no return overflows
+LARGEST_REWARD = 1e30  # so that no return overflows, in single precision either
 REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
 LONGEST = 10**12  # steps that a time limit may have at most
 
