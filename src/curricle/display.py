@@ -29,6 +29,7 @@ OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")  # of c
 MOST_POINTS, MOST_ROWS = 60, 30  # points of a line and rows of a table that are shown, at most
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 460, 190, 58, 8, 10, 30
 """Of the picture of curves, and the margins around them."""
+MOST_LETTERS = 8  # in the left margin
 DIV, DASHES = Markup("<div>{}</div>"), Markup(' stroke-dasharray="4 3"')
 STYLE = Markup(
     "<style>.curricle{font-size:13px;line-height:1.45}"
@@ -128,6 +129,12 @@ def _cell(value: Any) -> str:
     return "-" if np.isnan(number) else f"{number:,.4g}" if abs(number) < 1e4 else f"{number:,.0f}"
 
 
+def _brief(value: float) -> str:
+    """Return a number that fits into the left margin of a picture."""
+    text = _cell(value)
+    return text if len(text) <= MOST_LETTERS else f"{value:.2g}"
+
+
 def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
     """Return an SVG picture of curves with their bands, and a key below it if they are several."""
     lines = [line for line in map(_thinned, lines) if len(line.steps)]
@@ -152,7 +159,7 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Markup:
 
     text = Markup('<text x="{:.0f}" y="{:.0f}" text-anchor="{}">{}</text>')
     texts = [
-        *[(LEFT - 5, float(y(v)) + 4, "end", _cell(v)) for v in (low, high)],
+        *[(LEFT - 5, float(y(v)) + 4, "end", _brief(v)) for v in (low, high)],
         (LEFT, HEIGHT - BOTTOM + 14, "middle", "0"),
         (WIDTH - RIGHT, HEIGHT - BOTTOM + 14, "end", _cell(last)),
         ((LEFT + WIDTH) / 2, HEIGHT - 4, "middle", across),

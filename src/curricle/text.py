@@ -103,6 +103,14 @@ def brief_value(value: Any) -> str:
     return f"'{text[1:LONGEST_VALUE]}...'" if is_text else f"{type(value).__name__}(...)"
 
 
+WHITE = "\n\t\u00a0\u202f"  # characters that are not printable and stay
+
+
+def visible(text: str) -> str:
+    """Return a text with control and format characters written out: some reverse later text."""
+    return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in text)
+
+
 def shortened(text: str) -> str:
     """Return a text of at most `LONGEST` characters."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."

@@ -649,6 +649,8 @@ class Comparison:
         return (
             f"no arm reaches the threshold of {self.threshold:.4g} in any seed, so that the gains "
             "are between arms that did not learn: all may need a larger budget"
+            + ", or a lower threshold"
+            * (self.threshold_from == STATED)
         )
 
     @property

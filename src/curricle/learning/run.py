@@ -351,6 +351,7 @@ class Run:
         tables: Any = learnt, learnt, None, None
         if isinstance(self.learner, OptimisticQLearning):
             assert self.learner.value_range is not None
+            assert self.learner.initial_value is not None
             highest = self.learner.value_range[1]
             acts = np.add(q, highest - float(self.learner.initial_value), dtype=q.dtype)
             if self.task.terminal is not None:

@@ -277,17 +277,17 @@ class GreedyEvaluation:
             raise SettingError(
                 "an undiscounted evaluation needs a task with a time limit, time_limit=: none set"
             )
-        if discount in (0, 1):
-            horizon = 1.0 if discount == 0 else float(NO_LIMIT)
-        else:
-            horizon = np.ceil(np.log(NEGLIGIBLE) / np.log(discount))
-        if horizon > LONGEST_HORIZON and (endless := improper_states(tables(task))).size:
+        horizon = 1 if discount == 0 else int(NO_LIMIT)
+        if 0 < discount < 1:
+            horizon = min(horizon, int(np.ceil(np.log(NEGLIGIBLE) / np.log(discount))))
+        long = horizon > LONGEST_HORIZON and has_tables(task)
+        if long and (endless := improper_states(tables(task))).size:
             raise SettingError(
                 f"an evaluation at discount {discount!r} needs a time limit, time_limit=, where "
                 "episodes can go on for ever: they can from "
                 f"{state_name(task.states, int(endless[0]))}"
             )
-        return int(min(horizon, NO_LIMIT))
+        return horizon
 
 
 def greedy_policy_return(

@@ -296,7 +296,7 @@ def effects_rows(effects: Sequence[Level]) -> Texts:
         mean, low, high = (minus(short(end)) for end in ends)
         both = "" if np.isnan(ends[1]) else Markup("<small>[{}, {}]</small>").format(low, high)
         with_ends = Markup("{}{}").format(mean, both)
-        rows.append((name, key, minus(text), f"{number}", with_ends))
+        rows.append((name, key, text, f"{number}", with_ends))
     return rows
 
 
@@ -317,4 +317,4 @@ def _value(value: object) -> str:
         return "–"
     if isinstance(value, int) and not isinstance(value, bool):
         return minus(f"{value:,}")
-    return minus(short(value) if isinstance(value, float) else value_text(value))
+    return minus(short(value)) if isinstance(value, float) else value_text(value)

@@ -40,6 +40,7 @@ from curricle.show.style import (
     new_figure,
     return_scale,
     rounded,
+    spell_out,
     steps_scale,
     value_scale,
     without_seeds,
@@ -389,6 +390,7 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
         text.set_color("#555555" if style.control else "k")
         text.set_fontsize(7.5 if style.control else 9)
     axes.margins(x=0.08)
+    spell_out(axes.xaxis, max(map(abs, axes.get_xlim())))
     axes.spines["left"].set_visible(False)
     spare = max(0.5, (7 - len(styles)) / 2)
     axes.set_ylim(len(styles) - 1 + spare, -spare)

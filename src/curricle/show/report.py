@@ -54,11 +54,9 @@ from curricle.study.record import Analysis, SectionRecord, StudyRecord
 from curricle.study.results import StudyResults
 from curricle.study.store import ANALYSIS, in_use
 from curricle.study.tuning import effects_of, short
-from curricle.text import counted
+from curricle.text import counted, visible
 
 # -- templates -------------------------------------------------------------------------------------
-
-WHITE = "\n\t\u00a0\u202f"  # characters that are not printable and stay
 
 
 def render(template: str, **values: Any) -> str:
@@ -95,10 +93,7 @@ def render(template: str, **values: Any) -> str:
 
 
 def _visible(value: Any) -> Any:
-    """Return a text with control and format characters written out: some reverse later text."""
-    if not isinstance(value, str) or isinstance(value, Markup) or value.isprintable():
-        return value
-    return "".join(c if c.isprintable() or c in WHITE else ascii(c)[1:-1] for c in value)
+    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def asset(name: str) -> Markup:
@@ -523,6 +518,8 @@ def arms_so_far(study: StudyResults) -> list[str]:
 def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:
     if record.total is None or SCRATCH not in record.arms or SCRATCH in {*failed}:
         return "There is no report: it needs the target learnt from scratch, for a number of steps."
+    if not arms and failed:
+        return f"There is no report: {listed(failed)} failed. curricle show says why."
     if not arms:
         return f"The report begins when {SCRATCH} and another arm have finished a seed."
     later = [arm for arm in record.arms if arm not in {*arms, *failed}]

@@ -53,7 +53,10 @@ def value_scale(low: float, high: float, *, difference: bool = False) -> tuple[f
 
 def digits_of(low: float, high: float) -> int:
     """Return the decimals of values that are written into cells."""
-    return 0 if max(abs(low), abs(high)) >= 100 else 1
+    size = max(abs(low), abs(high))
+    if 0 < size < 1:
+        return min(9, 1 - math.floor(math.log10(size)))
+    return 0 if size >= 100 else 1
 
 
 def shades_of(palette: str) -> list[str]:
@@ -186,6 +189,12 @@ the same sign, and where they have two."""
 SMALLEST = 1e-3  # share of the largest absolute return below which an axis is linear in any case
 
 
+def spell_out(axis: Axis, largest: float) -> None:
+    """Write powers of ten at the ticks, where Matplotlib would print one over the label."""
+    if largest and not 1e-4 <= largest < 1e6:
+        axis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
+
+
 def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> None:
     """Scale and label an axis of returns, with a ``symlog`` scale where they span decades."""
     (small, large), axes = sorted([abs(low), abs(high)]), axis.axes
@@ -199,6 +208,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
     if not logarithmic:
         margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
         set_limits(low - margin, high + margin)
+        spell_out(axis, large)
         return
     set_scale("symlog", linthresh=small, linscale=0.5 if low < 0 < high else 0.2)
     # Round numbers, 0 if it is among them, at most nine.

@@ -379,4 +379,5 @@ def played_episode(
         last = learnt.greedy_return[:, -1]
         seed = learnt.seeds[0 if np.isnan(last).all() else int(np.nanargmax(last))]
     (policy,) = results.policies(arm, arms.curricula[arm], [seed], task=task)
-    return seed, policy.episode()
+    unlimited = generative_model(policy.task).time_limit is None
+    return seed, policy.episode(max_steps=LONGEST_EPISODE if unlimited else None)

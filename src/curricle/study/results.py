@@ -57,7 +57,7 @@ from curricle.study.store import (
     StudyStore,
     stored_values,
 )
-from curricle.text import counted, shortened
+from curricle.text import counted, shortened, visible
 
 # -- Failed units: arms that need a failed unit are left out, the other arms are compared ----------
 
@@ -218,7 +218,7 @@ class StudyResults:
         for failure in self.store.records(FAILURES, FailureRecord):
             if not set(failure.seeds) <= set(self.stored.get(failure.key, ())):
                 for arm in sorted(arms_of(needs, [failure.key])):
-                    errors.setdefault(arm, failure.error)
+                    errors.setdefault(arm, visible(failure.error))
         return errors
 
     @cached_property
