@@ -195,3 +195,10 @@ def test_columns_never_touch(rows):
         assert before.endswith(row[1])
         ends.append((len(line), len(before)))
     assert len(set(ends)) == 1  # numbers are aligned to the right
+
+
+def test_numbers_at_the_margin_of_a_picture_are_short():
+    heights = np.array([-30_456_851.0, 12.0])
+    drawn = curves([Line("", np.arange(2), heights, heights, heights)], "steps", "return")
+    assert ">-3e+07<" in drawn
+    assert ">12<" in drawn

@@ -518,8 +518,9 @@ def arms_so_far(study: StudyResults) -> list[str]:
 def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> str:
     if record.total is None or SCRATCH not in record.arms or SCRATCH in {*failed}:
         return "There is no report: it needs the target learnt from scratch, for a number of steps."
-    if not arms and failed:
-        return f"There is no report: {listed(failed)} failed. curricle show says why."
+    curricula = [name for name, arm in record.arms.items() if not (arm.scratch or arm.control_of)]
+    if curricula and {*curricula} <= {*failed}:
+        return f"There is no report: {listed(curricula)} failed. curricle show says why."
     if not arms:
         return f"The report begins when {SCRATCH} and another arm have finished a seed."
     later = [arm for arm in record.arms if arm not in {*arms, *failed}]

@@ -21,6 +21,7 @@ from curricle.show.plots import (
     draw_potential,
     plot,
 )
+from curricle.show.style import digits_of, return_scale
 from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
 from curricle.statistics.intervals import extremes
@@ -296,3 +297,20 @@ def test_limits_are_of_what_is_shown(hunt, prey, limits):
 def test_values_that_are_none_of_the_task_are_refused(values):
     with pytest.raises(SettingError, match=r"got \(4,\)|entry \(1,\) is nan|array of numbers"):
         draw_potential(Figure().subplots(), cr.GridWorld("S.T"), values, label="")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "decimals"),
+    [(-0.02, 0.01, 3), (0, 0, 1), (-5, 5, 1), (0, 250, 0), (0, 1e-9, 9)],
+)
+def test_cells_show_as_many_decimals_as_tell_small_values_from_0(low, high, decimals):
+    assert digits_of(low, high) == decimals
+
+
+@pytest.mark.parametrize(("largest", "tick"), [(3e6, "−2e+06"), (3e-9, "−2e-09".replace("-", "−"))])
+def test_powers_of_ten_stand_at_the_ticks(largest, tick):
+    axes = Figure().subplots()
+    return_scale(axes.yaxis, -largest, 0.0)
+    shown = axes.yaxis.get_major_formatter().format_ticks([-2 * largest / 3])
+    assert shown == [tick]
+    assert axes.yaxis.get_major_formatter().get_offset() == ""

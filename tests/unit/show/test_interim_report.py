@@ -1,5 +1,6 @@
 """The interim report of a folder while units are stored, and that it never stops a run."""
 
+import json
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +11,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from curricle.checks import listed
 from curricle.errors import StoreError
 from curricle.show import report as module
 from curricle.show.report import InterimReport, arms_so_far, page_of
@@ -173,6 +175,16 @@ def test_a_study_without_scratch_has_no_report(live):
     live.store("chain", "corner")
     live.report().refresh()
     assert "There is no report: " in live.banner[0]
+
+
+def test_a_study_whose_curricula_have_all_failed_has_no_report(live):
+    arms = StudyResults(live.finished).record.arms
+    names = [name for name, arm in arms.items() if not (arm.scratch or arm.control_of)]
+    failures = [{"key": live.keys[name, "maze"], "seeds": [0], "error": "lost"} for name in names]
+    (live.folder / "failures.json").write_text(json.dumps(failures))
+    live.store("scratch", "maze")
+    live.report().refresh()
+    assert f"There is no report: {listed(names)} failed. curricle show says" in live.banner[0]
 
 
 # -- runs elsewhere --------------------------------------------------------------------------------
