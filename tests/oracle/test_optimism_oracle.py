@@ -53,7 +53,7 @@ def explored_naively(task, learner, steps, phi, seed=0):
     u = q.copy()
     for s, a in np.ndindex(*shape):
         if not mdp.terminal[s] and visits[s, a] == 0:
-            u[s, a] += high - low
+            u[s, a] += high - initial
     draw = random_bits(stream_start(seed, ""))
     ties = Ties(len(u), splitmix64(stream_start(seed, "")))
     fresh = True

@@ -157,14 +157,11 @@ def verdicts_of(
     draws = _draws(sum(map(len, apart.values())))
     p = [math.nan if interim else _p_value(rows, draws) for rows in apart.values()]
     adjusted_p = p if interim else holm(p).tolist()
-    verdicts = {}
+    needed, verdicts = seeds_needed(len(apart)), {}
     for (name, rows), p_value, adjusted in zip(apart.items(), p, adjusted_p, strict=True):
         n, seeds = rows.shape
         strongest = rivals[name][int(rows.mean(axis=1).argmin())]
         gain = _smallest_gain(rows)
-        # A loss to one of n rivals is corrected for n: more seeds may be needed to show it.
-        lost = gain.high < 0 and adjusted >= SIGNIFICANT
-        needed = seeds_needed(len(apart) * (n if lost else 1))
         verdicts[name] = Verdict(gain, strongest, n, p_value, adjusted, seeds, needed, interim)
     return verdicts
 

@@ -18,6 +18,7 @@ from curricle.deep.learner import DeepLearner, PolicyReuse
 from curricle.errors import CurricleError, StoreError
 from curricle.files import short_digest
 from curricle.learning.record import Snapshots
+from curricle.learning.tabular_policy import TabularPolicy
 from curricle.planning.episode import OF_TASKS, Drawn, Episode
 from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
@@ -358,7 +359,7 @@ def stored_episode(
     return first, Episode(
         frames=Drawn(lambda moment: scene.image(cells[moment]), moments),
         actions=np.zeros(0, np.int64),
-        rewards=np.diff(record.returns) if record.rewards is None else record.rewards,
+        rewards=record.rewards,
         terminated=record.terminated,
         fps=OF_TASKS,
         texts=Drawn(lambda moment: scene.text(cells[moment]), moments),
@@ -379,5 +380,5 @@ def played_episode(
         last = learnt.greedy_return[:, -1]
         seed = learnt.seeds[0 if np.isnan(last).all() else int(np.nanargmax(last))]
     (policy,) = results.policies(arm, arms.curricula[arm], [seed], task=task)
-    unlimited = generative_model(policy.task).time_limit is None
-    return seed, policy.episode(max_steps=LONGEST_EPISODE if unlimited else None)
+    endless = isinstance(policy, TabularPolicy) and generative_model(policy.task).time_limit is None
+    return seed, policy.episode(max_steps=LONGEST_EPISODE if endless else None)

@@ -325,13 +325,13 @@ class EpisodeRecord(Plain):
     cells: Ints  # (n + 1, markers): positions of markers, as row * columns + column
     returns: Floats  # (n + 1,): the return so far, with the discount of evaluations
     terminated: bool
-    rewards: Floats | None = None  # (n,); as the returns differ in files of earlier releases
+    rewards: Floats  # (n,), as the task gave them
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         n = self.returns.size
         alike = self.cells.ndim == 2 and self.returns.shape == self.cells.shape[:1]
-        alike &= self.rewards is None or self.rewards.shape == (n - 1,)
+        alike &= self.rewards.shape == (n - 1,)
         if not alike or not 0 < n <= LONGEST_EPISODE + 1:
             raise ValueError(f"cells and returns must be of at most {LONGEST_EPISODE} steps")
         if not _below(self.cells, MOST_CELLS):
