@@ -183,7 +183,7 @@ class _MiniGridEncoder:
 
     def _encoded(self, with_mission: bool, base: Any, observation: Any) -> Cells:
         cells = self._cells(base, observation)
-        direction = np.eye(DIRECTIONS, dtype=np.float32)[observation["direction"]]
+        direction = _directions()[observation["direction"]]
         if self.picture:
             planes = np.broadcast_to(direction[:, None, None], (DIRECTIONS, *cells.shape[1::-1]))
             return np.concatenate([cells.transpose(2, 1, 0), planes])
@@ -312,3 +312,8 @@ def _every_cell() -> Cells:
     begins = np.reshape([0, OBJECTS, OBJECTS + COLOURS], (3, 1, 1, 1))
     cells: Cells = np.eye(CHANNELS, dtype=np.float32)[codes + begins].sum(axis=0)
     return cells
+
+
+@cache
+def _directions() -> Cells:
+    return np.eye(DIRECTIONS, dtype=np.float32)

@@ -58,9 +58,9 @@ class Curve(Frozen):
     def __post_init__(self) -> None:
         whole = list[IntArray]()
         for name in ("steps", "source_steps"):
-            if (given := np.asarray(getattr(self, name))).dtype.kind not in "iu":
-                raise SettingError(f"{name} must be integers: got dtype {given.dtype}")
-            whole.append(given.astype(np.int64))
+            if (counts := np.asarray(getattr(self, name))).dtype.kind not in "iu":
+                raise SettingError(f"{name} must be integers: got dtype {counts.dtype}")
+            whole.append(counts.astype(np.int64))
         steps, source = whole
         if steps.ndim != 1 or steps.size == 0:
             raise SettingError(f"steps must have shape (T,) with T at least 1: got {steps.shape}")
