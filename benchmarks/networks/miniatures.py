@@ -40,11 +40,18 @@ def level(target: str, *members: str, seen: str) -> list[str]:
 
 # What RL Baselines3 Zoo has for these, where it is not what it has for MiniGrid.
 CAR = ["envs=16", *(f"settings.{x}" for x in ("n_steps=16", "n_epochs=4", "gae_lambda=0.98"))]
-SWING = [f"settings.{x}" for x in ("normalize=false", "n_steps=1_024", "learning_rate=1e-3")]
+SWING = ["envs=4", *(f"settings.{x}" for x in ("n_steps=1_024", "learning_rate=1e-3"))]
 
 
-def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
-    """Return the changes for an environment of classic control, whose miniature is a grid."""
+def control(
+    name: str, points: int, held: int, zoo: list[str], standardised: bool = True
+) -> list[str]:
+    """Return the changes for an environment of classic control, whose miniature is a grid.
+
+    All PPO begin from Zoo's settings. Where Zoo standardises observations and rewards, scratch and
+    the arm standardise observations alone, as values of the source are values of plain rewards.
+    """
+    observations = "learner.settings.normalize={ norm_reward = false }"
     arguments = f'{{ id = "{name}", points = {points}, held = {held} }}'
     return [
         f"tasks.target.id={name}",
@@ -53,7 +60,8 @@ def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
         f'tasks.small.members=[{{ factory = "levels:Grid", arguments = {arguments} }}]',
         "tasks.small.encode=levels:numbered",
         f"tasks.small.charged={held}",
-        *(f"scratch_learners.zoo.{setting}" for setting in zoo),
+        observations if standardised else "scratch_learners.zoo.settings.normalize=false",
+        *(f"{learner}.{x}" for x in zoo for learner in ("learner", "scratch_learners.zoo")),
     ]
 
 
@@ -74,10 +82,10 @@ TARGETS = {
     "rooms": [*level("MultiRoom-N4-S5-v1", "MultiRoom-N2-S4-v0", seen="opens"), ROOMS],
     "door": level("DoorKey-8x8-v0", "DoorKey-5x5-v0", "DoorKey-6x6-v0", seen="fetch"),
     "corridor": level("KeyCorridorS3R2-v0", "KeyCorridorS3R1-v0", seen="carry"),
-    "car": control("MountainCar-v0", 150, 2, CAR),
+    "car": control("MountainCar-v0", 60, 2, CAR),
     "go to door": level("GoToDoor-8x8-v0", "GoToDoor-5x5-v0", "GoToDoor-6x6-v0", seen="go_to"),
     "things": level("Fetch-8x8-N3-v0", "Fetch-5x5-N2-v0", "Fetch-6x6-N2-v0", seen="pick_up"),
-    "swing": control("Pendulum-v1", 101, 4, SWING),
+    "swing": control("Pendulum-v1", 31, 4, SWING, standardised=False),
 }
 """What is reported."""
 
@@ -166,7 +174,7 @@ def price(study: StudyConfig) -> str:
     a_step = (time.process_time() - began) / TIMED
     held_out = [f"{part.regained:.0%} of {part.levels} levels" for part in small.examined(values)]
     return (
-        f"{known.states.sum():,} states, {known.alike:.0%} look alike; {small.transitions:,} steps "
+        f"{known.states.sum():,} states, {known.alike:.0%} look alike; {small.cost:,} steps "
         f"of models, {solved:.0f} s; distilled in {fitted:.0f} s; together as long as "
         f"{(solved + fitted) / a_step:,.0f} steps of PPO; regains on held-out levels "
         f"{', '.join(held_out)}"
