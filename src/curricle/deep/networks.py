@@ -79,6 +79,7 @@ class NetworkValues:
             )
         self.kind = present[0]
         self.plain = plain_network(policy, self.kind)  # the same for NumPy, if of plain layers
+        self._standardized = next(Standardized.of(policy), None)  # all of DQN have one spread
 
     @property
     def of_actions(self) -> bool:
@@ -152,8 +153,8 @@ class NetworkValues:
         return np.asarray(np.stack(values).min(axis=0))
 
     def _with_offset(self, values: FloatArray, observations: Any) -> FloatArray:
-        # Of normalised rewards; DQN's networks all have one spread.
-        values = values * next((float(x.running_reward) for x in Standardized.of(self.policy)), 1.0)
+        if self._standardized is not None:  # of normalised rewards
+            values = values * float(self._standardized.running_reward)
         if self.values_offset is None:
             return values
         phi = self.values_offset.v(observations)
