@@ -303,7 +303,7 @@ MUTATIONS = [
         "mean.add_(shift * weight)", "mean.add_(shift * weight / 2)",
         ("tests/deep/test_setups.py::test_statistics_are_those_of_vec_normalize",)),
     Mutation("values in units of normalised rewards", "deep/networks.py",
-        "next((float(x.running_reward) for x", "next((1.0 for x",
+        "values = values * float(self._standardized.running_reward)", "pass",
         ("tests/deep/test_setups.py::test_a_network_keeps_its_statistics_wherever_it_goes",)),
     Mutation("networks with actions that count from 1", "deep/learner.py",
         'if np.any(getattr(part, "start", 0)):',

@@ -725,16 +725,17 @@ class ObservationMapping(TaskMapping):
         self, name: str, values: FloatArray, status: IntArray | None, scale: float, shift: float
     ) -> FloatArray:
         """Return source values, (n,) or (n, m), scaled and shifted as the target reads them."""
-        nothing = np.isneginf(values)  # where an action is not available
-        if not (np.isfinite(values) | nothing).all():
-            place = np.argwhere(~(np.isfinite(values) | nothing))[0]
+        finite = np.isfinite(values)
+        if status is None and finite.all():  # most often, and quick
+            return rescale(values, scale, shift)
+        known = finite | np.isneginf(values)  # -inf where an action is not available
+        if not known.all():
+            place = np.argwhere(~known)[0]
             raise MappingError(
                 f"a source's values must be finite: {name} is {values[tuple(place)]} at the "
                 f"counterpart of observation {place[0]}"
             )
         if status is None:
-            if not nothing.any():
-                return rescale(values, scale, shift)
             status = np.zeros(len(values), np.int64)
         index = status.reshape(-1, *[1] * (values.ndim - 1))
         return transferred(values, index, self.unmapped_value, scale, shift)
