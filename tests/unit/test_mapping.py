@@ -323,7 +323,7 @@ CURRICULA = [
     (lambda: around("a", "b", "c"), "cycle: (a -> b -> c -> a|b -> c -> a -> b|c -> a -> b -> c)$"),
     (lambda: pursuits(budget={"x": 9}), "budget .*chase, hunt: got 'x'"),
     (lambda: Transfer("chase", "hunt", FIRST, scale=np.nan), "chase -> hunt must be finite"),
-    (lambda: pursuits().train(trained={"hunt": learn(CHASE, budget=9)}), "'hunt' does not"),
+    (lambda: pursuits().train(trained={"hunt": learn(CHASE, budget=9)}), "'hunt' is Learning"),
     (
         lambda: pursuits().train(2, trained={"chase": learn(CHASE, budget=9)}),
         r"seeds asked for, \(0, 1\): 'chase' has \(0,\)",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from curricle.arrays import BoolArray, IntArray
-from curricle.checks import fit_name, instance, number, one_of
+from curricle.checks import brief, fit_name, instance, number, one_of
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.learner import DeepLearner, WeightTransfer, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
@@ -566,9 +566,11 @@ class Curriculum:
         trained = {} if trained is None else trained
         instance("trained", trained, Mapping, CurriculumError)
         for name, result in trained.items():
-            if name not in self.tasks or not same_task(result.task, self.tasks[name]):
+            belongs = name in self.tasks and isinstance(result, Learnt)
+            if not belongs or not same_task(result.task, self.tasks[name]):
                 raise CurriculumError(
-                    f"a trained result must belong to a task of the curriculum: {name!r} does not"
+                    "trained must hold results of tasks of the curriculum: "
+                    f"{name!r} is {brief(result)}"
                 )
             if result.seeds != numbers:
                 raise CurriculumError(

@@ -184,13 +184,12 @@ class StudyResults:
 
     def _repr_html_(self) -> str:
         """Return the comparison of the arms, or why there is none yet, and the failures."""
-        failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
         title = f"Study {self.record.name!r}: {self._so_far()}"
         try:
-            compared: str = self.comparison._repr_html_()
+            return block(title) + self.comparison._repr_html_()  # which names failed arms itself
         except CurricleError as error:
+            failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
             return block(title, str(error), *failed)
-        return block(title, *failed) + compared
 
     def _so_far(self) -> str:
         arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")
