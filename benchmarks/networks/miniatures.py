@@ -40,18 +40,17 @@ def level(target: str, *members: str, seen: str) -> list[str]:
 
 # What RL Baselines3 Zoo has for these, where it is not what it has for MiniGrid.
 CAR = ["envs=16", *(f"settings.{x}" for x in ("n_steps=16", "n_epochs=4", "gae_lambda=0.98"))]
-SWING = ["envs=4", *(f"settings.{x}" for x in ("n_steps=1_024", "learning_rate=1e-3"))]
+SWING = ["envs=4"]
+SWING += [f"settings.{x}" for x in ("normalize=false", "n_steps=1_024", "learning_rate=1e-3")]
 
 
-def control(
-    name: str, points: int, held: int, zoo: list[str], standardised: bool = True
-) -> list[str]:
+def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
     """Return the changes for an environment of classic control, whose miniature is a grid.
 
-    All PPO begin from Zoo's settings. Where Zoo standardises observations and rewards, scratch and
-    the arm standardise observations alone, as values of the source are values of plain rewards.
+    All PPO have these settings of Zoo, and all learners its environments. Where Zoo standardises
+    observations and rewards, scratch and the arm standardise observations alone, as values of the
+    source are values of plain rewards.
     """
-    observations = "learner.settings.normalize={ norm_reward = false }"
     arguments = f'{{ id = "{name}", points = {points}, held = {held} }}'
     return [
         f"tasks.target.id={name}",
@@ -60,7 +59,7 @@ def control(
         f'tasks.small.members=[{{ factory = "levels:Grid", arguments = {arguments} }}]',
         "tasks.small.encode=levels:numbered",
         f"tasks.small.charged={held}",
-        observations if standardised else "scratch_learners.zoo.settings.normalize=false",
+        "learner.settings.normalize={ norm_reward = false }",
         *(f"{learner}.{x}" for x in zoo for learner in ("learner", "scratch_learners.zoo")),
     ]
 
@@ -85,7 +84,7 @@ TARGETS = {
     "car": control("MountainCar-v0", 60, 2, CAR),
     "go to door": level("GoToDoor-8x8-v0", "GoToDoor-5x5-v0", "GoToDoor-6x6-v0", seen="go_to"),
     "things": level("Fetch-8x8-N3-v0", "Fetch-5x5-N2-v0", "Fetch-6x6-N2-v0", seen="pick_up"),
-    "swing": control("Pendulum-v1", 31, 4, SWING, standardised=False),
+    "swing": control("Pendulum-v1", 31, 4, SWING),
 }
 """What is reported."""
 

@@ -79,7 +79,7 @@ class NetworkValues:
             )
         self.kind = present[0]
         self.plain = plain_network(policy, self.kind)  # the same for NumPy, if of plain layers
-        self._standardized = next(Standardized.of(policy), None)  # all of DQN have one spread
+        self._standardized = next(Standardized.of(policy), None)  # DQN's all have one spread
 
     @property
     def of_actions(self) -> bool:
