@@ -178,6 +178,37 @@ def test_a_pull_takes_actions_of_several_parts():
     assert weights.seen[1] > 0
 
 
+def test_a_pull_takes_noise_that_depends_on_the_state():
+    task = cr.observation_task("Pendulum-v1", time_limit=16)
+    settings = {**learner().settings, "use_sde": True}
+    noisy = cr.deep.DeepLearner("PPO", envs=2, settings=settings)
+    policy = learn_off(task, noisy, None).values[0]
+    near = learn_off(task, noisy, cr.deep.PolicyReuse(policy, kl=1.0))
+    assert np.isfinite(near.values[0].v(np.zeros((1, 3), np.float32))).all()
+
+
+def learn_off(task, chosen, shaping):
+    off = cr.GreedyEvaluation(method="off")
+    return cr.deep.learn_deep(task, chosen, 128, shaping=shaping, evaluation=off)
+
+
+def test_weights_are_not_copied_into_layers_of_another_kind():
+    task = cr.observation_task("CartPole-v1")
+    network = NetworkValues(model_for(task, learner()).policy)
+    kwargs = {"net_arch": [8], "activation_fn": torch.nn.ReLU}
+    target = cr.deep.DeepLearner("PPO", settings={"policy_kwargs": kwargs})
+    with pytest.raises(cr.errors.SettingError, match=r"is Tanh in the source and ReLU in the"):
+        model_for(task, target, cr.deep.WeightTransfer(source(task, network)))
+
+
+def test_a_pull_of_an_unknown_policy_is_refused():
+    task = cr.observation_task("CartPole-v1")
+    unknown = cr.deep.DeepLearner("PPO", "MlpPolcy")
+    network = NetworkValues(model_for(task, learner()).policy)
+    with pytest.raises(cr.errors.SettingError, match=r"must be one of .*: got 'MlpPolcy'"):
+        model_for(task, unknown, cr.deep.WeightTransfer(source(task, network), kl=0.1))
+
+
 class Parts(gymnasium.Env):
     observation_space = gymnasium.spaces.Box(-1, 1, (2,), np.float32)
 

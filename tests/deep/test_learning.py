@@ -2,6 +2,7 @@
 
 import importlib
 import random
+from functools import partial
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -184,6 +185,23 @@ def test_a_checkpoint_of_something_else_is_refused(observed, tmp_path):
     (tmp_path / "seed-0.checkpoint").write_bytes(b"nonsense")
     with pytest.raises(cr.errors.StoreError, match="must be written by curricle"):
         cr.deep.learn_deep(observed, DQN, 100, saves=tmp_path)
+
+
+def test_a_checkpoint_of_another_schedule_is_refused(observed, tmp_path):
+    def schedule(start, share):
+        return start if isinstance(start, partial) else lambda left: start * (left + share)
+
+    def learnt(start, share=0.0):
+        settings = {**DQN.settings, "learning_rate": schedule(start, share)}
+        learner = cr.deep.DeepLearner("DQN", settings=settings)
+        return cr.deep.learn_deep(observed, learner, 100, saves=tmp_path / "function")
+
+    assert np.array_equal(learnt(1e-3).greedy_return, learnt(1e-3).greedy_return)
+    for changed in ((1e-1,), (1e-3, 0.5), (partial(pow, 2.0),)):
+        with pytest.raises(cr.errors.StoreError, match="belongs to one run"):
+            learnt(*changed)
+    texts = [repr(cr.deep.DeepLearner(settings={"x": partial(pow, n)})) for n in (2, 3)]
+    assert texts == [f"DeepLearner(DQN, MlpPolicy, x=pow({n}))" for n in (2, 3)]
 
 
 def test_a_checkpoint_of_another_source_is_refused(observed, tmp_path):

@@ -10,6 +10,7 @@ import torch
 import curricle as cr
 from curricle.deep.models import model_for
 from curricle.deep.networks import FEW, NetworkValues, plain_network
+from curricle.errors import MappingError, PotentialError
 
 CART = cr.observation_task("CartPole-v1", discount=0.99)
 SETTINGS = {
@@ -57,6 +58,33 @@ def test_values_are_the_networks_output_whatever_the_batch(algorithm, n):
         with torch.no_grad():  # as learning does it: in place
             for parameter in policy.parameters():
                 parameter.mul_(-1.5)
+
+
+def test_critics_of_quantiles_are_worth_their_mean():
+    pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed")
+    task = cr.observation_task("Pendulum-v1")
+    settings = {"policy_kwargs": {"net_arch": [8], "n_quantiles": 5, "n_critics": 3}}
+    policy = model_for(task, cr.deep.DeepLearner("TQC", settings=settings), steps=100).policy
+    rows = np.random.default_rng(0).normal(size=(4, 3)).astype(np.float32)
+    with torch.no_grad():
+        taken = policy.actor(torch.as_tensor(rows), deterministic=True)
+        quantiles = policy.critic(torch.as_tensor(rows), taken).numpy()
+    wanted = quantiles.mean(axis=2).min(axis=1)
+    assert NetworkValues(policy).v(rows) == pytest.approx(wanted, rel=1e-5)
+
+
+def test_what_a_network_has_no_values_of_is_refused():
+    policy = policy_of("DQN")
+    values, rows = NetworkValues(policy), np.zeros((1, 4), np.float32)
+    with pytest.raises(PotentialError, match="its own 2 actions only: action 2 is asked for"):
+        values.q(rows, np.array([2]))
+    with pytest.raises(PotentialError, match=r"a network reads observations of Box.*\(4,\)"):
+        values.v(np.zeros((1, 6), np.float32))
+    with pytest.raises(PotentialError, match=r"those of model\.policy"):
+        NetworkValues(model_for(CART, cr.deep.DeepLearner("DQN"), steps=100))
+    pole = cr.observation_task("Acrobot-v1")
+    with pytest.raises(MappingError, match=r"the target's are \(4,\), the source's \(6,\)"):
+        cr.transfer.ObservationMapping(CART, pole)
 
 
 class Doubled(torch.nn.Module):

@@ -242,6 +242,8 @@ def test_a_network_on_a_potential_needs_it_again(tmp_path, shaping):
         assert np.array_equal(values.v(rows), loaded_values.v(rows))
     of_each_seed = DeepResult.load(file, task, DEEP_Q, shaping=[shaped, shaped])
     assert np.array_equal(of_each_seed.values[1].v(rows), result.values[1].v(rows))
+    with pytest.raises(SettingError):
+        DeepResult.load(file, task, DEEP_Q)
     with pytest.raises(SettingError, match="a shaping for each of 2 seeds is needed: got 1"):
         DeepResult.load(file, task, DEEP_Q, shaping=[shaped])
 

@@ -1,8 +1,10 @@
 """A network phi + residual is Q-learning started at phi; terminal and cut-off steps are right."""
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.spaces import Box, Discrete
 from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -171,6 +173,63 @@ def test_what_cannot_be_a_residual_is_refused():
     blind = cr.deep.DeepLearner("DQN", settings={"policy_kwargs": {"reads": "none"}})
     with pytest.raises(cr.errors.SettingError, match="actions, state, nothing: got 'none'"):
         cr.deep.learn_deep(observed, blind, 100, shaping=cr.QInitialisation(actions))
+
+
+class Picture(gymnasium.Env):
+    """A red bar in one of three places of a picture, channels last; acting on it right pays 1."""
+
+    observation_space = Box(0, 255, (40, 36, 3), np.uint8)
+    action_space = Discrete(2)
+    best = np.array([0, 1, 0])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.seen(), {}
+
+    def seen(self):
+        self.place = int(self.np_random.integers(3))
+        picture = np.zeros((40, 36, 3), np.uint8)
+        picture[10 * self.place : 10 * self.place + 10, :, 0] = 200
+        return picture
+
+    def step(self, action):
+        right = float(action == self.best[self.place])
+        return self.seen(), right, False, False, {}
+
+
+@pytest.mark.parametrize("shaping", [cr.QInitialisation, cr.deep.PolicyReuse])
+def test_phi_reads_pictures_as_the_task_has_them(shaping):
+    def worth(pictures, actions):
+        places = (pictures[:, ::10, 20, 0] == 200).argmax(axis=1)
+        return 1.0 * (actions == Picture.best[places][:, None])
+
+    task = cr.observation_task(Picture, time_limit=10)
+    phi = shaping(cr.transfer.FunctionValues(worth, actions=2))
+    learner = cr.deep.DeepLearner("DQN", "CnnPolicy", settings={"learning_starts": 100})
+    result = cr.deep.learn_deep(task, learner, 200, shaping=phi, eval_freq=20)
+    at_first = result.greedy_return[0, 0], result.training_return[0, 1]
+    assert at_first[shaping is cr.deep.PolicyReuse] >= 8  # of 10, and of 5 at random
+
+
+def test_numbered_observations_have_a_residual():
+    task = cr.observation_task("FrozenLake-v1", is_slippery=False, time_limit=20)
+    lake = cr.from_gymnasium("FrozenLake-v1", is_slippery=False, discount=0.95)
+    mapping = cr.transfer.ObservationMapping(task, lake, lambda squares: squares)
+    edge = cr.Transfer("solved", "lake", mapping)
+    values = cr.transfer.TableValues(cr.solve(lake).action_values)
+    phi = cr.transfer.ObservationPotential(task, [edge], [values])
+    learner = cr.deep.DeepLearner("DQN", settings={"learning_starts": 8, "batch_size": 8})
+    result = cr.deep.learn_deep(task, learner, 40, shaping=cr.QInitialisation(phi), eval_freq=40)
+    assert result.greedy_return[0, 0] == 1
+
+
+def test_a_residual_refuses_a_potential_of_another_task():
+    phi = cr.transfer.ObservationPotential.of(
+        cr.observation_task("MountainCar-v0"),
+        cr.transfer.FunctionValues(lambda seen, actions: 0.0 * actions, actions=3),
+    )
+    with pytest.raises(cr.errors.SettingError, match="made for the task it enters"):
+        DQN(residual_policy(DQN), "Acrobot-v1", policy_kwargs={"potential": phi})
 
 
 def test_cached_values_of_phi_are_phi_and_bounded(monkeypatch):

@@ -9,6 +9,7 @@ import stable_baselines3 as sb3
 import torch
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.wrappers import FrameStackObservation
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
@@ -178,6 +179,44 @@ def test_a_killed_run_that_normalises_goes_on_to_the_same(tmp_path, monkeypatch)
         assert np.array_equal(array, resumed.values[0].parameters()[name])
 
 
+class Generating(gymnasium.Wrapper):
+    """Holds a generator, which cannot be pickled."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.numbers = iter(x for x in range(9))
+
+
+def test_statistics_of_rewards_go_on_where_environments_cannot_be_saved(tmp_path, monkeypatch):
+    task = cr.observation_task("CartPole-v1", discount=0.98, encode=Generating)
+    spreads, end = [], models.Recorder._on_training_start
+
+    def started(recorder):
+        spreads.append(recorder.training_env.ret_rms.count)
+        end(recorder)
+
+    monkeypatch.setattr(models.Recorder, "_on_training_start", started)
+    killed = replace(zoo(), callbacks=lambda: [Killed(256)])
+    with pytest.raises(KeyboardInterrupt):
+        learn_deep(task, killed, 512, saves=tmp_path, **TWO)
+    learn_deep(task, zoo(), 512, saves=tmp_path, **TWO)
+    fresh, resumed = spreads
+    assert fresh < 1 < 128 < resumed
+
+
+class Killed(BaseCallback):
+    """Ends a run after so many steps as if it were killed."""
+
+    def __init__(self, steps):
+        super().__init__()
+        self.steps = steps
+
+    def _on_step(self):
+        if self.num_timesteps >= self.steps:
+            raise KeyboardInterrupt
+        return True
+
+
 NUMBERED = cr.observation_task("FrozenLake-v1", is_slippery=False)  # no box to standardise
 
 
@@ -198,6 +237,25 @@ def test_weights_are_refused_by_rewards_in_other_units():
     source = learn_deep(CART, DeepLearner("PPO", settings=SMALL), 64).values[0]
     learner = DeepLearner("PPO", settings={**SMALL, "normalize": True})
     with pytest.raises(cr.errors.SettingError, match="needs rewards as they are"):
+        learn_deep(CART, learner, 64, shaping=WeightTransfer(source))
+
+
+def test_a_critic_of_rewards_in_other_units_stays_where_it_is():
+    learner = DeepLearner("PPO", settings={**SMALL, "normalize": True})
+    source = learn_deep(CART, learner, 128, **TWO).values[0]
+    alone = replace(learner, settings={**SMALL, "normalize": {"norm_reward": False}})
+    with pytest.raises(cr.errors.SettingError, match=r"normalised rewards; PolicyReuse takes over"):
+        learn_deep(CART, alone, 64, shaping=WeightTransfer(source))
+    reused = learn_deep(CART, alone, 64, shaping=cr.deep.PolicyReuse(source))
+    (part,) = Standardized.of(reused.values[0].policy)
+    assert part.running_reward == 1
+
+
+def test_a_critic_of_shaped_rewards_stays_where_it_is():
+    height = cr.transfer.FunctionValues(state_values=lambda seen: 50 + 0 * seen[:, 0])
+    learner = DeepLearner("PPO", settings=SMALL)
+    source = learn_deep(CART, learner, 64, shaping=cr.StateShaping(height)).values[0]
+    with pytest.raises(cr.errors.SettingError, match=r"shaped rewards; PolicyReuse takes over"):
         learn_deep(CART, learner, 64, shaping=WeightTransfer(source))
 
 
@@ -228,6 +286,21 @@ def test_noise_with_a_memory_is_kept_in_a_checkpoint(tmp_path, monkeypatch):
     monkeypatch.setattr(models.Recorder, "_save", save)
     resumed = learn_deep(task, learner, 60, eval_freq=60, saves=tmp_path)
     assert np.array_equal(whole.greedy_return, resumed.greedy_return)
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "SAC"])
+def test_noise_that_depends_on_states_is_kept_in_a_checkpoint(tmp_path, algorithm):
+    settings = {"use_sde": True, "policy_kwargs": {"net_arch": [8]}}
+    settings |= {"n_steps": 16} if algorithm == "PPO" else {"learning_starts": 20}
+    task = cr.observation_task("Pendulum-v1", time_limit=20)
+    learner = DeepLearner(algorithm, settings=settings)
+    whole = learn_deep(task, learner, 128, eval_freq=32)
+    killed = replace(learner, callbacks=lambda: [Killed(100)])
+    with pytest.raises(KeyboardInterrupt):
+        learn_deep(task, killed, 128, eval_freq=32, saves=tmp_path)
+    resumed = learn_deep(task, learner, 128, eval_freq=32, saves=tmp_path)
+    assert np.array_equal(whole.greedy_return, resumed.greedy_return)
+    assert np.array_equal(whole.training_return, resumed.training_return, equal_nan=True)
 
 
 class Parts(gymnasium.ObservationWrapper):

@@ -188,6 +188,11 @@ def test_normalised_rewards_inside_would_be_stored_unshaped():
         shape(VecMonitor(VecNormalize(worlds())))
 
 
+def test_an_environment_of_gymnasium_is_refused():
+    with pytest.raises(SettingError, match="the environments of ShapedVecEnv must be a VecEnv"):
+        shape(gym.make("CartPole-v1"))
+
+
 def some_steps(venv):
     return [venv.step([0] * venv.num_envs)[3] for _ in range(LIMIT + 1)]
 

@@ -158,6 +158,13 @@ def test_trained_results_and_their_values_are_reused_bit_for_bit():
 # -- settings for each task ----------------------------------------------------------------------
 
 
+def test_other_settings_and_tasks_than_there_are_cannot_be_replaced():
+    with pytest.raises(CurriculumError, match=r"must be one of aggregate, .*: got 'rate'"):
+        build(CHAIN).replace("far", rate=0.1)
+    with pytest.raises(CurriculumError, match=r"the task must be one of .*: got 'farther'"):
+        build(CHAIN).replace("farther", budget=10)
+
+
 def test_each_task_may_have_its_own_settings():
     result = build(
         CHAIN,

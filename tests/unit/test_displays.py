@@ -107,6 +107,11 @@ def test_a_repr_is_short_and_says_what_it_is(results):
     assert str(results["study"]) == repr(results["study"])
 
 
+def test_a_repr_gives_no_return_that_was_not_evaluated():
+    result = cr.learn(CHASE, cr.QLearning(), 1, evaluation=cr.GreedyEvaluation(method="off"))
+    assert repr(result) == "LearningResult(QLearning, 1 seed, 1 step and 0 episodes a seed)"
+
+
 def test_every_class_of_a_package_of_results_has_a_repr_of_its_own():
     packages = (cr.comparison, cr.curriculum, cr.certificate, cr.learning, cr.planning)
     kinds = {getattr(package, name) for package in packages for name in package.__all__}

@@ -10,7 +10,6 @@ import pytest
 from curricle import GridWorld, Pursuit
 from curricle.comparison.comparison import short as with_dash
 from curricle.comparison.plan import numbered_seeds, seed_ranges
-from curricle.comparison.task_differences import plain_text
 from curricle.comparison.trial import in_brief, verdict_words
 from curricle.errors import StoreError
 from curricle.show.findings import signed
@@ -23,7 +22,7 @@ from curricle.study.tuning import short
 from curricle.study_file.file import path_text
 from curricle.study_file.schema import unknown
 from curricle.study_file.vary import short_names, value_text, varied_in
-from curricle.tasks.observation_task import made_by
+from curricle.tasks.observation_task import made_by, plain_text
 from curricle.tasks.spaces import action_name, state_name
 from curricle.text import duration
 

@@ -3,9 +3,7 @@
 The plain data of two targets are enough to tell whether two stored studies have the same target.
 """
 
-import inspect
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
@@ -23,7 +21,7 @@ from curricle.tasks.mdp import (
     same_task,
     tables,
 )
-from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.observation_task import is_observation_task, plain_text
 from curricle.tasks.spaces import state_name
 
 LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
@@ -216,37 +214,6 @@ def summary_differences(task: TaskSummary, other: TaskSummary) -> tuple[str, ...
     if task.kind != other.kind:
         return (*lines, f"type ({task.kind} against {other.kind})")
     return (*lines, *_unequal(task.parameters, other.parameters))
-
-
-def plain_text(value: Any, within: tuple[Any, ...] = ()) -> str:
-    """Return a value as text that is the same in every process and on every machine."""
-    if isinstance(value, np.ndarray):
-        text = repr(value)
-        return (
-            text if "..." not in text else f"array {value.shape} ({short_digest(value.tobytes())})"
-        )
-    function = getattr(value, "py_func", value)
-    if inspect.isfunction(function) and function not in within:
-        try:
-            source = inspect.getsource(function)
-        except OSError:
-            source = repr(function.__code__.co_code)
-        used = inspect.getclosurevars(function)
-        known = {k: x for k, x in used.globals.items() if not inspect.ismodule(x)}
-        texts = {name: plain_text(x, (*within, function)) for name, x in known.items()}
-        constants = function.__code__.co_consts, used.nonlocals, *([texts] if texts else ())
-        content = source + _of_any_process(repr(constants))
-        return f"{function.__name__} ({short_digest(content.encode())})"
-    if isinstance(value, set | frozenset):  # whose order differs between processes
-        value = sorted(value, key=repr)
-    return _of_any_process(repr(value))
-
-
-def _of_any_process(text: str) -> str:
-    """Return a text without memory addresses and folders, which differ between processes."""
-    # Names of the packages of studies' own modules, and of code objects, contain folders.
-    parts = r' at 0x[0-9a-f]+|\bcurricle_study_[0-9a-f]+\.|, file "[^"]*", line \d+'
-    return re.sub(parts, "", text)
 
 
 def _projections(mdp: FiniteMDP) -> Iterator[tuple[str, tuple[float, float]]]:

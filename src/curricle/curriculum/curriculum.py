@@ -517,7 +517,11 @@ class Curriculum:
         """Return the curriculum with other settings, such as ``budget=``, for one task.
 
         Every other task keeps its own, the budget of a source that states none included.
+        CurriculumError if a setting or the task is unknown.
         """
+        one_of("the task", name, self.tasks, CurriculumError)
+        for which in settings:
+            one_of("a setting", which, SETTINGS, CurriculumError)
         changes: dict[str, Any] = {
             which: {**{n: self.setting(which, n) for n in self.tasks}, name: value}
             for which, value in settings.items()

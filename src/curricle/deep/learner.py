@@ -6,7 +6,9 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import import_module
+from types import BuiltinFunctionType
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -15,7 +17,7 @@ from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Sp
 from curricle.checks import instance, number, one_of, whole_number
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
-from curricle.tasks.observation_task import ObservationTask, stable_text
+from curricle.tasks.observation_task import ObservationTask, plain_text, stable_text
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
 EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budget
@@ -85,6 +87,11 @@ class DeepLearner:
         for name in ("envs", "threads"):
             whole_number(f"{name} of a deep learner", getattr(self, name), 1, SettingError)
         instance("processes of a deep learner", self.processes, bool, SettingError)
+        if not (self.callbacks is None or callable(self.callbacks)):
+            raise SettingError(
+                "callbacks of a deep learner must be a function that returns a list of new ones "
+                f"for each seed: got {self.callbacks!r}"
+            )
         taken = {"env", "seed"} & set(settings)
         if taken:
             raise SettingError(
@@ -214,7 +221,11 @@ def _text(value: Any) -> str:
     """Return a setting as text that is the same in every process."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{name!r}: {_text(inner)}" for name, inner in value.items()) + "}"
-    return str(getattr(value, "__qualname__", None) or repr(value))
+    if isinstance(value, partial):
+        given = [*value.args, *(f"{name}={_text(x)}" for name, x in value.keywords.items())]
+        return f"{_text(value.func)}({', '.join(map(str, given))})"
+    named = isinstance(value, type | BuiltinFunctionType)
+    return value.__qualname__ if named else plain_text(value)
 
 
 # -- which spaces a policy takes, told before anything runs ------------------------------------

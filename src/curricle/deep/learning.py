@@ -19,7 +19,7 @@ from curricle.interop.tabulated_task import check_sight
 from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.seeds import seed_settings
-from curricle.learning.shaping import QInitialisation, Shaping
+from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import (
     NEVER_STOPS,
     Budget,
@@ -172,6 +172,13 @@ class DeepResult(LearningResult):
         """The policy of each seed, K of them; SettingError where values were not saved."""
         return policies_of(self.task, self.learner, self.values, self.steps_used)
 
+    def parts_of_file(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the arrays and the plain JSON that :meth:`save` writes."""
+        arrays, about = super().parts_of_file()
+        offsets = [getattr(values, "values_offset", None) for values in self.values or ()]
+        shaped = any(offset is not None for offset in offsets)
+        return arrays, about | {"shaped": True} if shaped else about
+
     @classmethod
     def load(
         cls,
@@ -210,6 +217,12 @@ class DeepResult(LearningResult):
         shapings = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n
         if len(shapings) != n:
             raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(shapings)}")
+        known = [isinstance(x, StateShaping) and x.potential is not None for x in shapings]
+        if saved.about.get("shaped") and not all(known):
+            raise SettingError(
+                "networks that learnt Q - Phi must be loaded with the StateShaping that they were "
+                f"trained with: got {shaping!r}"
+            )
         learner.algorithm_class()  # raises ImportError that names what to install
         from curricle.deep.models import network_values
 

@@ -11,7 +11,8 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple, Self
 
 import cloudpickle
 import numpy as np
@@ -270,8 +271,10 @@ class DeepRun:
                 venv = environments(self.task, self.learner, shaping, processes=processes)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
-            if getattr(model, "action_noise", None) is not None:
-                recorder.noise = deepcopy(model.action_noise)
+                if saved is not None and saved.returns is not None:
+                    model.get_vec_normalize_env().ret_rms = saved.returns
+            if saved is not None:
+                recorder.resumed = Noise.of(model, saved.states)
             try:
                 if not progress.over:
                     rollout = rollout_of(model)
@@ -336,6 +339,23 @@ class Progress:
         return cls(record, spent.steps, spent.steps, spent.episodes, first, since)
 
 
+class Noise(NamedTuple):
+    """A saved run's noise, which Stable-Baselines3 resets or draws anew before its next step."""
+
+    states: tuple[Any, ...]  # of the generators
+    of_actions: Any
+    distribution: Any  # of actions
+    of_states: dict[str, Any]  # what the distribution had drawn, with gSDE
+
+    @classmethod
+    def of(cls, model: Any, states: tuple[Any, ...]) -> Self:
+        """Return the noise of a model as it was saved."""
+        actor = getattr(model, "actor", None) or model.policy
+        distribution = getattr(actor, "action_dist", SimpleNamespace())
+        of_actions = deepcopy(getattr(model, "action_noise", None))
+        return cls(states, of_actions, distribution, {**vars(distribution)})
+
+
 class Recorder(BaseCallback):
     """Records a run's curves, ends it when its budget is spent, and saves it on the way."""
 
@@ -356,7 +376,7 @@ class Recorder(BaseCallback):
             episodes, horizon = run.evaluation.rollouts(run.task), run.evaluation.horizon(run.task)
             self.environments = Environments(run.task, episodes, horizon)
         self._saves, self._saved_at = saves, progress.steps
-        self.noise: Any = None  # of the actions, as it was saved
+        self.resumed: Noise | None = None  # to be put back
 
     def _on_training_start(self) -> None:
         progress = self.progress
@@ -367,10 +387,14 @@ class Recorder(BaseCallback):
             if progress.checkpoint == 0:
                 self._record(greedy)
             progress.begun_learning = True
-        elif self.noise is not None:  # Stable-Baselines3 has just reset it
-            self.model.action_noise = self.noise
+        elif self.resumed is not None and self.resumed.of_actions is not None:
+            self.model.action_noise = self.resumed.of_actions
 
     def _on_rollout_start(self) -> None:
+        if self.resumed is not None:
+            vars(self.resumed.distribution).update(self.resumed.of_states)
+            set_generators(self.resumed.states)
+            self.resumed = None
         if self.progress.steps - self._saved_at >= max(1, self.run.longest // SAVES):
             self._save()
 
@@ -450,6 +474,7 @@ class Saved(NamedTuple):
     model: tuple[type, dict[str, Any]]  # an algorithm's class, and its attributes
     progress: Progress
     states: tuple[Any, ...]  # of the random number generators
+    returns: Any = None  # the statistics by which rewards are normalised, if they are
 
 
 class _Packing(cloudpickle.Pickler):
@@ -477,17 +502,19 @@ def _unpacked(shape: tuple[int, ...], dtype: Any, packed: Any, content: bytes) -
 def save_checkpoint(path: Place, run: str, model: Any, progress: Progress) -> None:
     """Write a checkpoint, whole or not at all."""
     held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
+    returns = getattr(held.get("_vec_normalize_env"), "ret_rms", None)
 
     def pickled(**changed: Any) -> bytes:
         file = io.BytesIO()
-        saved = Saved(run, (type(model), held | changed), progress, generator_states())
+        kept = (type(model), held | changed), progress, generator_states(), returns
+        saved = Saved(run, *kept)
         _Packing(file).dump(saved)
         return file.getvalue()
 
     try:
         content = pickled()
     except Exception:  # whatever an environment's own code raises: a new episode begins instead
-        content = pickled(env=None, _last_obs=None)
+        content = pickled(env=None, _last_obs=None, _vec_normalize_env=None)
     try:
         if isinstance(path, Path):
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -45,19 +45,22 @@ class NetworkValues:
     - DQN: Q(s, a) of its network, phi included where it is a residual; QR-DQN: the mean of the
       quantiles. V(s) = max_a Q(s, a).
     - PPO, A2C and other actor-critics: V(s) of the value head; there is no Q(s, a).
-    - SAC, TD3, DDPG: Q(s, a) is the least of the critics', V(s) that of the actor's action.
+    - SAC, TD3, DDPG: Q(s, a) is the least of the critics', V(s) that of the actor's action; TQC's
+      critics are the means of their quantiles.
 
     Parameters
     ----------
     policy : stable_baselines3.common.policies.BasePolicy
-        ``model.policy`` of a model.
+        ``model.policy`` of a model. Where a ``VecNormalize`` was around its environments, these are
+        values of normalised rewards, and of normalised observations: the setting ``normalize`` of a
+        :class:`DeepLearner` keeps the statistics in the policy.
     values_offset : ObservationPotential, optional
         The Phi that shaped its rewards. The policy has then learnt Q - Phi, and Phi is added here.
 
     Raises
     ------
     PotentialError
-        When the policy has no values.
+        When the policy has no values; when it is asked about observations or actions that it lacks.
 
     Examples
     --------
@@ -69,6 +72,8 @@ class NetworkValues:
     """
 
     def __init__(self, policy: Any, values_offset: ObservationPotential | None = None):
+        if not isinstance(policy, torch.nn.Module):
+            raise PotentialError(f"values are those of model.policy: got {policy!r}")
         self.policy, self.values_offset = policy, values_offset
         kinds = ("q_net", "quantile_net", "value_net", "critic")
         present = [kind for kind in kinds if getattr(policy, kind, None) is not None]
@@ -92,6 +97,11 @@ class NetworkValues:
             raise no_actions(self)
         if self.of_actions:
             pairs, chosen = self._outputs(observations), np.asarray(actions)
+            if chosen.max(initial=0) >= pairs.shape[1]:
+                raise PotentialError(
+                    f"a network has values of its own {pairs.shape[1]} actions only: action "
+                    f"{chosen.max()} is asked for; a mapping's actions= names the source's"
+                )
             rows = np.arange(len(pairs))
             values = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
         else:
@@ -120,7 +130,13 @@ class NetworkValues:
     def _seen(self, observations: Any) -> Any:
         if self.policy.training:
             self.policy.set_training_mode(False)
-        return self.policy.obs_to_tensor(observations)[0]
+        try:
+            return self.policy.obs_to_tensor(observations)[0]
+        except ValueError as error:
+            raise PotentialError(
+                f"a network reads observations of {self.policy.observation_space}: {error}; a "
+                "mapping's observations= makes them"
+            ) from None
 
     def _outputs(self, observations: Any) -> FloatArray:
         """Return Q of every action, (n, A), or of an actor-critic V, (n, 1)."""
@@ -149,7 +165,10 @@ class NetworkValues:
                 taken = self.policy._predict(seen, deterministic=True)
             else:
                 taken = torch.as_tensor(actions, device=self.policy.device)
-            values = [_array(q)[:, 0] for q in self.policy.critic(seen, taken)]
+            critics = self.policy.critic(seen, taken)
+            if isinstance(critics, torch.Tensor):  # TQC's quantiles, (n, critics, quantiles)
+                critics = critics.mean(dim=2, keepdim=True).unbind(1)
+            values = [_array(q)[:, 0] for q in critics]
         return np.asarray(np.stack(values).min(axis=0))
 
     def _with_offset(self, values: FloatArray, observations: Any) -> FloatArray:

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.vector.utils import batch_space
 
 from curricle.arrays import BoolArray, FloatArray
+from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.interop.potential_shaping import (
     Episodes,
@@ -96,6 +97,7 @@ class ShapedVecEnv(_Whole, Shaped, VecEnvWrapper):
     ):
         if VecEnv is object:
             raise ImportError('Stable-Baselines3 is not installed: pip install "curricle[deep]"')
+        instance("the environments of ShapedVecEnv", venv, VecEnv, SettingError)
         super().__init__(venv)
         if unwrap_vec_normalize(venv) is not None:
             raise SettingError(

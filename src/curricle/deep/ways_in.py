@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from gymnasium.spaces import Dict
 from stable_baselines3.common.distributions import kl_divergence
 from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
 
 from curricle.checks import one_of
-from curricle.deep.networks import NetworkValues, plain_layers
+from curricle.deep.networks import NetworkValues, Standardized, plain_layers
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
 from curricle.transfer.mapping import no_actions
@@ -45,6 +46,13 @@ class _Residual:
         self.reads = reads or ("actions" if self.cache.n_actions < MANY_ACTIONS else "state")
         one_of("what a residual reads of phi", self.reads, READS, SettingError)
         super().__init__(*args, **settings)
+        task, space = potential.task, self.observation_space  # type: ignore[attr-defined]
+        n_actions = int(self.action_space.n)  # type: ignore[attr-defined]
+        if _sides(space) != _sides(task.observations) or n_actions != task.n_actions:
+            raise SettingError(
+                f"a potential must be made for the task it enters: it belongs to {task}, and the "
+                f"policy has observations of {space} and {n_actions} actions"
+            )
 
     @property
     def device(self) -> torch.device:
@@ -82,7 +90,7 @@ class ResidualMlpPolicy(_Residual, dqn.MlpPolicy):
 
 
 class ResidualCnnPolicy(_Residual, dqn.CnnPolicy):
-    """DQN's ``CnnPolicy`` on phi + residual; phi gets pictures as the network does."""
+    """DQN's ``CnnPolicy`` on phi + residual."""
 
 
 class ResidualMultiInputPolicy(_Residual, dqn.MultiInputPolicy):
@@ -146,6 +154,22 @@ class ResidualQNetwork(QNetwork):
         return torch.cat([features, scaled], dim=1)
 
 
+def as_observed(space: Any, seen: Any) -> Any:
+    """Return n observations as a task has them: Stable-Baselines3 moves pictures' channels."""
+    if isinstance(seen, dict):
+        return {key: as_observed(space[key], part) for key, part in seen.items()}
+    if seen.shape[1:] != space.shape and seen.ndim == 4:
+        return np.moveaxis(seen, 1, -1)
+    return seen.reshape(len(seen), *space.shape)
+
+
+def _sides(space: Any) -> Any:
+    """Return a space's shape without the order of its axes; of a Dict, those of its parts."""
+    if isinstance(space, Dict):
+        return {key: _sides(part) for key, part in space.items()}
+    return sorted(space.shape)
+
+
 class PotentialCache:
     """phi(s, a) of every action, cached for arrays; both networks of a policy share it."""
 
@@ -177,7 +201,7 @@ class PotentialCache:
         return both[:, 1:], both[:, :1]
 
     def _computed(self, seen: Any) -> npt.NDArray[np.float32]:
-        phi = self.potential.pairs(seen)
+        phi = self.potential.pairs(as_observed(self.potential.task.observations, seen))
         return np.concatenate([phi.max(axis=1, keepdims=True), phi], axis=1, dtype=np.float32)
 
     def _add(self, keys: list[bytes], seen: npt.NDArray[Any]) -> None:
@@ -217,15 +241,33 @@ def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
         raise SettingError(
             "weights must come from a network that computes all of Q: got a residual on a potential"
         )
+    scaled = any(part.running_reward != 1 for part in Standardized.of(source.policy))
+    if not actor_alone and (scaled or source.values_offset is not None):
+        raise SettingError(
+            f"{shaping.name} takes over a critic, whose values must be of the task's own rewards: "
+            f"{shaping.potential.edges[0].source!r} learnt from "
+            f"{'normalised' if scaled else 'shaped'} rewards; PolicyReuse takes over the actor"
+        )
     in_target, in_source = model.policy.state_dict(), source.policy.state_dict()
     left = (*VALUE_HEAD, "critic") if actor_alone else ()
     names = [name for name in in_source | in_target if not name.startswith(left)]
+    names = [name for name in names if not name.endswith("running_reward")]  # of its own rewards
     for name in names:
         shapes = [tuple(x[name].shape) if name in x else "missing" for x in (in_source, in_target)]
         if shapes[0] != shapes[1]:
             raise SettingError(
                 "weights can be copied between networks of one shape only: "
                 f"{name} is {shapes[0]} in the source and {shapes[1]} in the target"
+            )
+    layers = [
+        {name: type(part).__name__ for name, part in policy.named_modules() if name}
+        for policy in (source.policy, model.policy)
+    ]
+    for name in layers[1]:
+        if not name.startswith(left) and layers[0].get(name) != layers[1][name]:
+            raise SettingError(
+                "weights can be copied between networks of the same layers only: "
+                f"{name} is {layers[0].get(name)} in the source and {layers[1][name]} in the target"
             )
     model.policy.load_state_dict({**in_target, **{name: in_source[name] for name in names}})
 
@@ -248,7 +290,8 @@ class _Reuse:
     ) -> Any:
         left = pull(self._current_progress_remaining)  # type: ignore[attr-defined]
         if np.random.rand() < left:  # noqa: NPY002 - as Stable-Baselines3 draws
-            actions = self.guide.pairs(self._last_obs).argmax(axis=1)  # type: ignore[attr-defined]
+            seen = as_observed(self.guide.task.observations, self._last_obs)  # type: ignore[attr-defined]
+            actions = self.guide.pairs(seen).argmax(axis=1)
             return actions, actions
         return super()._sample_action(learning_starts, action_noise, n_envs)  # type: ignore[misc]
 
@@ -311,7 +354,10 @@ class _Kickstarted:
 
 def kickstarted(algorithm: type, policy: Any) -> tuple[type, type]:
     """Return the algorithm and the policy class of a learner that is kept near a source."""
-    plain = algorithm.policy_aliases[policy] if isinstance(policy, str) else policy  # type: ignore[attr-defined]
+    aliases = algorithm.policy_aliases  # type: ignore[attr-defined]
+    if isinstance(policy, str):
+        one_of(f"the policy of {algorithm.__name__}", policy, aliases, SettingError)
+    plain = aliases.get(policy, policy)
     near = type(f"Near{plain.__name__}", (_NearSource, plain), {})
     return type(f"Kickstarted{algorithm.__name__}", (_Kickstarted, algorithm), {}), near
 
@@ -319,6 +365,9 @@ def kickstarted(algorithm: type, policy: Any) -> tuple[type, type]:
 def begin_near(model: Any, kl: float) -> None:
     """Weigh by `kl` the distance of a model's actor from its present state, that of the source."""
     policy = model.policy
+    if getattr(policy, "use_sde", False):
+        with torch.no_grad():
+            policy.reset_noise(model.n_envs)  # noise that depends on parameters cannot be copied
     source = deepcopy(policy)
     source.set_training_mode(False)
     for parameter in source.parameters():

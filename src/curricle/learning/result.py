@@ -246,10 +246,12 @@ class LearningResult(Frozen):
         learner = "" if self.learner is None else f"{type(self.learner).__name__}, "
         last = int(self.steps[-1])
         at = f" at step {last:,}" if last < self.steps_used.max() else ""
+        final = self.greedy_return[:, -1].mean()
+        evaluated = "" if np.isnan(final) else f", final greedy return {final:.4g}{at}"
         return (
             f"{type(self).__name__}({learner}{counted(len(self.seeds), 'seed')}, "
-            f"{int(self.steps_used.mean()):,} steps and {int(self.episodes_used.mean()):,} "
-            f"episodes a seed, final greedy return {self.greedy_return[:, -1].mean():.4g}{at})"
+            f"{counted(int(self.steps_used.mean()), 'step')} and "
+            f"{counted(int(self.episodes_used.mean()), 'episode')} a seed{evaluated})"
         )
 
     def _repr_html_(self) -> str:

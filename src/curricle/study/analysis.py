@@ -11,7 +11,7 @@ from curricle.certificate.certification import certify
 from curricle.comparison.comparison import STATED, Reference
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.plan import PlannedArm
-from curricle.comparison.task_differences import plain_text, task_summary
+from curricle.comparison.task_differences import task_summary
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum
 from curricle.curriculum.result import CurriculumResult
 from curricle.deep.learner import DeepLearner, PolicyReuse
@@ -49,7 +49,7 @@ from curricle.study.results import StudyResults
 from curricle.study.store import ANALYSIS, seeds_per_file
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
-from curricle.tasks.observation_task import is_observation_task
+from curricle.tasks.observation_task import is_observation_task, plain_text
 from curricle.text import counted
 from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 

@@ -1,5 +1,6 @@
 """Observation tasks: seen as vectors, pictures or dicts instead of numbered states."""
 
+import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
@@ -10,10 +11,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.spaces import Box, Discrete, MultiBinary, MultiDiscrete
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.vector.utils import concatenate, create_empty_array
 
 from curricle.errors import CurricleError, TaskError
+from curricle.files import short_digest
 from curricle.tasks.models import check_horizon
 
 
@@ -231,6 +233,37 @@ def stable_text(value: Any) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", str(value))
 
 
+def plain_text(value: Any, within: tuple[Any, ...] = ()) -> str:
+    """Return a value as text that is the same in every process and on every machine."""
+    if isinstance(value, np.ndarray):
+        text = repr(value)
+        return (
+            text if "..." not in text else f"array {value.shape} ({short_digest(value.tobytes())})"
+        )
+    function = getattr(value, "py_func", value)
+    if inspect.isfunction(function) and function not in within:
+        try:
+            source = inspect.getsource(function)
+        except OSError:
+            source = repr(function.__code__.co_code)
+        used = inspect.getclosurevars(function)
+        known = {k: x for k, x in used.globals.items() if not inspect.ismodule(x)}
+        texts = {name: plain_text(x, (*within, function)) for name, x in known.items()}
+        constants = function.__code__.co_consts, used.nonlocals, *([texts] if texts else ())
+        content = source + _of_any_process(repr(constants))
+        return f"{function.__name__} ({short_digest(content.encode())})"
+    if isinstance(value, set | frozenset):  # whose order differs between processes
+        value = sorted(value, key=repr)
+    return _of_any_process(repr(value))
+
+
+def _of_any_process(text: str) -> str:
+    """Return a text without memory addresses and folders, which differ between processes."""
+    # Names of the packages of studies' own modules, and of code objects, contain folders.
+    parts = r' at 0x[0-9a-f]+|\bcurricle_study_[0-9a-f]+\.|, file "[^"]*", line \d+'
+    return re.sub(parts, "", text)
+
+
 def is_observation_task(task: Any) -> bool:
     """Return whether a task is seen through observations."""
     return isinstance(task, ObservationTask)
@@ -242,6 +275,13 @@ def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:
         return np.array(observations, dtype=space.dtype)  # as `concatenate` does, and quicker
     empty: Any = create_empty_array(space, len(observations))
     return concatenate(space, observations, empty)
+
+
+def shapes_of(space: gymnasium.Space[Any]) -> Any:
+    """Return the shape of a space; a dict or a list of them for a Dict or a Tuple."""
+    if isinstance(space, Dict):
+        return {key: shapes_of(part) for key, part in space.items()}
+    return [*map(shapes_of, space)] if isinstance(space, Tuple) else space.shape
 
 
 def batch_size(observations: Any) -> int:

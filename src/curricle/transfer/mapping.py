@@ -28,7 +28,12 @@ from curricle.tasks.mdp import (
     live_pairs,
     same_task,
 )
-from curricle.tasks.observation_task import ObservationTask, batch_size, is_observation_task
+from curricle.tasks.observation_task import (
+    ObservationTask,
+    batch_size,
+    is_observation_task,
+    shapes_of,
+)
 from curricle.tasks.spaces import MISSING, Decoded
 from curricle.text import brief_repr, counted
 
@@ -575,6 +580,13 @@ class ObservationMapping(TaskMapping):
                 "a mapping into a task with tables needs a function from observations to its "
                 "states' numbers: got none"
             )
+        if self.observations is None:
+            target, source = (shapes_of(task.observations) for task in (self.target, self.source))
+            if target != source:
+                raise MappingError(
+                    "a mapping that leaves observations as they are needs those of one shape, or "
+                    f"observations=: the target's are {target}, the source's {source}"
+                )
         if self.actions is None:
             n_target, n_source = self.target.n_actions, self._source_actions
             if n_target is not None and n_source is not None and n_target > n_source:
