@@ -42,14 +42,19 @@ def level(target: str, *members: str, seen: str) -> list[str]:
 CAR = ["envs=16", *(f"settings.{x}" for x in ("n_steps=16", "n_epochs=4", "gae_lambda=0.98"))]
 SWING = ["envs=4"]
 SWING += [f"settings.{x}" for x in ("normalize=false", "n_steps=1_024", "learning_rate=1e-3")]
+CAR_QR = ["learning_rate=4e-3", "batch_size=128", "buffer_size=10_000", "train_freq=16"]
+CAR_QR += ["gradient_steps=8", "target_update_interval=600", "exploration_fraction=0.2"]
+CAR_QR += ["exploration_final_eps=0.07", "policy_kwargs.net_arch=[256, 256]"]
+# Zoo's QR-DQN knows no pendulum: it has a gradient step at every step, and the rate of Zoo's PPO.
+SWING_QR = ["learning_rate=1e-3", "train_freq=1"]
 
 
-def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
+def control(name: str, points: int, held: int, zoo: list[str], qr: list[str]) -> list[str]:
     """Return the changes for an environment of classic control, whose miniature is a grid.
 
-    All PPO have these settings of Zoo, and all learners its environments. Where Zoo standardises
-    observations and rewards, scratch and the arm standardise observations alone, as values of the
-    source are values of plain rewards.
+    All PPO have these environments and settings of Zoo, QR-DQN has one environment and its own.
+    Where Zoo standardises observations and rewards, scratch and the arm standardise observations
+    alone, as values of the source are values of plain rewards.
     """
     arguments = f'{{ id = "{name}", points = {points}, held = {held} }}'
     return [
@@ -61,6 +66,8 @@ def control(name: str, points: int, held: int, zoo: list[str]) -> list[str]:
         f"tasks.small.charged={held}",
         "learner.settings.normalize={ norm_reward = false }",
         *(f"{learner}.{x}" for x in zoo for learner in ("learner", "scratch_learners.zoo")),
+        "scratch_learners.QR-DQN.envs=1",
+        *(f"scratch_learners.QR-DQN.settings.{x}" for x in qr),
     ]
 
 
@@ -81,10 +88,10 @@ TARGETS = {
     "rooms": [*level("MultiRoom-N4-S5-v1", "MultiRoom-N2-S4-v0", seen="opens"), ROOMS],
     "door": level("DoorKey-8x8-v0", "DoorKey-5x5-v0", "DoorKey-6x6-v0", seen="fetch"),
     "corridor": level("KeyCorridorS3R2-v0", "KeyCorridorS3R1-v0", seen="carry"),
-    "car": control("MountainCar-v0", 60, 2, CAR),
+    "car": control("MountainCar-v0", 60, 2, CAR, CAR_QR),
     "go to door": level("GoToDoor-8x8-v0", "GoToDoor-5x5-v0", "GoToDoor-6x6-v0", seen="go_to"),
     "things": level("Fetch-8x8-N3-v0", "Fetch-5x5-N2-v0", "Fetch-6x6-N2-v0", seen="pick_up"),
-    "swing": control("Pendulum-v1", 31, 4, SWING),
+    "swing": control("Pendulum-v1", 31, 4, SWING, SWING_QR),
 }
 """What is reported."""
 
@@ -115,7 +122,7 @@ DEVELOPMENT = {
     "crossing 2": level("SimpleCrossingS9N2-v0", "SimpleCrossingS9N1-v0", seen="walk"),
     "gap": level("LavaGapS7-v0", "LavaGapS5-v0", "LavaGapS6-v0", seen="walk"),
     "small door": level("DoorKey-6x6-v0", "DoorKey-5x5-v0", seen="fetch"),
-    "acrobot": control("Acrobot-v1", 15, 5, []),
+    "acrobot": control("Acrobot-v1", 15, 5, [], []),
 }
 """What settings are chosen on."""
 ALL = {**TARGETS, **HARD, **DEVELOPMENT}
