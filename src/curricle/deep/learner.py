@@ -222,9 +222,9 @@ def _text(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{name!r}: {_text(inner)}" for name, inner in value.items()) + "}"
     if isinstance(value, partial):
-        given = [*map(_text, value.args)]
-        given += [f"{name}={_text(x)}" for name, x in value.keywords.items()]
-        return f"{_text(value.func)}({', '.join(given)})"
+        arguments = [*map(_text, value.args)]
+        arguments += [f"{name}={_text(x)}" for name, x in value.keywords.items()]
+        return f"{_text(value.func)}({', '.join(arguments)})"
     named = isinstance(value, type | BuiltinFunctionType)
     return value.__qualname__ if named else plain_text(value)
 

@@ -506,8 +506,8 @@ def save_checkpoint(path: Place, run: str, model: Any, progress: Progress) -> No
 
     def pickled(**changed: Any) -> bytes:
         file = io.BytesIO()
-        kept = (type(model), held | changed), progress, generator_states(), returns
-        saved = Saved(run, *kept)
+        attributes = type(model), held | changed
+        saved = Saved(run, attributes, progress, generator_states(), returns)
         _Packing(file).dump(saved)
         return file.getvalue()
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
-from gymnasium.spaces import Dict
 from stable_baselines3.common.distributions import kl_divergence
 from stable_baselines3.dqn import policies as dqn
 from stable_baselines3.dqn.policies import QNetwork
@@ -19,6 +18,7 @@ from curricle.checks import one_of
 from curricle.deep.networks import NetworkValues, Standardized, plain_layers
 from curricle.errors import SettingError
 from curricle.learning.shaping import Shaping
+from curricle.tasks.observation_task import shapes_of
 from curricle.transfer.mapping import no_actions
 from curricle.transfer.potential import ObservationPotential
 
@@ -48,7 +48,9 @@ class _Residual:
         super().__init__(*args, **settings)
         task, space = potential.task, self.observation_space  # type: ignore[attr-defined]
         n_actions = int(self.action_space.n)  # type: ignore[attr-defined]
-        if _sides(space) != _sides(task.observations) or n_actions != task.n_actions:
+        # Stable-Baselines3 moves pictures' channels.
+        sides = [shapes_of(observed, sorted) for observed in (space, task.observations)]
+        if sides[0] != sides[1] or n_actions != task.n_actions:
             raise SettingError(
                 f"a potential must be made for the task it enters: it belongs to {task}, and the "
                 f"policy has observations of {space} and {n_actions} actions"
@@ -161,13 +163,6 @@ def as_observed(space: Any, seen: Any) -> Any:
     if seen.shape[1:] != space.shape and seen.ndim == 4:
         return np.moveaxis(seen, 1, -1)
     return seen.reshape(len(seen), *space.shape)
-
-
-def _sides(space: Any) -> Any:
-    """Return a space's shape without the order of its axes; of a Dict, those of its parts."""
-    if isinstance(space, Dict):
-        return {key: _sides(part) for key, part in space.items()}
-    return sorted(space.shape)
 
 
 class PotentialCache:

@@ -277,11 +277,13 @@ def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:
     return concatenate(space, observations, empty)
 
 
-def shapes_of(space: gymnasium.Space[Any]) -> Any:
-    """Return the shape of a space; a dict or a list of them for a Dict or a Tuple."""
+def shapes_of(space: gymnasium.Space[Any], order: Callable[[Any], Any] = tuple) -> Any:
+    """Return the shape of a space, its axes in an order; a dict or a list for a Dict or a Tuple."""
     if isinstance(space, Dict):
-        return {key: shapes_of(part) for key, part in space.items()}
-    return [*map(shapes_of, space)] if isinstance(space, Tuple) else space.shape
+        return {key: shapes_of(part, order) for key, part in space.items()}
+    if isinstance(space, Tuple):
+        return [shapes_of(part, order) for part in space]
+    return space.shape and order(space.shape)
 
 
 def batch_size(observations: Any) -> int:
