@@ -116,7 +116,7 @@ HARD = {
     "corridor 3": hard(CORRIDOR, 10, 300_000, 50_000, 387_120),
     "unlock": hard(smaller_rooms("UnlockPickup-v0", 4, 5), 15, 300_000, 50_000, 558_624),
     "maze": hard(smaller_rooms("ObstructedMaze-1Dlh-v0", 4), 40, 300_000, 50_000, 396_000),
-    "blocked": hard(smaller_rooms("BlockedUnlockPickup-v0", 4), 18, 300_000, 50_000, 660_000),
+    "blocked": hard(smaller_rooms("BlockedUnlockPickup-v0", 4), 18, 300_000, 50_000, 656_160),
 }
 DEVELOPMENT = {
     "crossing 2": level("SimpleCrossingS9N2-v0", "SimpleCrossingS9N1-v0", seen="walk"),

@@ -1,4 +1,4 @@
-"""The families; constants of the library are fitted on the development ones alone."""
+"""The families; constants of the library, the portfolio's excepted, are fitted on development alone."""
 
 from collections.abc import Callable
 from functools import cache
