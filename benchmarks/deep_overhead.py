@@ -159,7 +159,7 @@ def actor_critics(turns, steps):
     phi = cr.transfer.ObservationPotential.of(task, source)
     shapings = {
         "plain": None,
-        "a pull": cr.deep.PolicyReuse(source=phi, kl=1.0),
+        "a pull": cr.deep.PolicyReuse(phi, kl=1.0),
         "shaped rewards": cr.StateShaping(phi),
     }
     learners = {name: partial(rollouts(task, one), steps) for name, one in shapings.items()}

@@ -48,7 +48,7 @@ class Room(gym.Wrapper):
 
     def seen(self):
         room = self.env
-        x, y = (int(each) for each in room.agent_pos)
+        x, y = map(int, room.agent_pos)
         carrying, ahead = room.carrying is not None, room.grid.get(*room.front_pos)
         if carrying:
             self.places["key"] = (x, y)

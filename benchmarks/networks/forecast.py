@@ -1,8 +1,8 @@
-"""Is it known beforehand how well a distilled policy does on its target? Ranks over source choices.
+"""How well forecasts of distilled policies rank choices of miniatures.
 
 For each target several choices of miniatures are solved and distilled. The forecast is what their
-network regains, of the way from the random policy to the optimum, on relatives that no choice
-teaches, which are larger than most choices and smaller than the target. What came true is what it
+network regains, of the way from the random policy to the optimum, on relatives that are in no
+choice, larger than most choices and smaller than the target. The result is the share that it
 regains on levels of the target itself. Both are exact, by tables; no step is taken.
 
     python -m benchmarks.networks.forecast [--targets ...] [--seeds 1]
@@ -54,10 +54,10 @@ RESETS = 40
 
 
 def main() -> None:
-    given = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    given.add_argument("--targets", nargs="*", default=list(TARGETS), choices=list(TARGETS))
-    given.add_argument("--seeds", type=int, default=1)
-    options = given.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--targets", nargs="*", default=list(TARGETS), choices=list(TARGETS))
+    parser.add_argument("--seeds", type=int, default=1)
+    options = parser.parse_args()
     for name in options.targets:
         choices, between, target, encode = TARGETS[name]
         examined = miniatures(
@@ -65,16 +65,16 @@ def main() -> None:
             tested_on=[level(between, encode), level(target, encode)],
             resets=RESETS,
         )
-        print(f"\n{name}: {'choice':<26}{'own levels':>12}{'forecast':>10}{'came true':>11}")
+        print(f"\n{name}: {'choice':<26}{'own levels':>12}{'forecast':>10}{'result':>11}")
         rows = [
             row(label, *choice, examined, encode, seed)
             for label, choice in choices.items()
             for seed in range(options.seeds)
         ]
-        own, told, true = np.array(rows).T
-        for which, values in (("forecast", told), ("own held-out levels", own)):
-            rank = spearmanr(values, true).statistic
-            print(f"rank correlation with what came true, {which}: {rank:.2f}")
+        own, forecast, result = np.array(rows).T
+        for which, values in (("forecast", forecast), ("own held-out levels", own)):
+            rank = spearmanr(values, result).statistic
+            print(f"rank correlation with the result, {which}: {rank:.2f}")
 
 
 def level(name, encode):
@@ -86,10 +86,10 @@ def row(label, names, resets, examined, encode, seed) -> tuple[float, float, flo
     """Return what a choice regains on its own levels, on those between, and on the target."""
     small = miniatures(*[level(name, encode) for name in names], resets=resets)
     values = distil(small.knowledge(), small, PPO, seed=seed)
-    own = float(np.mean([one.regained for one in small.examined(values)]))
-    told, true = (one.examined(values).regained for one in examined.solved_tests)
-    print(f"  {label:<32}{own:>12.2f}{told:>10.2f}{true:>11.2f}", flush=True)
-    return own, told, true
+    own = float(np.mean([member.regained for member in small.examined(values)]))
+    forecast, result = (test.examined(values).regained for test in examined.solved_tests)
+    print(f"  {label:<32}{own:>12.2f}{forecast:>10.2f}{result:>11.2f}", flush=True)
+    return own, forecast, result
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from curricle.interop import MiniGridView
 
-make = gym.make
-
 
 def walk(env):
     """Return an environment of MiniGrid in which an agent turns and walks."""
@@ -50,7 +48,7 @@ def some_actions(env, *actions):
 
 def rooms(id, side):
     """Return a level of MiniGrid all of whose rooms have another side, walls included."""
-    env = make(id)
+    env = gym.make(id)
     level = env.unwrapped
     level.room_size = side
     level.width, level.height = ((side - 1) * n + 1 for n in (level.num_cols, level.num_rows))
@@ -104,7 +102,7 @@ def numbered(env):
 
 
 class Counted(VecEnvWrapper):
-    """Adds bonus / sqrt(n) to rewards, n the visits of an observation in its episode."""
+    """Adds bonus / sqrt(n) to rewards, n the visits of an observation in its unfinished episode."""
 
     def __init__(self, venv, bonus):
         super().__init__(venv)

@@ -59,7 +59,7 @@ class Weights(BaseCallback):
 
 def test_the_actor_starts_as_the_source_and_the_critic_does_not():
     observed, values, wanted = task_and_source()
-    shaping = cr.deep.PolicyReuse(source=source(observed, values))
+    shaping = cr.deep.PolicyReuse(source(observed, values))
     model = model_for(observed, learner(), shaping, seed=9)
     assert probabilities(model.policy) == pytest.approx(wanted, abs=0.05)
     rows = np.eye(5, dtype=np.float32)
@@ -68,7 +68,7 @@ def test_the_actor_starts_as_the_source_and_the_critic_does_not():
 
 def test_the_pull_falls_to_0_at_half_of_the_budget():
     observed, values, _ = task_and_source()
-    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=2.0)
+    shaping = cr.deep.PolicyReuse(source(observed, values), kl=2.0)
     model, weights = model_for(observed, learner(), shaping, seed=9), Weights()
     model.learn(STEPS, callback=weights)
     assert model.policy.kl_weight == 0.0
@@ -91,7 +91,7 @@ def gradients(policy, loss):
 @pytest.mark.parametrize("entropy", [0.0, 0.3])
 def test_the_pull_is_a_term_of_its_own_in_the_loss(entropy):
     observed, values, _ = task_and_source()
-    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=0.7)
+    shaping = cr.deep.PolicyReuse(source(observed, values), kl=0.7)
     model = model_for(observed, learner(ent_coef=entropy), shaping, seed=9)
     policy = model.policy
     with torch.no_grad():
@@ -130,7 +130,7 @@ class Annealed(BaseCallback):
 
 def test_the_weight_of_the_entropy_stays_the_learners_own():
     observed, values, _ = task_and_source()
-    shaping = cr.deep.WeightTransfer(source=source(observed, values), kl=0.7)
+    shaping = cr.deep.WeightTransfer(source(observed, values), kl=0.7)
     model, halved = model_for(observed, learner(ent_coef=0.5), shaping, seed=9), Annealed()
     model.learn(64, callback=halved)
     assert halved.seen[:3] == (0.5, 0.25, 0.125)
@@ -138,7 +138,7 @@ def test_the_weight_of_the_entropy_stays_the_learners_own():
 
 def test_a_killed_run_with_a_pull_goes_on_with_the_same_result(tmp_path):
     observed, values, _ = task_and_source()
-    shaping = cr.deep.PolicyReuse(source=source(observed, values), kl=1.0)
+    shaping = cr.deep.PolicyReuse(source(observed, values), kl=1.0)
 
     class Killed(Exception):
         pass

@@ -308,6 +308,35 @@ def test_a_reused_policy_is_acted_on_at_first(observed):
     assert np.array_equal(plain.greedy_return[:, 0], reusing.greedy_return[:, 0])
 
 
+class Rates(BaseCallback):
+    """Keeps the share of the budget that is left, and how often a learner explores."""
+
+    seen: ClassVar = []
+
+    def _on_step(self):
+        self.seen.append((self.model._current_progress_remaining, self.model.exploration_rate))
+        return True
+
+
+@pytest.mark.parametrize("way", [None, cr.deep.PolicyReuse])
+def test_schedules_follow_a_budget_in_episodes(observed, way):
+    settings = {**QUICK, "exploration_fraction": 0.5, "exploration_final_eps": 0.1}
+    learner = cr.deep.DeepLearner("DQN", settings=settings, callbacks=lambda: [Rates()])
+    phi = table_potential(MAZE, observed, cr.solve(MAZE).action_values)
+    shaping = None if way is None else way(phi)
+    Rates.seen.clear()
+    cr.deep.learn_deep(observed, learner, cr.learning.Episodes(4), shaping=shaping)
+    assert dict(Rates.seen[1:]) == pytest.approx({1.0: 1.0, 0.75: 0.55, 0.5: 0.1, 0.25: 0.1})
+
+
+@pytest.mark.parametrize(("episodes", "envs"), [(2, 8), (1, 3), (9, 8)])
+def test_episodes_are_counted_in_several_environments(observed, episodes, envs):
+    many = cr.deep.DeepLearner("PPO", envs=envs, settings={"n_steps": 16, "batch_size": 16})
+    result = cr.deep.learn_deep(observed, many, cr.learning.Episodes(episodes), eval_freq=10)
+    assert result.episodes[0].max() <= episodes + envs - 1
+    assert result.steps_used[0] <= (episodes + envs - 1) * MAZE.time_limit + envs - 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -332,6 +361,10 @@ def test_networks_have_values(observed):
     assert critic.v(rows).shape == (len(rows),)
     with pytest.raises(cr.errors.PotentialError, match="cannot tell actions apart"):
         critic.q(rows, np.tile(np.arange(4), (len(rows), 1)))
+    table = cr.deep.learn_deep(observed, DQN, 30).values[0]
+    for action in (-1, 4):
+        with pytest.raises(cr.errors.PotentialError, match=f"4 actions only: action {action} is"):
+            table.q(rows[:2], np.array([0, action]))
     soft = cr.deep.DeepLearner("SAC", settings={"learning_starts": 20})
     swing = cr.observation_task("Pendulum-v1", time_limit=20)
     values = cr.deep.learn_deep(swing, soft, 40).values[0]

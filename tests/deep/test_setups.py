@@ -1,5 +1,6 @@
 """What users of Stable-Baselines3 and RL Baselines3 Zoo bring works as it is."""
 
+import inspect
 from dataclasses import replace
 
 import gymnasium
@@ -8,10 +9,10 @@ import pytest
 import stable_baselines3 as sb3
 import torch
 from gymnasium.spaces import Box, Dict, Discrete
-from gymnasium.wrappers import FrameStackObservation
+from gymnasium.wrappers import FrameStackObservation, TransformObservation
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnvWrapper, VecNormalize
 
 import curricle as cr
 from curricle.deep import (
@@ -104,12 +105,19 @@ budget = 1_024
         ("true, false or a dict of clip_reward", {"normalize": 3}),
         (r"noise_type .* must be one of normal", {"noise_type": "pink", "noise_std": 0.1}),
         (r"must leave out .*: got seed", {"seed": 1}),
+        ("noise_type of a deep learner needs noise_std", {"noise_type": "normal"}),
     ],
 )
 def test_a_text_that_is_not_understood_is_refused(said, settings):
     with pytest.raises(cr.errors.SettingError, match=said) as caught:
         DeepLearner("PPO", settings=settings)
     assert "\n" not in str(caught.value)
+
+
+def test_arguments_and_settings_agree():
+    assert DeepLearner("PPO", envs=2, settings={"n_envs": 2}).envs == 2
+    with pytest.raises(cr.errors.SettingError, match=r"envs .* got 4 and n_envs = 2"):
+        DeepLearner("PPO", envs=4, settings={"n_envs": 2})
 
 
 def test_gamma_must_be_the_tasks_discount():
@@ -142,6 +150,12 @@ def test_statistics_are_those_of_vec_normalize():
     raw = torch.as_tensor(venv.get_original_obs())
     assert part(raw).numpy() == pytest.approx(seen, abs=1e-3)
     assert float(part.running_reward) == pytest.approx(np.sqrt(venv.ret_rms.var + venv.epsilon))
+
+
+def test_epsilon_is_added_to_variances():
+    learner = zoo(normalize={"norm_reward": False, "epsilon": 100.0})
+    (part,) = Standardized.of(models.model_for(CART, learner).policy)
+    assert part(torch.ones(1, 4)).numpy() == pytest.approx(np.full((1, 4), 101**-0.5))
 
 
 def test_a_network_keeps_its_statistics_wherever_it_goes(tmp_path):
@@ -259,6 +273,17 @@ def test_a_critic_of_shaped_rewards_stays_where_it_is():
         learn_deep(CART, learner, 64, shaping=WeightTransfer(source))
 
 
+def test_a_critic_whose_values_have_a_scale_stays_where_it_is():
+    learner = DeepLearner("PPO", settings=SMALL)
+    source = learn_deep(CART, learner, 64).values[0]
+    edge = cr.Transfer("other", "cart", cr.transfer.ObservationMapping(CART, CART), scale=10.0)
+    scaled = cr.transfer.ObservationPotential(CART, [edge], [source])
+    for phi in (scaled, cr.transfer.ObservationPotential.of(CART, source).rescaled(7.0)):
+        with pytest.raises(cr.errors.SettingError, match="has values with a scale"):
+            learn_deep(CART, learner, 64, shaping=WeightTransfer(phi))
+        learn_deep(CART, learner, 64, shaping=cr.deep.PolicyReuse(phi))
+
+
 def test_a_residual_refuses_rewards_in_other_units():
     phi = cr.transfer.FunctionValues(lambda seen, actions: 0.0 * actions, actions=2)
     learner = DeepLearner("DQN", settings={"normalize": True, "learning_starts": 10})
@@ -300,6 +325,68 @@ def test_noise_that_depends_on_states_is_kept_in_a_checkpoint(tmp_path, algorith
         learn_deep(task, killed, 128, eval_freq=32, saves=tmp_path)
     resumed = learn_deep(task, learner, 128, eval_freq=32, saves=tmp_path)
     assert np.array_equal(whole.greedy_return, resumed.greedy_return)
+    assert np.array_equal(whole.training_return, resumed.training_return, equal_nan=True)
+
+
+class Halved(VecEnvWrapper):
+    """Halves rewards."""
+
+    def reset(self):
+        return self.venv.reset()
+
+    def step_wait(self):
+        observations, rewards, dones, infos = self.venv.step_wait()
+        return observations, rewards / 2, dones, infos
+
+
+class Halving(sb3.PPO):
+    """PPO with a wrapper of its own around its environments."""
+
+    __signature__ = inspect.signature(sb3.PPO)
+
+    def __init__(self, policy, env, **settings):
+        super().__init__(policy, Halved(env) if env else env, **settings)
+
+
+def painted(env):
+    """Return an environment whose observations are pictures, channels last."""
+    space = Box(0, 255, (40, 40, 3), np.uint8)
+    return TransformObservation(env, lambda seen: np.full((40, 40, 3), seen[0] * 50 + 99), space)
+
+
+def goals(env):
+    """Return an environment with goals, for hindsight replay."""
+    space = Box(-9, 9, (1,), np.float32)
+    parts = {"observation": env.observation_space, "achieved_goal": space, "desired_goal": space}
+    env = TransformObservation(
+        env,
+        lambda seen: {"observation": seen, "achieved_goal": seen[:1], "desired_goal": 0 * seen[:1]},
+        Dict(parts),
+    )
+    env.compute_reward = lambda achieved, desired, infos: -np.abs(achieved - desired)[..., 0]
+    return env
+
+
+HINDSIGHT = {"replay_buffer_class": sb3.HerReplayBuffer, "learning_starts": 60, "train_freq": 4}
+
+
+@pytest.mark.parametrize(
+    ("learner", "encode"),
+    [
+        (DeepLearner(f"{__name__}:Halving", settings=SMALL), None),
+        (DeepLearner("PPO", "CnnPolicy", settings={"n_steps": 64, "batch_size": 32}), painted),
+        (DeepLearner("DQN", "MultiInputPolicy", settings=HINDSIGHT), goals),
+    ],
+)
+def test_a_killed_run_keeps_the_wrappers_of_its_environments(tmp_path, learner, encode):
+    task = cr.observation_task("CartPole-v1", encode=encode, time_limit=30)
+    whole = learn_deep(task, learner, 192, eval_freq=64)
+    killed = replace(learner, callbacks=lambda: [Killed(150)])
+    with pytest.raises(KeyboardInterrupt):
+        learn_deep(task, killed, 192, eval_freq=64, saves=tmp_path)
+    resumed = learn_deep(task, learner, 192, eval_freq=64, saves=tmp_path)
+    networks = [result.values[0].parameters() for result in (whole, resumed)]
+    assert all(np.array_equal(networks[0][name], networks[1][name]) for name in networks[0])
     assert np.array_equal(whole.training_return, resumed.training_return, equal_nan=True)
 
 

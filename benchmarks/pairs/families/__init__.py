@@ -1,4 +1,4 @@
-"""The families; constants of the library, the portfolio's excepted, are fitted on development alone."""
+"""The families; constants are fitted on the development ones alone, except the portfolio's."""
 
 from collections.abc import Callable
 from functools import cache

@@ -61,11 +61,11 @@ def distil(
 ) -> NetworkValues:
     """Return a network of a learner's kind that is fitted to knowledge and takes no steps."""
     check_spaces(task, learner)
-    small = splitmix64(stream_start(seed, "distillation")) >> 33
+    model_seed = splitmix64(stream_start(seed, "distillation")) >> 33
     with isolated(learner.threads):
-        model = model_for(task, learner, seed=small, steps=1)
+        model = model_for(task, learner, seed=model_seed, steps=1)
         model.env.close()
-        _fit(model.policy, knowledge, task, settings, small)
+        _fit(model.policy, knowledge, task, settings, model_seed)
     return NetworkValues(model.policy)
 
 

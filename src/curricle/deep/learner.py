@@ -5,11 +5,11 @@ import inspect
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from types import BuiltinFunctionType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
@@ -21,7 +21,7 @@ from curricle.tasks.observation_task import ObservationTask, plain_text, stable_
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
 EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budget
-SAVES = 20  # checkpoints to resume from that a run writes in all of its budget
+SAVES = 20  # checkpoints to resume from that a run writes over its budget
 LEAVES = (Box, Discrete, MultiDiscrete, MultiBinary)
 LEAST_SIDE = 36  # cells of a picture's side that the convolutions of ``NatureCNN`` need
 SMALLER = "a features_extractor_class such as SmallCNN in policy_kwargs reads smaller ones"
@@ -80,7 +80,13 @@ class DeepLearner:
         settings = read_zoo(self.settings)
         for name, stated in {"policy": "policy", "envs": "n_envs"}.items():
             if stated in settings:
-                object.__setattr__(self, name, settings.pop(stated))
+                argument, setting = getattr(self, name), settings.pop(stated)
+                if argument not in (type(self).__dict__[name], setting):
+                    raise SettingError(
+                        f"{name} of a deep learner must be the same in its settings: got "
+                        f"{argument} and {stated} = {setting}"
+                    )
+                object.__setattr__(self, name, setting)
         object.__setattr__(self, "settings", settings)
         for name in ("algorithm", "policy"):
             instance(f"{name} of a deep learner", getattr(self, name), str, SettingError)
@@ -114,14 +120,20 @@ class DeepLearner:
 
     @property
     def scheduled(self) -> bool:
-        """Whether a setting may change over the budget; an algorithm of the user's always may."""
+        """Whether a setting may change over the budget; True for every algorithm of the user's."""
         values = (value for value in self.settings.values() if not isinstance(value, type))
         return ":" in self.algorithm or self.algorithm in EXPLORING or any(map(callable, values))
+
+    @property
+    def normal(self) -> dict[str, Any]:
+        """The arguments of ``VecNormalize`` that its setting ``normalize`` states."""
+        stated = self.settings.get("normalize")
+        return {**stated} if isinstance(stated, Mapping) else {}
 
     def normalizes(self, what: str) -> bool:
         """Return whether it normalises observations (``norm_obs``) or rewards (``norm_reward``)."""
         stated = self.settings.get("normalize")
-        return bool(stated.get(what, True) if isinstance(stated, Mapping) else stated)
+        return bool(self.normal.get(what, True) if isinstance(stated, Mapping) else stated)
 
     def algorithm_class(self) -> Any:
         """Return the algorithm's class; ImportError without Stable-Baselines3."""
@@ -169,7 +181,7 @@ class Linear:
 
 
 def read_zoo(stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings with the texts of RL Baselines3 Zoo read, and without what it does itself."""
+    """Return settings with the texts of RL Baselines3 Zoo read, without the task's settings."""
     settings = {name: value for name, value in stated.items() if name not in LEFT_OUT}
     if left := {name: LEFT_OUT[name] for name in stated if name in LEFT_OUT}:
         whose = ", ".join(f"{name} ({owner} sets it)" for name, owner in left.items())
@@ -193,6 +205,8 @@ def read_zoo(stated: Mapping[str, Any]) -> dict[str, Any]:
                 ) from error
     noise = settings.get("noise_type", "normal")
     one_of("noise_type of a deep learner", noise, NOISE, SettingError)
+    if "noise_type" in settings and "noise_std" not in settings:
+        raise SettingError("noise_type of a deep learner needs noise_std: got none")
     normalize = settings.get("normalize")
     fits = isinstance(normalize, Mapping) and {*normalize} <= NORMAL
     if not (fits or normalize is None or isinstance(normalize, bool)):
@@ -319,7 +333,7 @@ def _encoder(parts: Mapping[str, Space[Any]]) -> str:
 class _OfNetworks(Shaping):
     """A source whose values are not read."""
 
-    source: Any = field(default=None, repr=False)
+    potential: Any = field(default=None, repr=False)
     kl: float = 0.0
 
     for_tables: ClassVar[bool] = False
@@ -330,13 +344,6 @@ class _OfNetworks(Shaping):
         super().__post_init__()
         number(f"kl of a {self.name}", self.kl, SettingError, low=0)
 
-    @property
-    def potential(self) -> Any:
-        return self.source
-
-    def with_potential(self, potential: Any) -> Self:
-        return replace(self, source=potential)
-
 
 @dataclass(frozen=True)
 class WeightTransfer(_OfNetworks):
@@ -344,7 +351,7 @@ class WeightTransfer(_OfNetworks):
 
     Parameters
     ----------
-    source : ObservationPotential or NetworkValues, optional
+    potential : ObservationPotential or NetworkValues, optional
         Filled in by a :class:`Curriculum`.
     kl : float
         As in :class:`PolicyReuse`.
@@ -366,7 +373,7 @@ class PolicyReuse(_OfNetworks):
 
     Parameters
     ----------
-    source : ObservationPotential or other ValueSource, optional
+    potential : ObservationPotential or other ValueSource, optional
         Filled in by a :class:`Curriculum`.
     kl : float
         Weight of KL(source's policy || learner's) in the loss of an actor-critic, which falls to 0

@@ -9,9 +9,11 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from curricle.arrays import IntArray
 from curricle.checks import instance, whole_number
-from curricle.deep.learner import DeepLearner, PolicyReuse, check_spaces
+from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.miniature import Miniatures, actor_of
 from curricle.errors import CurricleError, SettingError
 from curricle.files import Place, local_file, place_at, read_saved, write_in_folder
@@ -91,8 +93,8 @@ class TrainedPolicy:
     def save(self, path: str | Path) -> Path:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
 
-        It holds pickles: load your own files only, by ``PPO.load`` for instance. StoreError when it
-        cannot be written.
+        It holds pickles: load your own files only, by ``PPO.load`` for instance. SAC's entropy
+        coefficient is not kept and starts anew. StoreError when it cannot be written.
         """
         file = local_file(path)
         if not file.name.endswith(".zip"):
@@ -176,8 +178,13 @@ class DeepResult(LearningResult):
         """Return the arrays and the plain JSON that :meth:`save` writes."""
         arrays, about = super().parts_of_file()
         offsets = [getattr(values, "values_offset", None) for values in self.values or ()]
-        shaped = any(offset is not None for offset in offsets)
-        return arrays, about | {"shaped": True} if shaped else about
+        if all(offset is None for offset in offsets):
+            return arrays, about
+        from curricle.deep.models import traits  # needs torch
+
+        return arrays, about | {
+            "shaped": [traits(self.task, StateShaping(x)).tolist() for x in offsets]
+        }
 
     @classmethod
     def load(
@@ -217,15 +224,19 @@ class DeepResult(LearningResult):
         shapings = list(shaping) if isinstance(shaping, Sequence) else [shaping] * n
         if len(shapings) != n:
             raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(shapings)}")
-        known = [isinstance(x, StateShaping) and x.potential is not None for x in shapings]
-        if saved.about.get("shaped") and not all(known):
-            raise SettingError(
-                "networks that learnt Q - Phi must be loaded with the StateShaping that they were "
-                f"trained with: got {shaping!r}"
-            )
         learner.algorithm_class()  # raises ImportError that names what to install
-        from curricle.deep.models import network_values
+        from curricle.deep.models import network_values, traits
 
+        shapings = [shaping and _of_observations(task, learner, shaping) for shaping in shapings]
+        offsets = [shaping if isinstance(shaping, StateShaping) else None for shaping in shapings]
+        trained = saved.about.get("shaped", [[]] * n)
+        for offset, saved_traits in zip(offsets, trained, strict=True):
+            phi = traits(task, offset)
+            if len(phi) != len(saved_traits) or not np.allclose(phi, saved_traits, rtol=1e-3):
+                raise SettingError(
+                    "networks must be loaded with the StateShaping that they were trained with, "
+                    f"and without any if they had none: got {shaping!r}"
+                )
         try:
             values = tuple(
                 network_values(task, learner, seed_shaping, parameters)
@@ -372,11 +383,13 @@ def learn_deep(
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     longest = longest_run(task.longest, budget, eval_freq)
+    if isinstance(budget, Episodes):  # the last of them ends beside unfinished ones
+        longest += (learner.envs - 1) * (task.longest or 0)
     settings = seed_settings(
         seeds,
         learner,
         (steps, episodes),
-        lambda shaping: _of_observations(task, learner, shaping, budget),
+        lambda shaping: _of_observations(task, learner, shaping),
         shaping=shaping,
         warm_up=warm_up,
         charged=charged,
@@ -413,9 +426,7 @@ def check_evaluation(evaluation: GreedyEvaluation) -> None:
         )
 
 
-def _of_observations(
-    task: ObservationTask, learner: DeepLearner, shaping: Shaping, budget: Budget
-) -> Shaping:
+def _of_observations(task: ObservationTask, learner: DeepLearner, shaping: Shaping) -> Shaping:
     """Return the shaping with a potential of the task's observations."""
     potential = shaping.potential
     if potential is None:
@@ -425,13 +436,6 @@ def _of_observations(
     if potential.task != task:
         raise SettingError(
             f"a potential must be made for the task it shapes: it belongs to {potential.task}"
-        )
-    acts = isinstance(shaping, PolicyReuse) and potential.of_actions
-    acts = acts and "buffer_size" in learner.takes
-    if isinstance(budget, Episodes) and (getattr(shaping, "kl", 0.0) > 0 or acts):
-        raise SettingError(
-            "a source's policy is followed in the first half of a budget in steps: "
-            f"{shaping.name} got {budget}"
         )
     of_states = shaping.starts_at_potential and not potential.of_actions
     if of_states and "buffer_size" in learner.takes:

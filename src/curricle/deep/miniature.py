@@ -318,9 +318,9 @@ class SolvedMember:
 
     def examined(self, values: Any) -> Examined:
         """Return a network's returns on the held-out levels, or on all if none is held out."""
-        apart = np.where(self.training, 0.0, self.table.mdp.start)
-        held_out = bool(apart.any())
-        start = apart if held_out else self.table.mdp.start
+        held_out_start = np.where(self.training, 0.0, self.table.mdp.start)
+        held_out = bool(held_out_start.any())
+        start = held_out_start if held_out else self.table.mdp.start
         size = self.table.states.size, self.table.actions.size
 
         def worth(policy: Any) -> float:

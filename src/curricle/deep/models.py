@@ -22,7 +22,13 @@ from stable_baselines3 import A2C, PPO
 from stable_baselines3.common import noise as action_noise
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecEnv,
+    VecEnvWrapper,
+    VecNormalize,
+)
 
 from curricle.arrays import FloatArray
 from curricle.deep.learner import (
@@ -35,7 +41,7 @@ from curricle.deep.learner import (
     residual_policy,
 )
 from curricle.deep.networks import NetworkValues, Standardized, acting
-from curricle.deep.vec_env import NormalizedRewards, ShapedVecEnv
+from curricle.deep.vec_env import ShapedVecEnv, set_whole_state, whole_state
 from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, LostStoreError, SettingError, StoreError, reason
 from curricle.files import Place, RemotePath, opened_regular, write_whole
@@ -77,7 +83,7 @@ def model_for(
         kwargs = dict(settings.get("policy_kwargs") or {})
         of_kind = {"features_extractor_class", "features_extractor_kwargs"}
         inner = {name.removeprefix("features_"): kwargs.pop(name) for name in of_kind & {*kwargs}}
-        inner["scales"] = normalizes[0]
+        inner["epsilon"] = learner.normal.get("epsilon", 1e-8) if normalizes[0] else None
         kwargs |= {"features_extractor_class": Standardized, "features_extractor_kwargs": inner}
         settings["policy_kwargs"] = kwargs
     policy: Any = learner.policy
@@ -130,9 +136,7 @@ def environments(
     venv = venv if phi is None else ShapedVecEnv(venv, phi)
     if not learner.normalizes("norm_reward"):
         return venv
-    stated = learner.settings["normalize"]
-    options = {**stated} if isinstance(stated, Mapping) else {}
-    return NormalizedRewards(venv, **{**options, "norm_obs": False, "gamma": task.discount})
+    return VecNormalize(venv, **{**learner.normal, "norm_obs": False, "gamma": task.discount})
 
 
 def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
@@ -180,11 +184,11 @@ def network_values(
     parameters: Mapping[str, npt.NDArray[Any]],
 ) -> NetworkValues:
     """Return the values of a trained network, from :meth:`NetworkValues.parameters`."""
-    known = shaping if shaping is not None and shaping.reads_values else None
+    read = shaping if shaping is not None and shaping.reads_values else None
     with isolated(learner.threads):
-        model = model_for(task, learner, known, steps=1)
+        model = model_for(task, learner, read, steps=1)
     model.env.close()
-    values = NetworkValues(model.policy, subtracted(known))
+    values = NetworkValues(model.policy, subtracted(read))
     values.load(parameters)
     return values
 
@@ -258,9 +262,9 @@ class DeepRun:
                 )
             else:
                 check_source(saves, saved.progress.source, source)
-                kind, held = saved.model
+                kind, attributes = saved.model
                 model, progress = object.__new__(kind), saved.progress
-                model.__dict__.update(held)
+                model.__dict__.update(attributes)
                 set_generators(saved.states)
             values = NetworkValues(model.policy, subtracted(shaping))
             progress.source = source
@@ -273,6 +277,9 @@ class DeepRun:
                 model.set_env(venv, force_reset=True)
                 if saved is not None and saved.returns is not None:
                     model.get_vec_normalize_env().ret_rms = saved.returns
+            buffer = getattr(model, "replay_buffer", None)
+            if getattr(buffer, "env", model.env) is None:  # hindsight replay's is not pickled
+                buffer.set_env(model.env)
             if saved is not None:
                 recorder.resumed = Noise.of(model, saved.states)
             try:
@@ -381,6 +388,8 @@ class Recorder(BaseCallback):
     def _on_training_start(self) -> None:
         progress = self.progress
         self._standardized = [*Standardized.of(self.model.policy)]
+        if self.run.steps > self.run.longest:  # the budget is in episodes
+            self.model._update_current_progress_remaining = self._count_episodes
         if not progress.begun_learning:
             greedy = self._evaluation(0)
             progress.record.greedy_return[: progress.checkpoint] = greedy
@@ -389,6 +398,10 @@ class Recorder(BaseCallback):
             progress.begun_learning = True
         elif self.resumed is not None and self.resumed.of_actions is not None:
             self.model.action_noise = self.resumed.of_actions
+
+    def _count_episodes(self, *_: int) -> None:
+        """Set the share of the budget that is left, which schedules follow."""
+        self.model._current_progress_remaining = 1 - self.progress.episodes / self.run.episodes
 
     def _on_rollout_start(self) -> None:
         if self.resumed is not None:
@@ -464,7 +477,8 @@ class Recorder(BaseCallback):
 
 # -- checkpoints: all that a run needs to resume with the same result ------------------------------
 
-LEFT_OUT = ("_logger",)  # attributes of a model that hold open files, and are created again
+# Attributes of a model that are set again: one holds open files, one this run's progress.
+LEFT_OUT = "_logger", "_update_current_progress_remaining"
 
 
 class Saved(NamedTuple):
@@ -478,9 +492,14 @@ class Saved(NamedTuple):
 
 
 class _Packing(cloudpickle.Pickler):
-    """Leaves out the zeros that end a large array, and writes small whole numbers as bytes."""
+    """Leaves out the zeros that end a large array, and writes small whole numbers as bytes.
+
+    Wrappers of vector environments are written with all that they wrap, as they are not otherwise.
+    """
 
     def reducer_override(self, obj: Any) -> Any:
+        if isinstance(obj, VecEnvWrapper):
+            return _wrapping, (type(obj), whole_state(obj))
         if not isinstance(obj, np.ndarray) or obj.nbytes < 2**20 or obj.dtype.kind not in "biuf":
             return super().reducer_override(obj)
         rows = np.ascontiguousarray(obj).reshape(len(obj), -1)
@@ -493,6 +512,12 @@ class _Packing(cloudpickle.Pickler):
         return _unpacked, (obj.shape, obj.dtype, used.dtype, used.tobytes())
 
 
+def _wrapping(kind: type[VecEnvWrapper], state: dict[str, Any]) -> VecEnvWrapper:
+    wrapper = object.__new__(kind)
+    set_whole_state(wrapper, state)
+    return wrapper
+
+
 def _unpacked(shape: tuple[int, ...], dtype: Any, packed: Any, content: bytes) -> Any:
     array, used = np.zeros(shape, dtype), np.frombuffer(content, packed)
     array.reshape(-1)[: used.size] = used
@@ -501,13 +526,13 @@ def _unpacked(shape: tuple[int, ...], dtype: Any, packed: Any, content: bytes) -
 
 def save_checkpoint(path: Place, run: str, model: Any, progress: Progress) -> None:
     """Write a checkpoint, whole or not at all."""
-    held = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
-    returns = getattr(held.get("_vec_normalize_env"), "ret_rms", None)
+    attributes = {name: value for name, value in vars(model).items() if name not in LEFT_OUT}
+    returns = getattr(attributes.get("_vec_normalize_env"), "ret_rms", None)
 
     def pickled(**changed: Any) -> bytes:
         file = io.BytesIO()
-        attributes = type(model), held | changed
-        saved = Saved(run, attributes, progress, generator_states(), returns)
+        packed = type(model), attributes | changed
+        saved = Saved(run, packed, progress, generator_states(), returns)
         _Packing(file).dump(saved)
         return file.getvalue()
 

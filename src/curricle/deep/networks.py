@@ -97,10 +97,11 @@ class NetworkValues:
             raise no_actions(self)
         if self.of_actions:
             pairs, chosen = self._outputs(observations), np.asarray(actions)
-            if chosen.max(initial=0) >= pairs.shape[1]:
+            unknown = chosen[(chosen < 0) | (chosen >= pairs.shape[1])]
+            if unknown.size:
                 raise PotentialError(
                     f"a network has values of its own {pairs.shape[1]} actions only: action "
-                    f"{chosen.max()} is asked for; a mapping's actions= names the source's"
+                    f"{unknown[0]} is asked for; a mapping's actions= names the source's"
                 )
             rows = np.arange(len(pairs))
             values = pairs[rows[:, None] if chosen.ndim == 2 else rows, chosen]
@@ -285,8 +286,8 @@ class Standardized(BaseFeaturesExtractor):
     """Standardises boxes of numbers by their mean and spread so far, for another extractor.
 
     It does inside a network what ``VecNormalize`` does before it, so that whoever reads the network
-    needs no statistics beside it. It also holds the spread by which rewards were divided; without
-    `scales` it does nothing else.
+    needs no statistics beside it. It also holds the spread by which rewards were divided; if
+    `epsilon`, which is added to variances, is None, it does nothing else.
     """
 
     def __init__(
@@ -295,7 +296,7 @@ class Standardized(BaseFeaturesExtractor):
         extractor_class: Any = None,
         extractor_kwargs: Mapping[str, Any] | None = None,
         *,
-        scales: bool = True,
+        epsilon: float | None = 1e-8,
     ):
         whole = isinstance(observation_space, Dict)
         usual = NatureCNN if is_image_space(observation_space) else FlattenExtractor
@@ -304,8 +305,9 @@ class Standardized(BaseFeaturesExtractor):
         )
         super().__init__(observation_space, inner.features_dim)
         parts = observation_space.spaces if whole else {"": observation_space}
-        boxes = (key for key, part in parts.items() if scales and isinstance(part, Box))
-        self.inner, self.numbers = inner, {key: f"running_{i}" for i, key in enumerate(boxes)}
+        boxes = [key for key, part in parts.items() if isinstance(part, Box)]
+        self.inner, self.epsilon = inner, epsilon
+        self.numbers = {key: f"running_{i}" for i, key in enumerate(boxes) if epsilon is not None}
         for key, name in self.numbers.items():
             self.register_buffer(f"{name}_mean", torch.zeros(parts[key].shape))
             self.register_buffer(f"{name}_var", torch.ones(parts[key].shape))
@@ -340,7 +342,7 @@ class Standardized(BaseFeaturesExtractor):
         scaled = dict(observations) if isinstance(observations, Mapping) else {"": observations}
         for key, name in self.numbers.items():
             shift, var = getattr(self, f"{name}_mean"), getattr(self, f"{name}_var")
-            scaled[key] = ((scaled[key] - shift) / torch.sqrt(var + 1e-8)).clamp(-10, 10)
+            scaled[key] = ((scaled[key] - shift) / torch.sqrt(var + self.epsilon)).clamp(-10, 10)
         return self.inner(scaled if isinstance(observations, Mapping) else scaled[""])
 
 

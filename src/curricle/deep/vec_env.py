@@ -25,30 +25,24 @@ try:
     from stable_baselines3.common.vec_env import (
         VecEnv,
         VecEnvWrapper,
-        VecNormalize,
         unwrap_vec_normalize,
     )
 except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
-    VecEnv = VecEnvWrapper = VecNormalize = object
+    VecEnv = VecEnvWrapper = object
 
 
-class _Whole:
-    """Pickles a wrapper with all that it wraps."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        state = self.__dict__.copy()
-        del state["class_attributes"]  # the class's members, of which some cannot be pickled
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, class_attributes=dict(inspect.getmembers(type(self))))
+def whole_state(wrapper: Any) -> dict[str, Any]:
+    """Return the attributes of a wrapper, with the environments, that can be pickled."""
+    # class_attributes are the class's members, of which some cannot be.
+    return {name: value for name, value in vars(wrapper).items() if name != "class_attributes"}
 
 
-class NormalizedRewards(_Whole, VecNormalize):
-    """``VecNormalize`` with its environments in a checkpoint, which that leaves out."""
+def set_whole_state(wrapper: Any, state: dict[str, Any]) -> None:
+    """Set what :func:`whole_state` returned."""
+    vars(wrapper).update(state, class_attributes=dict(inspect.getmembers(type(wrapper))))
 
 
-class ShapedVecEnv(_Whole, Shaped, VecEnvWrapper):
+class ShapedVecEnv(Shaped, VecEnvWrapper):
     """Adds F = gamma Phi(s', t + 1) - Phi(s, t) to the rewards of each of n sub-environments.
 
     It is :class:`PotentialShaping` for Stable-Baselines3, with the entries of its ``info``;
@@ -145,6 +139,8 @@ class ShapedVecEnv(_Whole, Shaped, VecEnvWrapper):
             shaped_infos.append({**info, **shown, **done.ended.get(i, {})})
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
         return observations, shaped, dones, shaped_infos
+
+    __getstate__, __setstate__ = whole_state, set_whole_state
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""

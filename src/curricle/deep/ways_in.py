@@ -217,7 +217,7 @@ class PotentialCache:
 
 
 def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
-    """Load the only source's parameters into a model: all, or those its actor uses."""
+    """Load the only source's parameters into a model: all, or the actor's."""
     for edge in shaping.potential.edges:
         mapping = edge.mapping
         # Weights are compared by shape, so that a mapping may bridge spaces of other bounds.
@@ -236,12 +236,16 @@ def carry_over(model: Any, shaping: Shaping, *, actor_alone: bool) -> None:
         raise SettingError(
             "weights must come from a network that computes all of Q: got a residual on a potential"
         )
-    scaled = any(part.running_reward != 1 for part in Standardized.of(source.policy))
-    if not actor_alone and (scaled or source.values_offset is not None):
+    (edge,), spreads = shaping.potential.edges, Standardized.of(source.policy)
+    normalized = any(part.running_reward != 1 for part in spreads)
+    foreign = ["learnt from normalised rewards"] * normalized
+    foreign += ["learnt from shaped rewards"] * (source.values_offset is not None)
+    rescaled = (edge.scale, edge.shift, shaping.potential.scale) != (1, 0, 1)
+    foreign += ["has values with a scale or a shift"] * rescaled
+    if foreign and not actor_alone:
         raise SettingError(
             f"{shaping.name} takes over a critic, whose values must be of the task's own rewards: "
-            f"{shaping.potential.edges[0].source!r} learnt from "
-            f"{'normalised' if scaled else 'shaped'} rewards; PolicyReuse takes over the actor"
+            f"{edge.source!r} {foreign[0]}; PolicyReuse takes over the actor"
         )
     in_target, in_source = model.policy.state_dict(), source.policy.state_dict()
     left = (*VALUE_HEAD, "critic") if actor_alone else ()

@@ -196,7 +196,7 @@ def _pay_one(env: Environment) -> str:
 
 
 def _time(number: int, env: Any) -> int:
-    """Return times before an episode's end in an order in which consecutive times are far apart."""
+    """Return a time before an episode's end; times of consecutive numbers are far apart."""
     return int(number * 0.618034 % 1 * max(1, env.max_steps - 1))
 
 
@@ -306,7 +306,7 @@ def quicken(env: Any) -> None:
 
 
 def observes_itself(env: Any) -> bool:
-    """Return whether nobody has replaced an environment's own observations by others."""
+    """Return whether an environment's observations are MiniGrid's own."""
     replaced: Any = vars(env).get("gen_obs")
     return replaced is None or getattr(replaced, "func", None) is observation_of
 

@@ -231,8 +231,8 @@ class StateAccess(ABC):
     """Saves and restores the states of one environment while it is tabulated."""
 
     copies: bool  # whether each restored state has an environment of its own, with wrappers
-    hint = ""  # what else may be the matter where a repeated step leads elsewhere
-    note = ""  # what the tables say in another way than the environment
+    hint = ""  # another possible cause where a repeated step leads elsewhere
+    note = ""  # how the tables differ from the environment
 
     def prepare(self, env: Environment) -> None:  # noqa: B027 - many have nothing to do
         """Change the environment once, before it is tabulated."""
@@ -604,8 +604,8 @@ class World:
     _observed: Any = None  # what the last step or reset returned
 
     def __post_init__(self) -> None:
-        apart = not self.access.copies
-        self.core, self.views, self.acts = core_and_views(self.env, views_apart=apart)
+        views_apart = not self.access.copies
+        self.core, self.views, self.acts = core_and_views(self.env, views_apart=views_apart)
         self.now = self.core
         self.access.prepare(self.env)
 

@@ -1,8 +1,8 @@
 """Any Gymnasium environment as tables, by visiting every state that can be reached.
 
 Tabulation saves states, restores them, and steps. Deep copies do this for every environment.
-Equivalent states are merged, so that counters and notes do no harm. Episodes are then played beside
-the tables: they find what a way of saving states has missed.
+Equivalent states are merged, so that counters add no states. Episodes are then played beside the
+tables: they find parts of a state that were not saved.
 """
 
 import os
@@ -613,7 +613,7 @@ def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -
 # -- tables in a file -----------------------------------------------------------------------------
 
 
-def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
+def read_tables(path: Path, origin: dict[str, Any]) -> Made | None:
     """Return the tables of a file, None if there is no file."""
     if not path.exists():
         if not os.access(path.parent, os.W_OK):
@@ -621,7 +621,7 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
         return None
     file = read_saved(path, KIND)
     arrays, about = file.arrays, file.about
-    for aspect, value in made_of.items():
+    for aspect, value in origin.items():
         if about.get(aspect) != value:
             raise StoreError(
                 f"a cache must hold tables of the same {aspect}; else name another file: {path} "
@@ -642,7 +642,7 @@ def read_tables(path: Path, made_of: dict[str, Any]) -> Made | None:
         raise StoreError(f"{path} is not as tabulate() writes it: {error!r}") from None
 
 
-def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
+def write_tables(path: Path, origin: dict[str, Any], made: Made) -> None:
     """Write tables, with the description that :func:`made_of` returns."""
     tables, record = made
     arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
@@ -655,7 +655,7 @@ def write_tables(path: Path, made_of: dict[str, Any], made: Made) -> None:
         "observed": tables.observations is not None,
         "record": asdict(record),
     }
-    write_saved(path, KIND, arrays, about | made_of)
+    write_saved(path, KIND, arrays, about | origin)
 
 
 def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
