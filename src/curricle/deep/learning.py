@@ -182,9 +182,8 @@ class DeepResult(LearningResult):
             return arrays, about
         from curricle.deep.models import traits  # needs torch
 
-        return arrays, about | {
-            "shaped": [traits(self.task, StateShaping(x)).tolist() for x in offsets]
-        }
+        phis = [traits(self.task, StateShaping(offset)).tolist() for offset in offsets]
+        return arrays, about | {"shaped": phis}
 
     @classmethod
     def load(

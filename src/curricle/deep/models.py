@@ -19,16 +19,9 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from stable_baselines3 import A2C, PPO
-from stable_baselines3.common import noise as action_noise
+from stable_baselines3.common import noise as action_noise, vec_env
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
-    SubprocVecEnv,
-    VecEnv,
-    VecEnvWrapper,
-    VecNormalize,
-)
 
 from curricle.arrays import FloatArray
 from curricle.deep.learner import (
@@ -128,15 +121,17 @@ def model_for(
 
 def environments(
     task: ObservationTask, learner: DeepLearner, shaping: Shaping | None, *, processes: bool = False
-) -> VecEnv:
+) -> vec_env.VecEnv:
     """Return new sub-environments, with their rewards shaped where the shaping does so."""
     makers = [lambda: Monitor(task.environment())] * learner.envs
-    venv: VecEnv = SubprocVecEnv(makers) if processes else DummyVecEnv(makers)
+    kind: Any = vec_env.SubprocVecEnv if processes else vec_env.DummyVecEnv
     phi = subtracted(shaping)
-    venv = venv if phi is None else ShapedVecEnv(venv, phi)
+    venv = kind(makers) if phi is None else ShapedVecEnv(kind(makers), phi)
     if not learner.normalizes("norm_reward"):
         return venv
-    return VecNormalize(venv, **{**learner.normal, "norm_obs": False, "gamma": task.discount})
+    return vec_env.VecNormalize(
+        venv, **{**learner.normal, "norm_obs": False, "gamma": task.discount}
+    )
 
 
 def subtracted(shaping: Shaping | None) -> ObservationPotential | None:
@@ -246,20 +241,14 @@ class DeepRun:
         """Train a seed and return its outcome; resume from the file `saves`, and save to it."""
         start = stream_start(seed, self.stream)
         run = self._named(start, shaping, f"{charged} charged, {warm_up.steps} before learning")
-        left = self.steps - charged - warm_up.steps
+        left, processes = self.steps - charged - warm_up.steps, self.learner.processes
         with isolated(self.learner.threads):
             source = np.empty(0) if saves is None else traits(self.task, shaping)
             saved = None if saves is None else load_checkpoint(saves, run)
             if saved is None:
                 progress = Progress.begun(self, warm_up)
-                model = model_for(
-                    self.task,
-                    self.learner,
-                    shaping,
-                    seed=splitmix64(start) >> 33,
-                    steps=left,
-                    processes=self.learner.processes,
-                )
+                fresh: dict[str, Any] = {"seed": splitmix64(start) >> 33, "steps": left}
+                model = model_for(self.task, self.learner, shaping, **fresh, processes=processes)
             else:
                 check_source(saves, saved.progress.source, source)
                 kind, attributes = saved.model
@@ -271,7 +260,6 @@ class DeepRun:
             place = None if saves is None else (saves, run)
             recorder = Recorder(self, progress, values, self.steps - charged, start, place)
             if model.env is None:  # it could not be pickled: a new episode begins
-                processes = self.learner.processes
                 venv = environments(self.task, self.learner, shaping, processes=processes)
                 venv.seed(splitmix64(start ^ model.num_timesteps) >> 33)
                 model.set_env(venv, force_reset=True)
@@ -439,14 +427,12 @@ class Recorder(BaseCallback):
 
     def _evaluation(self, number: int) -> float:
         """Return the policy's mean return at a checkpoint; NaN if evaluation is off."""
-        if self.environments is None:
+        if (played := self.environments) is None:
             return float("nan")
         seed, evaluation = splitmix64(self.start ^ (number + 1)), self.run.evaluation
-        actor = acting(
-            self.values.policy, self.environments.environments, sampled=evaluation.sampled
-        )
+        actor = acting(self.values.policy, played.environments, sampled=evaluation.sampled)
         with isolated(seed=seed):
-            episodes = self.environments.rollouts(actor, seed)
+            episodes = played.rollouts(actor, seed)
         self.progress.evaluation_steps += sum(len(episode.rewards) for episode in episodes)
         return mean_episode_return(episodes, evaluation.discount(self.run.task))
 
@@ -492,14 +478,12 @@ class Saved(NamedTuple):
 
 
 class _Packing(cloudpickle.Pickler):
-    """Leaves out the zeros that end a large array, and writes small whole numbers as bytes.
-
-    Wrappers of vector environments are written with all that they wrap, as they are not otherwise.
-    """
+    """Leaves out zeros that end a large array, and writes small whole numbers as bytes."""
 
     def reducer_override(self, obj: Any) -> Any:
-        if isinstance(obj, VecEnvWrapper):
-            return _wrapping, (type(obj), whole_state(obj))
+        if isinstance(obj, vec_env.VecEnvWrapper):  # with its environments
+            made = object.__new__, (type(obj),)
+            return *made, whole_state(obj), None, None, set_whole_state
         if not isinstance(obj, np.ndarray) or obj.nbytes < 2**20 or obj.dtype.kind not in "biuf":
             return super().reducer_override(obj)
         rows = np.ascontiguousarray(obj).reshape(len(obj), -1)
@@ -510,12 +494,6 @@ class _Packing(cloudpickle.Pickler):
         if np.array_equal(small, used) and not (used.dtype.kind == "f" and np.signbit(used).any()):
             used = small
         return _unpacked, (obj.shape, obj.dtype, used.dtype, used.tobytes())
-
-
-def _wrapping(kind: type[VecEnvWrapper], state: dict[str, Any]) -> VecEnvWrapper:
-    wrapper = object.__new__(kind)
-    set_whole_state(wrapper, state)
-    return wrapper
 
 
 def _unpacked(shape: tuple[int, ...], dtype: Any, packed: Any, content: bytes) -> Any:
