@@ -182,7 +182,8 @@ class DeepResult(LearningResult):
             return arrays, about
         from curricle.deep.models import traits  # needs torch
 
-        phis = [traits(self.task, StateShaping(offset)).tolist() for offset in offsets]
+        task: Any = self.task
+        phis = [traits(task, StateShaping(offset)).tolist() for offset in offsets]
         return arrays, about | {"shaped": phis}
 
     @classmethod

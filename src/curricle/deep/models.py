@@ -265,7 +265,7 @@ class DeepRun:
                 model.set_env(venv, force_reset=True)
                 if saved is not None and saved.returns is not None:
                     model.get_vec_normalize_env().ret_rms = saved.returns
-            buffer = getattr(model, "replay_buffer", None)
+            buffer: Any = getattr(model, "replay_buffer", None)
             if getattr(buffer, "env", model.env) is None:  # hindsight replay's is not pickled
                 buffer.set_env(model.env)
             if saved is not None:
