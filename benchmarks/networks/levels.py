@@ -63,23 +63,28 @@ ENDS = {
 
 
 class Grid(gym.Wrapper):
-    """An environment of classic control on a grid of states; each action is held for some steps."""
+    """An environment of classic control on a grid of states; each action is held for some steps.
 
-    def __init__(self, id, points, held):
+    Its values are those of the environment if its task's discount is discount^held.
+    """
+
+    def __init__(self, id, points, held, discount=0.99):
         super().__init__(numbered(gym.make(id).unwrapped))
         self.axes = [np.linspace(*ends, points) for ends in ENDS[id]]
-        self.held = held
+        self.held, self.discount = held, discount
 
     def reset(self, **options):
         _, info = self.env.reset(**options)
         return self.rounded(), info
 
     def step(self, action):
-        for _ in range(self.held):
+        total = 0.0
+        for k in range(self.held):
             _, reward, terminated, truncated, info = self.env.step(action)
+            total += self.discount**k * float(reward)
             if terminated:
                 break
-        return self.rounded(), reward, terminated, truncated, info
+        return self.rounded(), total, terminated, truncated, info
 
     def rounded(self):
         env = self.unwrapped

@@ -64,6 +64,7 @@ def control(name: str, points: int, held: int, zoo: list[str], qr: list[str]) ->
         f'tasks.small.members=[{{ factory = "levels:Grid", arguments = {arguments} }}]',
         "tasks.small.encode=levels:numbered",
         f"tasks.small.charged={held}",
+        f"tasks.small.discount={0.99**held}",
         "learner.settings.normalize={ norm_reward = false }",
         *(f"{learner}.{x}" for x in zoo for learner in ("learner", "scratch_learners.zoo")),
         "scratch_learners.QR-DQN.envs=1",
