@@ -79,6 +79,20 @@ def test_the_pull_falls_to_0_at_half_of_the_budget():
     assert all(b < a for a, b in zip(weights.seen[1:half], weights.seen[2:half], strict=False))
 
 
+def test_the_pull_falls_to_0_at_half_of_a_budget_in_episodes():
+    observed, values, _ = task_and_source()
+    weights = Weights()
+    pulled = cr.deep.DeepLearner(
+        "PPO", settings={**learner().settings, "n_steps": 64}, callbacks=lambda: [weights]
+    )
+    shaping = cr.deep.PolicyReuse(source(observed, values), kl=2.0)
+    cr.deep.learn_deep(observed, pulled, cr.learning.Episodes(400), shaping=shaping)
+    half = next(k for k, weight in enumerate(weights.seen) if weight == 0.0)
+    assert 2.0 >= weights.seen[0] > weights.seen[half - 1] > 0.0
+    assert 0.3 < half / len(weights.seen) < 0.7
+    assert all(weight == 0.0 for weight in weights.seen[half:])
+
+
 def gradients(policy, loss):
     policy.zero_grad()
     loss.backward()

@@ -450,8 +450,7 @@ class Curriculum:
             alike = learner == self.setting("learner", edges[0].source)
             critic = isinstance(learner, DeepLearner) and learner.algorithm in ACTOR_CRITICS
             if critic and alike and edges[0].mapping.is_identity:
-                by_episodes = isinstance(self.setting("budget", name), Episodes)
-                return WeightTransfer(kl=0.0 if by_episodes else PULL)
+                return WeightTransfer(kl=PULL)
         # A portfolio needs dense tables and a learner that is not optimistic itself. The limit does
         # not depend on the machine's memory.
         possible = isinstance(learner, Learner) and not isinstance(learner, OptimisticQLearning)
