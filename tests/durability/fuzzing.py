@@ -21,7 +21,8 @@ takes up to 20, distilling the miniatures of a network up to 30, trials of three
 WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
 ADDRESSES = 8 << 30
-"""Bytes that a study may take: the examples' own code, told of 2^63 places, takes what there is."""
+"""Bytes that a study may take beside those that the process has: the examples' own code, told of
+2^63 places, takes what there is. Without a reserve a thread may begin and never say so."""
 CALL = "made = make(**self.arguments)"
 """Calls own code; what that leaves behind is freed there."""
 
@@ -34,7 +35,7 @@ class Hang(BaseException):
 def limited(seconds: float):
     """Raise Hang in the block after so many seconds of processor time, or WAITING times as many.
 
-    The block has at most ADDRESSES bytes of memory.
+    The block may take ADDRESSES bytes of memory.
     """
 
     def end(*_):
@@ -44,7 +45,9 @@ def limited(seconds: float):
     before = {number: signal.signal(number, end) for number in timers}
     memory, most = resource.getrlimit(resource.RLIMIT_AS)
     try:
-        resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, most))
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+        taken = pages * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (taken + ADDRESSES, most))
         # Again and again: where a thread gets no memory to start, waiting for it would never end.
         signal.setitimer(signal.ITIMER_PROF, seconds, seconds)
         signal.setitimer(signal.ITIMER_REAL, WAITING * seconds, seconds)
