@@ -22,7 +22,7 @@ WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
 ADDRESSES = 8 << 30
 """Bytes that a study may take beside those that the process has: the examples' own code, told of
-2^63 places, takes what there is. Without a reserve a thread may begin and never say so."""
+2^63 places, takes what there is. Where memory is short, the start of a thread may wait for ever."""
 CALL = "made = make(**self.arguments)"
 """Calls own code; what that leaves behind is freed there."""
 
