@@ -20,7 +20,7 @@ SECONDS = 240
 takes up to 20, distilling the miniatures of a network up to 30, trials of three arms up to 120."""
 WAITING = 6
 """Seconds on the clock for one of processor time: what waits for something takes none."""
-ADDRESSES = 8 << 30
+ADDRESSES = 4 << 30
 """Bytes that a study may take beside those that the process has: the examples' own code, told of
 2^63 places, takes what there is. Where memory is short, the start of a thread may wait for ever."""
 CALL = "made = make(**self.arguments)"
