@@ -5,7 +5,7 @@ what is ahead, what it carries. A network learns from the vector itself. A table
 state for the current errand (fetch the key, open the door, reach the goal), the offset to it, and
 what is ahead. The tables of errands of all rooms have the same states, and networks read them.
 
-    pip install "curricle[minigrid]"
+    pip install "curricle[deep,minigrid]"
 """
 
 from functools import partial

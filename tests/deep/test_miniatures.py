@@ -72,6 +72,7 @@ def test_an_actor_critic_starts_as_what_was_distilled_unless_told_otherwise():
 
     kept_near = cr.deep.WeightTransfer(kl=PULL)
     assert shaping(PPO) == kept_near
+    assert shaping(PPO, budget=cr.Episodes(3)) == kept_near
     assert shaping(cr.deep.DeepLearner("DQN")) == cr.QInitialisation()
     other = cr.deep.DeepLearner("A2C")
     apart = plan(None).replace("large", learner=other)

@@ -25,7 +25,6 @@ from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import (
     NEVER_STOPS,
     Budget,
-    Episodes,
     StoppingKernel,
     StoppingRule,
     levels,
@@ -382,9 +381,7 @@ def learn_deep(
         evaluation.horizon(task)  # SettingError without a bound
     steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
-    longest = longest_run(task.longest, budget, eval_freq)
-    if isinstance(budget, Episodes):  # the last of them ends beside unfinished ones
-        longest += (learner.envs - 1) * (task.longest or 0)
+    longest = longest_run(task.longest, budget, eval_freq, learner.envs)
     settings = seed_settings(
         seeds,
         learner,

@@ -22,11 +22,7 @@ from curricle.learning.schedules import Schedule
 from curricle.transfer.aggregate import Aggregate
 
 try:
-    from stable_baselines3.common.vec_env import (
-        VecEnv,
-        VecEnvWrapper,
-        unwrap_vec_normalize,
-    )
+    from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
     VecEnv = VecEnvWrapper = object
 
@@ -107,6 +103,8 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         self._stacked_space = batch_space(space, venv.num_envs)
         self._episodes = Episodes(self._potential, venv.num_envs)
 
+    __getstate__, __setstate__ = whole_state, set_whole_state
+
     def reset(self) -> Any:
         """Reset all sub-environments and return what they return."""
         observations = self.venv.reset()
@@ -139,8 +137,6 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
             shaped_infos.append({**info, **shown, **done.ended.get(i, {})})
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
         return observations, shaped, dones, shaped_infos
-
-    __getstate__, __setstate__ = whole_state, set_whole_state
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""

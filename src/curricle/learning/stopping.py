@@ -430,13 +430,13 @@ def spacing(eval_freq: int | None, budget: Budget) -> int:
     return steps
 
 
-def longest_run(time_limit: int | None, budget: Budget, eval_freq: int) -> int:
+def longest_run(time_limit: int | None, budget: Budget, eval_freq: int, envs: int = 1) -> int:
     """Return the most steps that a run can take, or raise SettingError if they are unbounded."""
     steps, episodes = limits(budget)
     if isinstance(budget, Episodes):
         if time_limit is None:
             raise SettingError("a budget in episodes needs a task with a time limit: none set")
-        steps = episodes * time_limit
+        steps = (episodes + envs - 1) * time_limit  # the last ends beside unfinished episodes
     if steps // eval_freq > MOST_CHECKPOINTS:
         raise SettingError(
             f"a run may have at most {MOST_CHECKPOINTS:,} checkpoints: up to {steps:,} steps with "
