@@ -7,12 +7,15 @@ ENDS = (np.pi, np.pi, 2 * np.pi, 4.5 * np.pi)  # of two angles and of their velo
 
 
 class Coarse(gym.Wrapper):
-    """Acrobot on a grid: each action is held for some steps, then the state is rounded."""
+    """Acrobot on a grid: each action is held for some steps, then the state is rounded.
 
-    def __init__(self, points, held):
+    Its values are those of Acrobot if its task's discount is discount^held.
+    """
+
+    def __init__(self, points, held, discount=0.99):
         super().__init__(gym.make("Acrobot-v1").unwrapped)
         self.axes = [np.linspace(-end, end, points) for end in ENDS]
-        self.held = held
+        self.held, self.discount = held, discount
 
     def reset(self, **options):
         _, info = super().reset(**options)
@@ -20,9 +23,9 @@ class Coarse(gym.Wrapper):
 
     def step(self, action):
         total = 0.0
-        for _ in range(self.held):
+        for k in range(self.held):
             _, reward, terminated, truncated, info = super().step(action)
-            total += reward
+            total += self.discount**k * reward
             if terminated:
                 break
         return self.rounded(), total, terminated, truncated, info
