@@ -1,5 +1,7 @@
 """Study files with mistakes in them: one sentence each, no other exception, and no endless wait."""
 
+import contextlib
+import importlib
 import shutil
 from collections import Counter
 
@@ -9,8 +11,16 @@ from tests.durability.fuzzing import built, outcome, previewed
 from tests.durability.study_mutations import STUDIES, mutated
 
 FEW, MANY = 5, 250
-"""Mutations of each study: 60 in all are built by every run of the tests, and `make slow` previews
-3,000 as ``curricle check`` does."""
+"""Mutations of each study: every run of the tests builds a few, and `make slow` previews many as
+``curricle check`` does."""
+
+
+@pytest.fixture(scope="module")
+def torch_loaded():
+    """Load torch where it is installed: loading it takes nearly all memory that a study may take,
+    and with less memory a library that it loads ends the interpreter."""
+    with contextlib.suppress(ImportError):
+        importlib.import_module("torch._dynamo")  # which torch's first optimizer loads
 
 
 def folder_of(study, tmp_path):
@@ -50,6 +60,7 @@ def test_a_few_mistakes_are_refused(study, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("torch_loaded")
 @pytest.mark.filterwarnings("ignore:The system font")  # of pygame, where a mistake opens a window
 @pytest.mark.parametrize("study", STUDIES, ids=named)
 def test_every_mistake_is_refused_in_a_sentence(study, tmp_path):
