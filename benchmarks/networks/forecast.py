@@ -37,6 +37,7 @@ DOORS = {
     "empty 6x6": (["Empty-Random-6x6-v0"], 200),
     "door 5x5, 1 reset": (["DoorKey-5x5-v0"], 1),
     "door 5x5, 3 resets": (["DoorKey-5x5-v0"], 3),
+    "door 5x5, 10 resets": (["DoorKey-5x5-v0"], 10),
     "door 5x5": (["DoorKey-5x5-v0"], 200),
     "door 5x5 and empty": (["DoorKey-5x5-v0", "Empty-Random-6x6-v0"], 200),
     "unlock": (["Unlock-v0"], 10),
