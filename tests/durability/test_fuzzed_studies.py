@@ -15,7 +15,7 @@ FEW, MANY = 5, 250
 ``curricle check`` does."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def torch_loaded():
     """Load torch where it is installed: loading it takes nearly all memory that a study may take,
     and with less memory a library that it loads ends the interpreter."""
@@ -60,7 +60,6 @@ def test_a_few_mistakes_are_refused(study, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("torch_loaded")
 @pytest.mark.filterwarnings("ignore:The system font")  # of pygame, where a mistake opens a window
 @pytest.mark.parametrize("study", STUDIES, ids=named)
 def test_every_mistake_is_refused_in_a_sentence(study, tmp_path):
