@@ -30,7 +30,6 @@ DOMAINS = {
     "pursuit": (cr.Pursuit, {"size": 2, "predators": 1, "torus": True}),
     "four_rooms": (cr.tasks.FourRooms, {"size": 7, "goal": (5, 5), "start": ((1, 1), (1, 4))}),
     "key_lock_pit": (cr.tasks.KeyLockPit, {"map": "S.KL", "keys_held": True}),
-    "block_dude": (cr.tasks.BlockDude, {"level": "E.B<", "exit_reward": 1.0}),
     "river_swim": (cr.tasks.RiverSwim, {"size": 4, "start": (1,)}),
     "deep_sea": (cr.tasks.DeepSea, {"size": 4, "slip": 0.25, "start": "uniform"}),
 }

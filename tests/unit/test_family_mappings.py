@@ -13,11 +13,9 @@ from curricle.tasks import (
     ComponentsByName,
     FrozenLake,
     Parameter,
-    block_dude_family,
     deep_sea_family,
     four_rooms_family,
     frozen_lake_family,
-    goal_distance,
     key_lock_pit_family,
     maze_family,
     pursuit_family,
@@ -25,7 +23,6 @@ from curricle.tasks import (
     task_family,
     taxi_family,
 )
-from curricle.tasks.block_dude import PARTS, part_of_level
 from curricle.tasks.mdp import generative_model
 from curricle.transfer import (
     ENDED,
@@ -229,7 +226,6 @@ RELATIVES = {
     "taxi": [{}, {"size": 3, "stands": 2}, 0.9, 0.8],
     "four_rooms": [{"start": "uniform"}, {"size": 9, "slip": 0.1}, 0.9, 0.8],
     "key_lock_pit": [{"size": 8}, {"size": 6}, 0.95, 0.99],
-    "block_dude": [{"columns": 12}, {"columns": 10}, 0.9, 0.9],
     "river_swim": [{"size": 10}, {"size": 6}, 0.9, 0.95],
     "deep_sea": [{"size": 10}, {"size": 6}, 0.99, 0.99],
 }  # fmt: skip
@@ -319,29 +315,6 @@ def test_keys_pits_and_locks_are_read_as_such(size):
     assert smaller.states.label(key // 6) == "row=1 column=1 key=lying lock=locked"
     lock = mapping.index[room.states.encode(row=10, column=10, key=1, lock=0), 5]
     assert smaller.mdp.terminal[smaller.mdp.next_state[smaller.mdp.outcome_row.ravel()[lock], 0]]
-
-
-@pytest.mark.parametrize("level", [1, 3])
-def test_parts_of_levels_are_those_with_a_way_to_the_exit(level):
-    solvable = []
-    for columns in range(2, 20):
-        part = part_of_level(level, columns=columns)
-        task, blocks = part.mdp, sum(line.count("B") for line in part.level)
-        if (
-            blocks
-            and task.terminal.any()
-            and goal_distance(task, task.terminal)[task.start_states[0]] > 0
-        ):
-            solvable.append(columns)
-    assert solvable == [columns for columns in PARTS[level] if columns < 20]
-    members = block_dude_family.easier(block_dude_family(level=level, columns=solvable[-1]))
-    of_level = [member["columns"] for member in members if member["level"] == level]
-    assert of_level == solvable[:-1]
-
-
-def test_a_level_reads_no_more_blocks_than_it_has():
-    with pytest.raises(MappingError, match="a level reads levels with at most its 1 blocks"):
-        family_mappings(block_dude_family(columns=10), block_dude_family())
 
 
 def test_stands_are_read_as_stands():

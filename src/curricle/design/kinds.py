@@ -173,7 +173,7 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
             if part != extents:
                 name = ", ".join(f"{axis} {low}..{high - 1}" for axis, (low, high) in part.items())
                 about = f"the part around the goal: {name}"
-                build = paired(task, partial(_cut, task, part), reads)
+                build = paired(task, partial(task.crop, **part), reads)
                 yield Draft("crop", name, about, build, side / longest)
 
 
@@ -206,19 +206,6 @@ def _window(extent: Range, side: int, place: int) -> Range:
     side = min(side, high - low)
     first = min(max(place - side // 2, low), high - side)
     return first, first + side
-
-
-def _cut(task: Any, part: dict[str, Range]) -> Any:
-    """Return a part of a task; an agent that would start outside starts as far right as it can."""
-    if "agent" not in signature(task.crop).parameters:
-        return task.crop(**part)
-    low, high = part["columns"]
-    for column in (None, *range(high - 1, low - 1, -1)):
-        try:
-            return task.crop(**part, agent=column)
-        except TaskError as error:
-            last = error
-    raise last
 
 
 # -- starts near the goal ------------------------------------------------------------------------

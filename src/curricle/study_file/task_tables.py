@@ -553,11 +553,6 @@ class FactoryTask(TaskTable):
         return made
 
 
-def _level(value: Any) -> int | str:
-    """Return the number of a level, or its map without margins."""
-    return _without_margins(value) if isinstance(value, str) else whole_number(value)
-
-
 def _domain(makes: Any, tag: str, **types: Any) -> Any:
     """Return the table of a domain; `types` are those that differ between TOML and the class."""
     base: type[TaskTable] = TaskTable
@@ -591,7 +586,6 @@ PursuitTask = _domain(
 )
 _WRITTEN: dict[str, dict[str, Any]] = {
     "four_rooms": {"goal": _HALLWAY},
-    "block_dude": {"level": Annotated[int | str, BeforeValidator(_level)]},
     "river_swim": {"start": Annotated[_PLACES, AfterValidator(_in_order)]},
 }
 """Domain -> the types of parameters that TOML writes otherwise than the class."""

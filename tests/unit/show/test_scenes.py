@@ -23,7 +23,6 @@ from tests.unit.interop.environments import TASKS, WALLED
 GRIDS = {
     "four rooms": tasks.FourRooms(size=7),
     "key, lock, pit": tasks.KeyLockPit.room(5),
-    "Block Dude": tasks.BlockDude(1).crop(columns=(0, 12), agent=10),
     "a river": tasks.RiverSwim(),
     "a sea": tasks.DeepSea(size=4),
     "a lake": tasks.FrozenLake(),
@@ -68,8 +67,6 @@ def test_text_shows_who_is_where():
     environment = to_gymnasium(hunt, render_mode="ansi")
     environment.reset(options={"state": {"prey": 0, "predator_1": 0, "predator_2": 8}})
     assert environment.render() == "P1 .  .\n.  .  .\n.  .  2"
-    first = int(GRIDS["Block Dude"].mdp.start_states[0])
-    assert "B" in scene_of(GRIDS["Block Dude"]).text(first)
     with pytest.warns(UserWarning, match="render_mode"):
         assert to_gymnasium(WALLED).render() is None
 

@@ -135,17 +135,23 @@ class BlockDude(DomainWithStart):
                     f"row {-height}, column {column}"
                 )
 
-    def crop(
-        self,
-        *,
-        columns: tuple[int, int],
-        agent: int | None = None,
-        start: Literal["map", "uniform"] = "map",
-    ) -> Self:
-        """Return the part in the half-open range `columns`, which has the exit and the agent.
+    def crop(self, *, columns: tuple[int, int], start: Literal["map", "uniform"] = "map") -> Self:
+        """Return the part in the half-open range `columns`, which has the exit.
 
-        The agent may begin in another column, `agent`, on top of what is drawn there.
+        An agent that would start outside starts as far right as it can, on top of what is drawn.
         """
+        low, high = columns
+        for agent in (None, *range(high - 1, low - 1, -1)):
+            try:
+                return self._cropped(columns, agent, start)
+            except TaskError as error:
+                last = error
+        raise last
+
+    def _cropped(
+        self, columns: tuple[int, int], agent: int | None, start: Literal["map", "uniform"]
+    ) -> Self:
+        """Return a part in which the agent begins as drawn, or in the column `agent`."""
         rows = (self.origin[0], self.origin[0] + len(self.level))
         part = cut(self.level, self.origin, rows, columns)
         if agent is not None:
@@ -325,9 +331,7 @@ def part_of_level(
     whole = BlockDude(level, **rules)
     if columns is None:
         return whole
-    (agent,) = (line.find(letter) for line in whole.level for letter in "<>" if letter in line)
-    begins = None if agent < columns else columns - 1
-    return whole.crop(columns=(0, columns), agent=begins, start=whole.start)
+    return whole.crop(columns=(0, columns), start=whole.start)
 
 
 def _block_mapping(target: FamilyMember, source: FamilyMember) -> ComponentsByName:
