@@ -299,10 +299,10 @@ def test_the_schema_says_what_each_key_means():
     ]
     assert {"maze", "Transfer", "ArmPatch", "FamilyTask"} <= {table["title"] for table in tables}
     assert {"deep", "observation_task", "MiniGridView", "TuneTable"} <= schema["$defs"].keys()
-    assert {"families", "sweep"} <= schema["properties"].keys()
+    assert {"arms", "sweep"} <= schema["properties"].keys()
     for table in tables:
         # Their keys are the parameters of a family, or those of any setting.
-        if table["title"] not in ("FamilyTable", "FamilyTask", "SweepTable"):
+        if table["title"] not in ("FamilyTask", "SweepTable"):
             assert table["additionalProperties"] is False
         assert table["description"]
         for name, value in table["properties"].items():

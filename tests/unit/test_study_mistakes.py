@@ -35,8 +35,7 @@ SHORT = {
     "TURNED": "transfers = [{ source = 'hunt', target = 'chase', project = {} }]",
     "START": "{ distance = [1, 3] }",
     "VIEW": "'MiniGridView'",
-    "RING": 'family = "ring", size = 3, predators = 1',
-    "COLON": '[families."a:b"]\nfamily = "maze"\n[families.ring]',
+    "RING": 'family = "pursuit"\nsize = 3\npredators = 1',
     "GUARD": "shaping = { portfolio = true, type =",
     "FIRST": FIRST,
     "DEEP": DEEP,
@@ -98,13 +97,13 @@ mapping = "same_position" | project.row = 'raw' | component (row, column): got '
 mapping = "same_position" | factory = 'own:f'\nunmapped_value = 3 | line 16: transfers[0] has
 mapping = "same_position" | mapping = 'identity'\nunmapped_value = 3 | line 16: transfers[0] has
 [members]
-torus = true | torus = 1 | line 8: families.ring.torus must be True or False: got 1
-size = 3, predators = 1 | size = 2000 | line 12: tasks.chase.size must lie in [2
-predators = 1 | predators = 1, capture = 2 | line 12: tasks.chase is refused: capture
-RING | type = "pursuit", size = 3, torus = true | line 18: transfers[0].mapping must map members of
-[families.ring] | COLON | line 6: families."a:b" must have a name without a colon, which functions
+torus = true | torus = 1 | line 10: tasks.chase.torus must be True or False: got 1
+size = 3 | size = 2000 | line 8: tasks.chase.size must lie in [2
+predators = 1 | predators = 1\ncapture = 2 | line 6: tasks.chase is refused: capture
+RING | type = "pursuit"\nsize = 3 | line 24: transfers[0].mapping must map members of
+family = "pursuit" | family = "persuit" | line 7: tasks.chase.family must be one of
 [lanes]
-length = 4 | length = 4, limit = 0.5 | line 10: tasks.short.limit must be a whole
+length = 4 | length = 4, limit = 0.5 | line 6: tasks.short.limit must be a whole
 length = 4 | length = 4, treasure = 13 | own:corridor failed: RuntimeError: no luck
 family = "own:corridor" | family = "own:plain" | own:plain must be a TaskFamily
 [starts]

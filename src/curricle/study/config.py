@@ -70,7 +70,7 @@ from curricle.study_file.schema import (
     unknown,
     wrong_at,
 )
-from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTable, FamilyTask, started
+from curricle.study_file.task_tables import TASKS, AnyTask, FamilyTask, started
 from curricle.study_file.vary import (
     SWEEP_HOME,
     SweepTable,
@@ -176,8 +176,6 @@ class ArmPatch(Settings):
 class FileTable(RunTable, Settings):
     """A study as written in a file."""
 
-    families: dict[str, FamilyTable] = Field({})
-    """Families of tasks by name, each with defaults of its own."""
     tasks: dict[str, Annotated[AnyTask, Unvalidated]] = Field(min_length=1)
     """The tasks by name, each with settings of its own."""
     transfers: tuple[TransferTable, ...] = ()
@@ -319,9 +317,7 @@ class StudyConfig(RunTable):
         `folder` holds the user's modules, messages use `positions`, and `say` is called with lines
         about found mappings. Raises pydantic.ValidationError.
         """
-        families = tuple(table(positions.study.get("families"))) if positions else ()
-        context = {"folder": folder, "families": families}
-        config = cls.model_validate(dict(data), context=context)
+        config = cls.model_validate(dict(data), context={"folder": folder})
         config._folder, config._say = folder, say
         config._positions = positions or Positions(config.name)
         return config
@@ -617,13 +613,6 @@ def read_study(
 def configured(study: dict[str, Any], folder: Path, positions: Positions) -> StudyConfig:
     """Return the configuration of a study as it was read; ConfigError lists all its mistakes."""
     problems = Problems(replace(positions, study=study))
-    for name, family in table(study.get("families")).items():  # first, because tasks need them
-        if ":" in name:
-            text = "must have a name without a colon, which functions have"
-            problems.add([(("families", name), text)])
-        with problems.at("families", name):
-            FamilyTable.model_validate(family)
-    problems.raise_any()
     arms = table(study.get("arms")) or {ONLY_ARM: {}}
     complete = {arm: complete_curriculum(study, patch) for arm, patch in arms.items()}
     fields: dict[str, Any] = {key: study[key] for key in RunTable.model_fields if key in study}

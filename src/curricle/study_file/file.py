@@ -200,10 +200,10 @@ def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> dict[str
         plan["tasks"] = _needed(plan, NameGraph.of(base))
     for_all = {which: plan.pop(which) for which in SETTINGS if which in plan}
     with_sources = {target for _, target in NameGraph.of(plan).edges}
-    tasks, families = plan.get("tasks"), table(study.get("families"))
+    tasks = plan.get("tasks")
     if isinstance(tasks, dict):
         plan["tasks"] = {
-            name: _complete_task(task, families, for_all, has_sources=name in with_sources)
+            name: _complete_task(task, for_all, has_sources=name in with_sources)
             if isinstance(task, dict)
             else task
             for name, task in tasks.items()
@@ -223,17 +223,11 @@ def _needed(plan: dict[str, Any], base: NameGraph) -> Any:
 
 
 def _complete_task(
-    task: dict[str, Any],
-    families: Mapping[str, Any],
-    for_all: Mapping[str, Any],
-    *,
-    has_sources: bool,
+    task: dict[str, Any], for_all: Mapping[str, Any], *, has_sources: bool
 ) -> dict[str, Any]:
-    """Return a task with the defaults of its family and the settings for all tasks filled in."""
-    name = task.get("family")
-    if isinstance(name, str) and task.get("type", "family") == "family":
-        family = table(families.get(name))
-        task = {**family, **task, "family": family.get("family", name), "type": "family"}
+    """Return a task with the settings for all tasks filled in."""
+    if "family" in task:
+        task = {"type": "family", **task}
     fitting = {w: value for w, value in for_all.items() if has_sources or w not in OF_TARGETS}
     return {**task, **merged(fitting, {which: task[which] for which in SETTINGS if which in task})}
 
@@ -293,7 +287,7 @@ class Positions:
     def in_file(self, path: KeyPath) -> KeyPath:
         """Return the file's path for a path in the configuration, such as in an arm."""
         # A key is looked up in this order, and the first hit counts: the arm's changes of the task,
-        # the task, its family, the arm's settings for all tasks, the study's.
+        # the task, the arm's settings for all tasks, the study's.
         trial = path[:1] == ("tune",)
         if path[trial : trial + 1] not in (("arms",), ("scratches",)) or not self.study:
             return path
@@ -303,8 +297,7 @@ class Positions:
         tables, inner = [here, cast(KeyPath, ())], rest
         if rest[:1] == ["tasks"] and len(rest) > 1:
             of, inner = ("tasks", rest[1]), rest[2:]
-            family = table(self._at(of)).get("family")
-            tables = [(*here, *of), of, ("families", str(family)), *tables]
+            tables = [(*here, *of), of, *tables]
         elif rest[:1] == ["transfers"] and len(rest) > 1:
             chosen, number, inner = self._at((*here, "transfers")), rest[1], rest[2:]
             if isinstance(chosen, list):

@@ -331,7 +331,7 @@ DistilledTask = table_of(
 )
 
 
-# -- Task families: tables with defaults of a family, and tasks that are members of a family -------
+# -- Tasks that are members of a family ------------------------------------------------------------
 
 BUILT_IN = {
     family.name: family
@@ -341,29 +341,12 @@ BUILT_IN = {
 """Public name -> family of the library."""
 
 
-class FamilyTable(Table):
-    """A family of tasks with defaults of yours; its other keys are parameters."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, JsonValue]
-
-    family: str = Field(
-        description=f"One of {', '.join(BUILT_IN)}, or one's own as module:function."
-    )
-
-    @model_validator(mode="after")
-    def _known_parameters(self) -> Self:
-        self.__pydantic_extra__.update(_checked(_family(self.family), self.__pydantic_extra__))
-        return self
-
-
-def _family(name: str, families: tuple[str, ...] = ()) -> TaskFamily | None:
+def _family(name: str) -> TaskFamily | None:
     """Return a built-in family; None for a user's family, which is not imported here."""
     if ":" in name or name in BUILT_IN:
         return BUILT_IN.get(name)
-    known = (*families, *BUILT_IN)
-    text = f"must be one of {', '.join(known)}, or a family of one's own as module:function: "
-    raise wrong_at((("family",), f"{text}got {shown(name)}{suggestion(name, known)}"))
+    text = f"must be one of {', '.join(BUILT_IN)}, or a family of one's own as module:function: "
+    raise wrong_at((("family",), f"{text}got {shown(name)}{suggestion(name, BUILT_IN)}"))
 
 
 def _checked(family: TaskFamily | None, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -393,12 +376,13 @@ class FamilyTask(TaskTable):
     __pydantic_extra__: dict[str, JsonValue]
 
     type: Literal["family"] = "family"
-    family: str
-    """The name of a table in [families], of a family that is built in, or module:function."""
+    family: str = Field(
+        description=f"One of {', '.join(BUILT_IN)}, or one's own as module:function."
+    )
 
     @model_validator(mode="after")
-    def _known_parameters(self, info: ValidationInfo) -> Self:
-        family = _family(self.family, (info.context or {}).get("families", ()))
+    def _known_parameters(self) -> Self:
+        family = _family(self.family)
         values = _checked(family, self.__pydantic_extra__)
         parameters = () if family is None else family.parameters
         defaults = {of.name: of.default for of in parameters if not of.required}
