@@ -43,7 +43,7 @@ def test_deep_nesting_is_refused(depth, begin, end):
 @pytest.mark.parametrize("number", ["1" + "0" * 5000, "0x1" + "0" * 5000])
 def test_numbers_of_thousands_of_digits_are_refused(number):
     Path("study.toml").write_text(f"{MAZE}\nbudget = {number}")
-    with pytest.raises(ConfigError, match="whole numbers must have at most 4,096 bits"):
+    with pytest.raises(ConfigError, match=r"not valid TOML: .*(4300 digits|4,096 bits)"):
         read_study("study.toml")
 
 

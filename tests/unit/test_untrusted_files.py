@@ -20,7 +20,6 @@ from curricle.study.store import (
     locked,
 )
 from curricle.study.tuning import TRIALS
-from curricle.study_file.file import parsed
 from curricle.study_file.own_code import ALLOW, load
 
 
@@ -103,18 +102,6 @@ def test_a_folder_that_is_moved_while_a_run_writes_ends_it(stored, why, tmp_path
 
 
 # -- sizes -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("text", ["a" + ".a" * 20_000 + "=1", "[" + "'a' . " * 60 + "a]"])
-def test_keys_that_many_dots_join_are_refused_before_they_are_parsed(text):
-    with pytest.raises(ValueError, match="at most 50 deep"):
-        parsed(text)
-
-
-def test_many_joined_keys_are_refused_and_mazes_are_not():
-    with pytest.raises(ValueError, match="at most 100,000 dots may join keys"):
-        parsed("".join(f"x{n}.a.b=1\n" for n in range(60_000)))
-    assert len(parsed(f"map = '''{'S.#.T.' * 40_000}'''")["map"]) == 240_000
 
 
 def test_a_file_of_holes_is_not_read(tmp_path):
