@@ -2,7 +2,6 @@
 
 import numpy as np
 from hypothesis import given, strategies as st
-from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
@@ -57,30 +56,6 @@ def test_look_back_advice_is_safe_only_where_ways_agree_and_never_refuted(mdp, d
     assert certificate.holds is (True if one_past else None)
     if one_past:
         assert certificate.residual <= 2 * certificate.error_bound + 1e-9
-
-
-@given(mdps(), st.integers(0, 99), st.data())
-def test_samples_never_contradict_a_potential(mdp, seed, data):
-    reward = ShapingReward(difference(mdp.zero_at_ends(states_of(data, mdp)), mdp.discount))
-    sample = certify(mdp.task(), reward, method="sampled", steps=600, seed=seed)
-    assert sample.holds is None
-    assert sample.contradictions == ()
-    assert sample.residual <= 1e-7
-
-
-@given(mdps(), st.data())
-def test_samples_contradict_only_what_has_no_potential(mdp, data):
-    task = mdp.task()
-    f = data.draw(arrays(np.int64, mdp.p.shape, elements=st.integers(0, 1))).astype(float)
-
-    def bonus(s, a, after):
-        return f[s, a, after]
-
-    sampled = certify(task, ShapingReward(bonus), method="sampled", steps=600)
-    exact = certify(task, ShapingReward(bonus))
-    if sampled.contradictions:
-        assert exact.residual > 1e-5
-        assert not any(text.startswith(f"F = {mdp.discount:g} Phi") for text in exact.findings)
 
 
 def reachable(mdp, function):

@@ -139,8 +139,9 @@ def test_values_of_the_task_itself_are_a_potential():
     np.testing.assert_array_equal(phi.to_state().values[0], q.max(axis=1))
     learnt = cr.learn(task, None, 0 + 1, shaping=cr.QInitialisation(q), eval_freq=1)
     assert learnt.greedy_return[0, 0] == pytest.approx(cr.planning.Target.of(task).optimum)
-    assert cr.certify(task, cr.StateShaping(q)).holds
-    assert cr.certify(task, cr.QInitialisation(q)).holds
+    for ends in ("zero", "given"):
+        assert cr.certify(task, cr.StateShaping(q), ends=ends).holds
+        assert cr.certify(task, cr.QInitialisation(q), ends=ends).holds
 
 
 def test_an_available_pair_needs_a_finite_potential():

@@ -261,12 +261,6 @@ class ShapedTask:
         """Whether the potential is 0 at all known ends."""
         return not self.phi_at_ends.any()
 
-    def phi_of(self, state: IntArray, action: IntArray) -> FloatArray:
-        """Return phi(s, a) of n pairs without ends, (n,), without reading other pairs."""
-        if self.is_array:
-            return np.asarray(self.potential[state, action])
-        return np.asarray(self.potential.q(state, action))
-
     # The values on which a policy acts, with proven bounds; the classes of shapings call these.
 
     @property
@@ -361,10 +355,17 @@ def check_shaping(
     if not (by_function or isinstance(shaping.potential, StatePotential | PairPotential)):
         array = np.array(shaping.potential, dtype=np.float64)
         at_states = array if array.ndim == 1 else array.max(axis=1)
+        terminal = generative.terminal
         if ends == "given":
-            potential = frozen(at_states if isinstance(potential, StatePotential) else array)
-        elif generative.terminal is not None:
-            ignored = np.where(generative.terminal, at_states, 0.0)
+            # Elsewhere as learn() reads it: a pair that is not available, -inf in values, copies
+            # another.
+            at_ends = at_states if isinstance(potential, StatePotential) else array
+            if terminal is not None:
+                is_end = terminal.reshape(-1, *[1] * (at_ends.ndim - 1))
+                at_ends = np.where(is_end, at_ends, potential.values.reshape(at_ends.shape))
+            potential = frozen(at_ends)
+        elif terminal is not None:
+            ignored = np.where(terminal, at_states, 0.0)
     return ShapedTask(task, shaping, potential, discount, ignored)
 
 

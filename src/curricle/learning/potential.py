@@ -23,7 +23,6 @@ from curricle.text import brief_repr
 LARGEST_POTENTIAL = 1e15
 """Numbers of this size are stored in steps of 1/8: rewards of ordinary size no longer change them.
 Near 1e308 learning overflows."""
-STATES_READ = 10_000  # states whose phi of all actions is read at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,15 +148,6 @@ class PairPotential(Frozen, ABC):
     def pairs(self, states: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """Return phi(s, a) of n states, (n, A) float64, computing no others."""
         return np.asarray(self.values[states])
-
-    def q(self, states: IntArray, actions: IntArray) -> FloatArray:
-        """Return phi(s, a) of n pairs, (n,) float64, computing no other states."""
-        phi = np.empty(len(states))
-        for first in range(0, len(states), STATES_READ):
-            part = slice(first, first + STATES_READ)
-            rows = self.pairs(states[part])
-            phi[part] = np.take_along_axis(rows, actions[part, None], axis=1)[:, 0]
-        return phi
 
     def v(self, states: IntArray) -> FloatArray:
         """Return Phi(s) = max_a phi(s, a) of n states, (n,) float64."""

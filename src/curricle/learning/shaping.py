@@ -428,4 +428,4 @@ class RewardBonus(_ByPotential):
 
     def reward(self, shaped: Any) -> Any:
         """Return phi(s, a) as a function of transitions."""
-        return lambda state, action, after: shaped.phi_of(state, action)
+        return lambda state, action, after: shaped.phi[state, action]
