@@ -47,10 +47,9 @@ def copied(task, target="far", **settings):
 
 def pursuit(**settings):
     hunt, chase = Pursuit(3, 2, time_limit=50), Pursuit(3, 1, time_limit=50)
-    changes = {"calibrate": settings.pop("calibrate", False)}
     return Curriculum(
         tasks={"chase": chase, "hunt": hunt},
-        transfers=predator_edges(hunt, chase, **changes),
+        transfers=predator_edges(hunt, chase),
         aggregate=cr.minimum,
         budget={"chase": StoppingRule(5000), "hunt": 8000},
         eval_freq={"hunt": 100},

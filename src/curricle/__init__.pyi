@@ -60,7 +60,6 @@ from .tasks.pursuit import Pursuit as Pursuit
 from .tasks.spaces import Component as Component, Space as Space
 from .transfer.aggregate import maximum as maximum, mean as mean, minimum as minimum, total as total
 from .transfer.by_components import project as project, same_position as same_position
-from .transfer.calibration import calibrate as calibrate
 from .transfer.mapping import from_function as from_function
 from .transfer.transfer import Transfer as Transfer
 

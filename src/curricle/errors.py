@@ -7,7 +7,6 @@
     ├── SettingError     an invalid setting of a learner, budget, metric (also ValueError)
     ├── PotentialError   a potential of the wrong shape or not finite    (also ValueError)
     ├── MappingError     a mapping between tasks that does not fit them  (also ValueError)
-    ├── CalibrationError rollouts that do not determine a potential's scale
     ├── CurriculumError  a graph with a cycle or an unknown task         (also ValueError)
     ├── ConfigError      a study file that cannot be understood          (also ValueError)
     ├── StoreError       a results folder that cannot be used
@@ -56,10 +55,6 @@ class PotentialError(CurricleError, ValueError):
 
 class MappingError(CurricleError, ValueError):
     """A mapping between two tasks does not fit them."""
-
-
-class CalibrationError(CurricleError):
-    """A potential cannot be calibrated: its greedy episodes do not determine a scale."""
 
 
 class CurriculumError(CurricleError, ValueError):

@@ -152,7 +152,6 @@ ARGUMENTS = {  # with which public names work
     "Pursuit": lambda: {"size": 3, "predators": 1, "moves": 5, "torus": False},
     "Component": lambda: {"name": "a", "size": 2, "low": 0, "labels": ("a", "b")},
     "Space": lambda: {"components": [cr.Component("a", 9)], "points": [[0], [2]]},
-    "calibrate": lambda: {"potential": phi(), "episodes": 5},
     "project": lambda: {"target": HUNT, "source": CHASE, "predator": "predator_1"},
     "Transfer": lambda: {"source": "a", "target": "b", "mapping": cr.same_position(MAZE, NEAR)},
     "from_function": lambda: {"target": MAZE, "source": MAZE, "function": lambda s, a: (s, a)},

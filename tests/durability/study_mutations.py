@@ -36,7 +36,7 @@ WORDS = [
 KEYS = [
     "epsilon", "inverse_temperature", "learning_rate", "budget", "seeds", "time_limit", "discount",
     "size", "predators", "capture", "torus", "arguments", "id", "factory", "encode", "map",
-    "file", "rows", "columns", "start", "ends", "rewards", "scale", "shift", "calibrate", "weight",
+    "file", "rows", "columns", "start", "ends", "rewards", "scale", "shift", "weight",
     "unmapped_value", "project", "mapping", "function", "observations", "actions", "status",
     "episodes", "method", "discounted", "storage", "save_values", "memory_limit", "precision",
     "snapshots", "threshold", "window", "scratch", "seeds_per_unit", "eval_freq", "aggregate",
@@ -71,8 +71,7 @@ ADDED = {
         {"encode": "builtins:int"}, {"file": "/dev/zero"}, {"map": "S" + "." * 60 + "T"},
     ],
     "transfer": [
-        {"scale": N}, {"shift": True}, {"scale": N, "calibrate": True}, {"calibrate": True},
-        {"calibrate": {"episodes": N}}, {"unmapped_value": N}, {"project": {}},
+        {"scale": N}, {"shift": True}, {"shift": N}, {"unmapped_value": N}, {"project": {}},
         {"mapping": "same_position"}, {"mapping": "identity"}, {"mapping": "relative_objects"},
         {"function": "builtins:print"}, {"factory": "builtins:print"}, {"actions": [0, N]},
     ],

@@ -13,13 +13,12 @@ are wrong too, for which 1e-5 of it is allowed; V* itself is known to 1e-8.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from hypothesis import assume, given, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
 from curricle.learning.portfolio import SOURCE, Tally, next_turn
 from curricle.tasks.kernel import compiled, splitmix64
-from curricle.transfer.calibration import fit_calibration
 
 STEPS, VISITS = 200_000, 2500
 LEARNER = cr.QLearning(learning_rate=cr.learning.harmonic(half=5), epsilon=0.5)
@@ -149,42 +148,6 @@ def test_each_learner_acts_in_any_turns_of_the_longest_rest(portfolio, turns):
         assert 0 < acted[first : first + rest].sum() < rest
     before = acted[: portfolio.first_turns] if portfolio.first_turns < rest else acted[:0]
     assert (acted[: len(before)] == SOURCE).sum() <= 5  # its first turns, while others have theirs
-
-
-@st.composite
-def guesses(draw, problem):
-    """Draw what can be calibrated for the most part: c Q*, and up to 3 wrong, in whole numbers."""
-    scale, shape = draw(st.sampled_from([1, 5, 20])), problem.optimum.shape
-    wrong = draw(arrays(np.int64, shape, elements=st.integers(-3, 3)))
-    return cr.StateActionPotential(problem.task, np.round(scale * problem.optimum) + wrong)
-
-
-SETTINGS = cr.transfer.Calibrate(episodes=30)
-
-
-@given(problems(), st.data())
-def test_calibration_keeps_the_greedy_policy(problem, data):
-    """Between whole numbers below 1,000 there is room for c phi to round as it likes."""
-    phi = data.draw(guesses(problem))
-    calibration = fit_calibration(phi, SETTINGS)
-    assume(not calibration.refusal)
-    assert calibration.scale > 0
-    values = calibration.potential.values
-    np.testing.assert_allclose(values[:-1], calibration.scale * phi.values[:-1])
-    assert not values[-1].any()  # the end
-    assume(calibration.scale > 1e-6)
-    np.testing.assert_array_equal(
-        cr.planning.greedy_policy(values), cr.planning.greedy_policy(phi.values)
-    )
-
-
-@given(problems(), st.data(), st.sampled_from([None, cr.Portfolio(longest_rest=5)]))
-def test_a_calibrated_learner_finds_the_optimum(problem, data, portfolio):
-    calibration = fit_calibration(data.draw(guesses(problem)), SETTINGS)
-    assume(not calibration.refusal)
-    result = learnt(problem, calibration.potential, portfolio)
-    allowed = problem.allowed(calibration.potential, portfolio)
-    assert abs(result.values[0] - problem.optimum).max() <= allowed
 
 
 @given(problems(), st.data(), st.integers(0, 1000))

@@ -13,7 +13,7 @@ from tests.sent_folders import sent, sent_folder  # noqa: F401  fixtures
 from tests.studies import complaints_of, reader
 
 # The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
-# each seed at its own step, and one arm pays for a calibration.
+# each seed at its own step, and one arm doubles its source's values.
 CHAIN = """
 name = "chain"
 opponents = []
@@ -56,11 +56,11 @@ mapping = "same_position"
 [arms.chain]
 [arms.state]
 shaping = "StateShaping"
-[[arms.calibrated.transfers]]
+[[arms.scaled.transfers]]
 source = "easy"
 target = "maze"
 mapping = "same_position"
-calibrate = { episodes = 5 }
+scale = 2.0
 """
 OF_RUNS = {"runs.json", ".lock"}
 """Files that tell of a run and not of its results."""

@@ -115,25 +115,6 @@ def test_scratch_has_the_settings_of_the_target():
     np.testing.assert_array_equal(comparison.scratch.curve.values, alone.greedy_return)
 
 
-def test_the_steps_of_a_calibration_are_charged(calls):
-    arms = {"raw": pursuit(), "calibrated": pursuit(calibrate=cr.transfer.Calibrate())}
-    comparison = compare(arms, seeds=2, controls=["scaled"])
-    assert comparison.total == 13_000
-    hunts = [call for call in calls if call["stream"] == "hunt"]
-    assert [call["budget"] for call in hunts] == [13_000] + [8000] * 6
-    warm_ups = hunts[-3]["warm_up"]
-    assert not any(call.get("warm_up") for call in hunts[:-3])
-    assert [call["warm_up"] for call in hunts[-2:]] == [warm_ups] * 2  # of its controls too
-    curve = comparison["calibrated"].curve.values
-    for k, warm_up in enumerate(warm_ups):
-        assert warm_up.steps == 400  # a twentieth of 8000, in fewer than 200 episodes
-        assert np.ptp(curve[k, : warm_up.steps // 100]) == 0
-        assert curve[k, warm_up.steps // 100 + 5] != curve[k, 0]
-    assert curve[0, 0] == pytest.approx(
-        comparison["raw"].curve.values[0, 0]
-    )  # it is the same policy
-
-
 def test_an_arm_and_its_controls_have_a_guard(calls):
     plan = corner(shaping=cr.QInitialisation(portfolio=cr.Portfolio()))
     compared = compare(plan, seeds=2, controls=ALL, opponents=())

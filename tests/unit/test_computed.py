@@ -152,7 +152,6 @@ SLOW = {
     ),
     "evaluation": lambda bad: cr.learn(bad, budget=300, eval_freq=1),
     "greedy rollouts": lambda bad: greedy_rollouts(phi(bad), episodes=5),
-    "calibration": lambda bad: cr.calibrate(phi(bad)),
     "random rollouts": lambda bad: random_rollouts(bad, episodes=5, length=20),
 }
 WAYS = [*FAST.items(), *[pytest.param(*way, marks=pytest.mark.slow) for way in SLOW.items()]]

@@ -21,11 +21,11 @@ LONGEST, LARGEST = 1_000, 60_000
 HUNT, CHASE = cr.Pursuit(size=3, predators=2, time_limit=50), cr.Pursuit(3, 1, time_limit=50)
 
 
-def plan(calibrate=False):
+def plan():
     return cr.Curriculum(
         tasks={EVIL: CHASE, "hunt": HUNT},
         transfers=[
-            cr.Transfer(EVIL, "hunt", cr.project(HUNT, CHASE, predator=name), calibrate=calibrate)
+            cr.Transfer(EVIL, "hunt", cr.project(HUNT, CHASE, predator=name))
             for name in HUNT.predator_names
         ],
         aggregate=cr.minimum,
@@ -38,7 +38,7 @@ def results(tmp_path_factory):
     """Results of all kinds, by name."""
     maze = cr.GridWorld(["S..", ".PT"])
     by_name = {"curriculum": plan()}
-    by_name["training"] = trained = plan(calibrate=True).train(seeds=2, snapshots=2)
+    by_name["training"] = trained = plan().train(seeds=2, snapshots=2)
     by_name["learning"] = learnt = trained["hunt"]
     by_name["without evaluation"] = cr.learn(
         maze, budget=500, evaluation=cr.GreedyEvaluation(method="off")
@@ -46,7 +46,6 @@ def results(tmp_path_factory):
     by_name["decisions"] = trained.decisions(EVIL)
     by_name["no decisions"] = trained.decisions("hunt")
     by_name["snapshots"], by_name["source"] = learnt.snapshots, trained.sources[EVIL]
-    by_name["calibration"] = trained.calibrations["hunt"][0]
     by_name["potential"] = trained.potentials["hunt"][0]
     by_name["transfer"] = plan().transfers[0]
     by_name["mapping"] = plan().transfers[0].mapping

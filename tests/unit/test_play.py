@@ -135,7 +135,7 @@ def hall(folder):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        ([], 2, "--arm must be one of chain, state, calibrated: got none"),
+        ([], 2, "--arm must be one of chain, state, scaled: got none"),
         (["--set", "tasks.maze.budget=5", "--arm", "chain"], 2, "--set needs --study"),
         (["--arm", "chain", "--task", "no"], 1, "of arm 'chain' must be one of .*: got 'no'"),
         (["--arm", "chain", "--seed", "2"], 1, "an episode of seed 0 alone: got seed 2; --study"),

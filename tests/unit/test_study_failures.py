@@ -51,15 +51,15 @@ def test_the_other_arms_stand(study, finished, tmp_path):
     assert (results.failed, results.seeds) == ({"state": WORDS}, (0, 1, 2, 3))
     labels = [now.stored.label for now in trained[1:]]
     assert not any(label.startswith("state: ") for label in labels)
-    assert sum(label.startswith("calibrated: ") for label in labels) == 4  # and was after it
+    assert sum(label.startswith("scaled: ") for label in labels) == 4  # and was after it
     lines = str(results.comparison).split("\n")
     assert lines[-1] == f"state failed: {WORDS}"
     assert results._repr_html_().count(WORDS) == 1
-    for name in ("scratch", "chain", "calibrated"):
+    for name in ("scratch", "chain", "scaled"):
         np.testing.assert_array_equal(
             results.comparison[name].curve.values, wanted.comparison[name].curve.values
         )
-    assert set(results.comparison.arms) == {"scratch", "chain", "calibrated"}
+    assert set(results.comparison.arms) == {"scratch", "chain", "scaled"}
     page = write_report(tmp_path / "out").read_text()
     assert f"The arm state failed and is left out: {WORDS}" in page
 
@@ -70,8 +70,8 @@ def test_own_code_that_leaves_fails_its_arm_alone(study, finished, tmp_path):
         run_study(study, tmp_path / "out", workers=1)
     results, wanted = StudyResults(tmp_path / "out"), StudyResults(finished)
     assert [*results.failed] == ["state"]
-    calibrated = (of.comparison["calibrated"].curve.values for of in (results, wanted))
-    np.testing.assert_array_equal(*calibrated)
+    scaled = (of.comparison["scaled"].curve.values for of in (results, wanted))
+    np.testing.assert_array_equal(*scaled)
     (tmp_path / "rules.py").write_text("raise SystemExit(0)\n")
     with pytest.raises(ConfigError, match="SystemExit"):
         read_study(tmp_path / "chain.toml").curricula  # noqa: B018

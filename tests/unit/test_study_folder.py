@@ -111,7 +111,7 @@ def test_what_a_killed_run_left_unfinished_means_nothing(study_file, finished, c
 
 def test_an_arm_or_a_task_that_is_not_there_is_said_so(finished):
     study = StudyResults(finished)
-    for arm, node in (("chian", "maze"), ("chain", "mace"), ("calibrated", "corner")):
+    for arm, node in (("chian", "maze"), ("chain", "mace"), ("scaled", "corner")):
         with pytest.raises(StoreError, match=r"mace|chian|corner"):
             study.result(arm, node)
         with pytest.raises(StoreError, match=r"mace|chian|corner"):

@@ -233,17 +233,6 @@ def test_all_that_is_refused_is_told_at_once(complaints):
     ]
 
 
-def test_transfers_that_disagree_are_refused_as_a_whole(complaints):
-    other = "[[transfers]]\nsource = 'corner'\ntarget = 'maze'\nproject = {}\ncalibrate = true\n"
-    assert complaints(MAZES + other) == [
-        ": the study is refused: all transfers into a task must have the same calibration: those "
-        "into 'maze' differ"
-    ]
-    assert complaints(MAZES + "[arms.odd]\ntransfers.0.scale = 2\n" + other)[0].startswith(
-        "line 20: arms.odd is refused: all transfers into a task"
-    )
-
-
 OWN_MODULES = {"own": "NUMBER = 3", "broken": "import nobody_has", "false": "def make(:"}
 REFUSED = [
     (lambda: load("own", Path()), "a function must be named as module:function: got 'own'"),

@@ -15,7 +15,6 @@ from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, running
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
-from curricle.study.store import RUN
 from tests.refusals import check_values
 from tests.studies import HUNT, NUMBERED_HUNT, reader
 
@@ -155,8 +154,8 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
     run_study(study, tmp_path / "out", progress=lambda now: begun.append(now.units))
     trained = sorted((unit.arm, unit.task) for unit in begun[0] if unit.seeds == (0, 1))
     assert trained == [
-        ("calibrated", "easy"),  # without a source, unlike in the other arms
-        ("calibrated", "maze"),
+        ("scaled", "easy"),  # without a source, unlike in the other arms
+        ("scaled", "maze"),
         ("chain", "corner"),  # the same in the arm "state", whose maze alone is learnt otherwise
         ("chain", "easy"),
         ("chain", "maze"),
@@ -166,7 +165,7 @@ def test_what_arms_share_is_trained_once(study_file, tmp_path):
     ]
 
 
-@pytest.mark.parametrize("arm", ["chain", "state", "calibrated"])
+@pytest.mark.parametrize("arm", ["chain", "state", "scaled"])
 def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
     study, trained = StudyResults(finished), by_hand(study_file, arm)
     for node, result in trained.nodes.items():
@@ -174,10 +173,6 @@ def test_an_arm_is_its_curriculum_trained(study_file, finished, arm):
         if trained.decisions(node)[0]:
             sentences = [[*map(str, of_seed)] for of_seed in trained.decisions(node)]
             assert study.decisions(arm, node) == dict(enumerate(sentences))
-    fitted = [fit.scale for fit in trained.calibrations.get("maze", ())]
-    units = [unit for unit in study.store.units() if unit.key == study.record.keys[arm, "maze"]]
-    runs = [study.store.arrays(unit, RUN) for unit in units]
-    assert [scale for run in runs for scale in run.get("scale", ())] == fitted
 
 
 def test_the_comparison_is_that_of_compare(study_file, finished):

@@ -101,18 +101,13 @@ def test_each_candidate_pays_for_its_own_sources_only():
 
 
 def test_the_candidates_are_what_they_are_called():
-    plan = pursuit(calibrate=True)
+    plan = pursuit()
     candidates = {candidate.name: candidate for candidate in candidates_of(plan, "hunt", [cr.mean])}
     assert list(candidates) == [
-        "minimum", "minimum, calibrated", "mean", "maximum", "total",
-        "chase -> hunt [1]", "chase -> hunt [2]",
+        "minimum", "mean", "maximum", "total", "chase -> hunt [1]", "chase -> hunt [2]",
     ]  # fmt: skip
-    assert [name for name, candidate in candidates.items() if candidate.used] == [
-        "minimum, calibrated"
-    ]
-    for name, candidate in candidates.items():
-        calibrates = candidate.curriculum.calibration("hunt") is not None
-        assert calibrates == (name == "minimum, calibrated")
+    assert [name for name, candidate in candidates.items() if candidate.used] == ["minimum"]
+    for candidate in candidates.values():
         assert len(candidate.curriculum.in_edges("hunt")) == (2 if candidate.aggregate else 1)
     assert candidates["mean"].curriculum.setting("aggregate", "hunt") is cr.mean
 

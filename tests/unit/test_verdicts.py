@@ -178,7 +178,7 @@ def test_the_command_asks_about_any_arm(finished, monkeypatch, capsys):
         main()
     comparison = StudyResults(finished).comparison
     answers = comparison.against("chain")
-    assert (list(answers), ended.value.code or 0) == (["state", "calibrated"], 0)
+    assert (list(answers), ended.value.code or 0) == (["state", "scaled"], 0)
     lines = [f"{name} gains more than chain: {verdict}" for name, verdict in answers.items()]
     assert capsys.readouterr().out == "\n".join([str(comparison), *lines, ""])
 

@@ -98,8 +98,6 @@ EXPLANATIONS = {
     "phi > Q*": "share of state-action pairs whose phi is above their optimal value",
     "excess": "the mean of phi - Q*; above 0 phi is optimistic",
     "rank": "rank correlation of phi and Q*: 1 is the right order everywhere, 0 none",
-    "scale": "the factor with which phi would fit the returns of its own greedy policy; "
-    '"none" if nothing fits',
     "mapped": "pairs of the target that have a counterpart in the source",
     "unmapped": "pairs of which the source knows nothing",
     "learnt": "how far a source came from the random policy's return to its optimum",
@@ -367,7 +365,7 @@ LONGEST_COMPARING = 300.0
 """Seconds that comparing potentials in the target may take: nearly all episodes end long before the
 limit by which they are estimated."""
 ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, from two sources
-PASSES = 4  # a live target is played for its source, the start, the values and their calibration
+PASSES = 3  # a live target is played for its source, the start and the values
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 

@@ -37,9 +37,8 @@ from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import live_pairs, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.by_components import identity
-from curricle.transfer.calibration import AnyPotential, Calibration
 from curricle.transfer.pair import TaskPair
-from curricle.transfer.potential import ObservationPotential
+from curricle.transfer.potential import AnyPotential, ObservationPotential
 from curricle.transfer.search import find_mappings
 from curricle.transfer.transfer import Transfer
 
@@ -184,7 +183,6 @@ def train_control(
     sources: Mapping[str, SourceValues],
     spent: IntArray,
     potentials: Sequence[AnyPotential] = (),
-    calibrations: Sequence[Calibration] = (),
     **how: Any,
 ) -> LearningResult:
     """Return the results of seeds in a control arm's target."""
@@ -198,8 +196,8 @@ def train_control(
             some, node = numbers % DRAWS == draw, curriculum.node(name)
             taken, edges = unrelated_transfers(curriculum, numbers[some].tolist(), draw)
             some_seeds, charged = taken[edges[0].source].seeds, spent[some]
-            phi, fitted = curriculum.entering(name, taken, some_seeds, charged, edges)
-            parts.append(node.train(some_seeds, phi, calibrations=fitted, charged=charged, **how))
+            phi = curriculum.potentials(name, taken, transfers=edges)
+            parts.append(node.train(some_seeds, phi, charged=charged, **how))
         return joined_results(parts)
     if label not in CHANGES:
         parts = []
@@ -209,10 +207,9 @@ def train_control(
             parts.append(changed_source.train(some, charge=True, **how)[name])
         return joined_results(parts)
     if not potentials:
-        potentials, calibrations = curriculum.entering(name, sources, seeds, spent)
+        potentials = curriculum.potentials(name, sources)
     changed = [CHANGES[label](phi, k) for phi, k in zip(potentials, seeds, strict=True)]
-    node = curriculum.node(name)
-    return node.train(seeds, changed, calibrations=calibrations, charged=spent, **how)
+    return curriculum.node(name).train(seeds, changed, charged=spent, **how)
 
 
 DRAWS = 3  # unrelated tasks, which seeds take in turn, since some may be easier to map

@@ -52,15 +52,15 @@ from curricle.tasks.observation_task import is_observation_task, made_by
 from curricle.tasks.spaces import state_name
 from curricle.text import brief_repr, counted, folded, or_dash, shortened, text_table
 from curricle.transfer.aggregate import Aggregate
-from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.mapping import Coverage, ObservationCoverage, coverage_table
+from curricle.transfer.potential import AnyPotential
 from curricle.transfer.rollouts import (
     ObservationTarget,
     PotentialQuality,
     potential_quality,
     target_of,
 )
-from curricle.transfer.transfer import FOUND, Calibrate, transfer_names
+from curricle.transfer.transfer import FOUND, transfer_names
 
 # -- Did a source learn its own task? --------------------------------------------------------------
 #
@@ -271,8 +271,6 @@ class ForecastRow:
     aggregate: bool  # whether it is an aggregate of all transfers
     used: bool  # whether the curriculum would use it
     seeds: tuple[PotentialQuality, ...] = field(repr=False)  # of each of K seeds
-    # The scale of each of K seeds, fitted to rollouts of the greedy policy.
-    calibrations: tuple[Calibration, ...] = field(repr=False)
     gain: Interval | None = None  # strong gain in mean return in the trial; None without a trial
     verdict: str = ""  # a sentence on the start and on whether returns then fall, with advice
     anti_knowledge: str = ""  # a sentence on signs that phi misleads; empty without signs
@@ -282,13 +280,6 @@ class ForecastRow:
     def mean(self, measure: str) -> float:
         """Return the mean over seeds of the field `measure` of ``PotentialQuality``."""
         return float(np.mean([getattr(quality, measure) for quality in self.seeds]))
-
-    @property
-    def scale(self) -> float:
-        """The mean of the fitted scales; NaN if most seeds cannot be calibrated."""
-        scales = [calibration.scale for calibration in self.calibrations if not calibration.refusal]
-        most = scales and 2 * len(scales) > len(self.calibrations)
-        return float(np.mean(scales)) if most else float("nan")
 
     @property
     def score(self) -> float:
@@ -465,7 +456,6 @@ COLUMNS: dict[str, Callable[[ForecastRow], str]] = {
     "phi > Q*": lambda row: or_dash(row.mean("optimistic"), ".0%"),
     "excess": lambda row: or_dash(row.mean("excess"), ".2g"),
     "rank": lambda row: or_dash(row.mean("rank"), ".2f"),
-    "scale": lambda row: "none" if np.isnan(row.scale) else f"{row.scale:.2g}",
 }
 """The columns of the table of rows."""
 
@@ -497,7 +487,6 @@ OPTIMISTIC = 0.5  # share of optimistic pairs above which learning keeps lowerin
 SLIPS, COLLAPSES = 0.2, 0.25  # mean excess / mean abs(V*) from which returns may fall, will fall
 ESTIMATED = 0.45  # both, if the excess is over the value of phi's own policy, which is at most V*
 UNDERESTIMATE = 20.0  # typical rewards by which phi may be too low where the optimal policy goes
-RAISED = 1.15  # scale above which a calibration is worth its steps
 
 
 def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
@@ -518,7 +507,7 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
         parts.append("a weak start" if gain > GAIN * whole else "near or below the random policy")
     parts.append(f"{optimistic:.0%} optimistic")
     slips, collapses = (SLIPS, COLLAPSES) if row.seeds[0].exact else (ESTIMATED, ESTIMATED)
-    # From a weak start returns can hardly fall, and its policy is little evidence of phi's scale.
+    # From a weak start returns can hardly fall.
     if not good:
         advice = ["the gain from there is unknown"]
     elif optimistic > OPTIMISTIC and excess >= slips:
@@ -526,8 +515,6 @@ def start_words(row: ForecastRow, target: AnyTarget, reads_values: bool) -> str:
         advice = [f"{fall} from there under epsilon-greedy"]
     else:
         advice = ["expect no fall from there"]
-    if good and excess > 0 and row.scale > RAISED:
-        advice.append(f"calibrate with c = {row.scale:.1f}")
     worst = max(row.seeds, key=lambda seed: np.nan_to_num(seed.largest_underestimate))
     if worst.largest_underestimate > UNDERESTIMATE * target.typical_reward:
         task: Any = target.task
@@ -664,9 +651,9 @@ def forecast(
         looked_at = [candidate for candidate in candidates if candidate.used or reads_values]
         grow = bars.bar("potentials", len(looked_at))
         for candidate in looked_at:
-            phi = tuple(candidate.curriculum.entering(name, sources, numbers)[0])
-            of_seeds = judged.judgement(any_target, phi, workers, reads_values=reads_values)
-            row = ForecastRow(candidate.name, candidate.aggregate, candidate.used, *of_seeds)
+            phi = tuple(candidate.curriculum.potentials(name, sources))
+            of_seeds = judged.qualities(any_target, phi, workers, reads_values=reads_values)
+            row = ForecastRow(candidate.name, candidate.aggregate, candidate.used, of_seeds)
             start = start_words(row, any_target, reads_values)
             against = anti_knowledge(row, any_target.random_return)
             rows.append(replace(row, verdict=start, anti_knowledge=against))
@@ -693,7 +680,8 @@ def forecast(
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     coverage: dict[str, Any]  # of mappings whose pairs are few enough to count
     if isinstance(any_target, ObservationTarget):
-        sample = any_target.observations(curriculum.potentials(name, sources)[0])
+        observed: Any = curriculum.potentials(name, sources)[0]
+        sample = any_target.observations(observed)
         coverage = {label: edge.mapping.coverage(sample) for label, edge in labels.items()}
     else:
         countable = {label: edge for label, edge in labels.items() if edge.mapping.countable}
@@ -766,16 +754,13 @@ def _solved_sources(
     return solved
 
 
-Judgement = tuple[tuple[PotentialQuality, ...], tuple[Calibration, ...]]  # of K seeds
-
-
 @dataclass(frozen=True)
 class JudgedPotentials:
-    """Cache of targets, of judgements of their potentials, and of the trials' scratch arms."""
+    """Cache of targets, of the qualities of their potentials, and of the trials' scratch arms."""
 
     memory: Memory = field(default_factory=Memory)
     _targets: dict[Any, AnyTarget] = field(default_factory=dict)
-    _judgements: dict[Any, Judgement] = field(default_factory=dict)
+    _qualities: dict[Any, tuple[PotentialQuality, ...]] = field(default_factory=dict)
 
     def target(self, task: Any, evaluation: GreedyEvaluation, episodes: int | None) -> AnyTarget:
         """Return a task as a target; equal calls return the same target, which is solved once."""
@@ -785,36 +770,32 @@ class JudgedPotentials:
             self._targets[key] = target_of(task, evaluation, episodes=episodes)
         return self._targets[key]
 
-    def judgement(
+    def qualities(
         self,
         target: AnyTarget,
         potentials: tuple[AnyPotential, ...],
         workers: int | None,
         *,
         reads_values: bool,
-    ) -> Judgement:
-        """Return the qualities and calibrations of potentials; of networks only their returns."""
+    ) -> tuple[PotentialQuality, ...]:
+        """Return the quality of each potential; of networks only their returns."""
         n, key = len(potentials), None
         if all(isinstance(phi, PairPotential) for phi in potentials):
             key = id(target), *map(_digest, potentials)
-            if key in self._judgements:
-                return self._judgements[key]
+            if key in self._qualities:
+                return self._qualities[key]
         if not reads_values:
             nan, seen = float("nan"), cast(Any, target)
             starts = [policy_return(phi, seen, seed=k) for k, phi in enumerate(potentials)]
-            return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts), ()
-        of_actions: Sequence[Any] = potentials
-        if isinstance(target, ObservationTarget):
-            threads, fit = 0, Calibrate(target.episodes)
-            of_actions = potentials if potentials[0].of_actions else ()
-        else:
-            threads, fit = threads_for(target.task, workers, n), Calibrate()
-        seeds = over_seeds(lambda k: potential_quality(potentials[k], target, seed=k), n, threads)
-        calibrations = (fit_calibration(phi, fit, seed=k) for k, phi in enumerate(of_actions))
-        judgement = tuple(seeds), tuple(calibrations)
+            return tuple(PotentialQuality(start, nan, nan, nan, nan) for start in starts)
+        observed = isinstance(target, ObservationTarget)
+        threads = 0 if observed else threads_for(target.task, workers, n)
+        of_seeds = over_seeds(
+            lambda k: potential_quality(potentials[k], target, seed=k), n, threads
+        )
         if key is not None:
-            self._judgements[key] = judgement
-        return judgement
+            self._qualities[key] = tuple(of_seeds)
+        return tuple(of_seeds)
 
 
 def _digest(potential: Any) -> bytes:

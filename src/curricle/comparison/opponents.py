@@ -30,7 +30,7 @@ from curricle.planning.rollouts import random_rollouts
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
 from curricle.tasks.observation_task import is_observation_task
-from curricle.transfer.calibration import AnyPotential
+from curricle.transfer.potential import AnyPotential
 
 Opponent = Literal["constant", "bounds", "optimistic"]
 OPPONENTS: tuple[Opponent, ...] = get_args(Opponent)

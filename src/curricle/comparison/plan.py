@@ -37,7 +37,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, duration
-from curricle.transfer.calibration import AnyPotential, Calibration
+from curricle.transfer.potential import AnyPotential
 from curricle.transfer.transfer import Transfer, same_transfer
 
 Dependencies = Mapping[str, Any]  # all on which a task's result depends, except the seed
@@ -318,7 +318,6 @@ class Trained:
 
     result: LearningResult
     source_steps: IntArray  # (K,): the steps of each seed in its sources
-    calibrations: Sequence[Calibration] = ()  # of each seed, if potentials were calibrated
     potentials: Sequence[AnyPotential] = ()  # of each seed, as it entered; empty if unknown
     initial_values: FloatArray | None = None  # (K,) of a constant opponent's Q
 
@@ -339,14 +338,13 @@ def train(
     spent, is_target = curriculum.spent(task, sources, len(seeds)), task == curriculum.target
     if not (arm.change and is_target):
         how |= {"charged": spent if charge and is_target else None, "snapshots": unit.snapshots}
-        result, potentials, fitted = curriculum.train_task(task, sources, seeds, **how)
-        return Trained(result, spent, fitted, potentials)
+        result, potentials = curriculum.train_task(task, sources, seeds, **how)
+        return Trained(result, spent, potentials)
     phi: Any = () if unchanged is None else unchanged.potentials
     if arm.change not in CONSTANTS:
-        fits = () if unchanged is None else unchanged.calibrations
-        control = train_control(arm.change, curriculum, seeds, sources, spent, phi, fits, **how)
+        control = train_control(arm.change, curriculum, seeds, sources, spent, phi, **how)
         return Trained(control, spent)
-    phi = phi or curriculum.entering(task, sources, seeds)[0]
+    phi = phi or curriculum.potentials(task, sources)
     result, values = train_constant(arm.change, curriculum, seeds, phi, **how)
     return Trained(result, np.zeros_like(spent), initial_values=values)
 
@@ -479,4 +477,4 @@ class Memory:
         small = isinstance(values, np.ndarray) and values.nbytes <= LARGEST_KEPT
         if not small or key in (arm.keys[plan.target] for arm in plan.arms.values()):
             bare = replace(trained.result, values=None, snapshots=None)
-            self.trained[key, seeds] = replace(trained, result=bare, calibrations=(), potentials=())
+            self.trained[key, seeds] = replace(trained, result=bare, potentials=())

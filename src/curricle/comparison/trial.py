@@ -5,7 +5,6 @@ accounting. Random streams are named after tasks, and a trial renames its tasks:
 trial draws the numbers of a seed of the experiment. A trial never counts as the experiment.
 """
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -54,8 +53,7 @@ def candidates_of(
 ) -> list[Candidate]:
     """Return the candidates for a target: aggregates first, then each transfer alone."""
     edges = curriculum.in_edges(target)
-    raw = [replace(edge, calibrate=False) for edge in edges]
-    usual, calibrated = curriculum.setting("aggregate", target), curriculum.calibration(target)
+    usual = curriculum.setting("aggregate", target)
     # All aggregates of a single potential are that potential.
     several = COMPARED if len(edges) > 1 else ()
     functions = list[Aggregate]()
@@ -65,13 +63,9 @@ def candidates_of(
     candidates = []
     names = numbered([getattr(function, "__name__", str(function)) for function in functions])
     for label, function in zip(names, functions, strict=True):
-        plan = part_of(curriculum, target, raw).replace(target, aggregate=function)
-        used = function is usual and calibrated is None
-        candidates.append(Candidate(label, plan, aggregate=True, used=used))
-        if function is usual and calibrated is not None:
-            plan = part_of(curriculum, target, edges)
-            candidates.append(Candidate(f"{label}, calibrated", plan, aggregate=True, used=True))
-    for label, edge in zip(transfer_names(edges), raw, strict=True) if len(edges) > 1 else ():
+        plan = part_of(curriculum, target, edges).replace(target, aggregate=function)
+        candidates.append(Candidate(label, plan, aggregate=True, used=function is usual))
+    for label, edge in zip(transfer_names(edges), edges, strict=True) if len(edges) > 1 else ():
         candidates.append(Candidate(label, part_of(curriculum, target, [edge]), False, False))
     return candidates
 
@@ -220,9 +214,7 @@ def run_trial(
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
     window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
     reference = reference or Reference.before(plan.target_node, None)
-    with warnings.catch_warnings(), shown(progress) as bars:
-        # No warning about a refused calibration: the experiment will warn.
-        warnings.simplefilter("ignore", UserWarning)
+    with shown(progress) as bars:
         numbers = seed_tuple(seeds)
         comparison = trained_comparison(plan, numbers, reference, window, memory, workers, bars)
     assumes = (

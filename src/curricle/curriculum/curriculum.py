@@ -1,6 +1,5 @@
 """A curriculum: tasks as nodes, transfers as edges, trained from the sources to the targets."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -44,12 +43,11 @@ from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, brief_value, counted, shortened
 from curricle.transfer.aggregate import Aggregate, mean
-from curricle.transfer.calibration import AnyPotential, Calibration, fit_calibration
 from curricle.transfer.mapping import TableValues, ValueSource
-from curricle.transfer.potential import ObservationPotential, combined_potential
+from curricle.transfer.potential import AnyPotential, ObservationPotential, combined_potential
 from curricle.transfer.rollouts import target_of
 from curricle.transfer.search import with_mapping
-from curricle.transfer.transfer import Calibrate, Transfer, transfer_words
+from curricle.transfer.transfer import Transfer, transfer_words
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
@@ -163,14 +161,13 @@ class Node:
         seeds: Sequence[int],
         potentials: Sequence[AnyPotential] = (),
         *,
-        calibrations: Sequence[Calibration] = (),
         charged: Sequence[int] | IntArray | None = None,
         snapshots: int = 0,
         workers: int | None = None,
         saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
-        """Return the result of K seeds in the task, with K potentials and calibrations or none."""
+        """Return the result of K seeds in the task, with K potentials or none."""
         if self.distilled:
             self.learner.algorithm_class()  # ImportError without Stable-Baselines3
             from curricle.deep.distillation import learn_miniatures
@@ -182,7 +179,6 @@ class Node:
             "eval_freq": self.eval_freq,
             "evaluation": self.evaluation,
             "stream": self.name,
-            "warm_up": [calibration.warm_up for calibration in calibrations] or None,
             "charged": charged,
             "progress": progress,
         }
@@ -303,7 +299,6 @@ class Curriculum:
                 one_of(f"a task that {setting} names", name, self.tasks, CurriculumError)
         for name in self.tasks:
             node = self.node(name)
-            self.calibration(name)  # refuses transfers with different calibrations
             if self.in_edges(name):
                 node.shaping.check(node.learner)
                 targets = [edge.target for edge in self.transfers if edge.source == name]
@@ -408,16 +403,6 @@ class Curriculum:
         """Return the transfers into a task."""
         one_of("a task", name, self.tasks, CurriculumError)
         return tuple(t for t in self.transfers if t.target == name)
-
-    def calibration(self, name: str) -> Calibrate | None:
-        """Return the calibration settings of a task's potential; None if it is not calibrated."""
-        settings = {transfer.calibration for transfer in self.in_edges(name)}
-        if len(settings) > 1:
-            raise CurriculumError(
-                "all transfers into a task must have the same calibration: those into "
-                f"{name!r} differ"
-            )
-        return settings.pop() if settings else None
 
     def ancestors(self, name: str) -> tuple[str, ...]:
         """Return the tasks that are trained before `name`, in training order."""
@@ -544,9 +529,7 @@ class Curriculum:
         Parameters
         ----------
         seeds : int or sequence of int
-            As in :func:`learn`. The k-th seed of a target reads the k-th seed of its sources. If a
-            seed's potential cannot be calibrated, it enters unscaled with a warning, and
-            ``calibrations`` of the result gives the reason.
+            As in :func:`learn`. The k-th seed of a target reads the k-th seed of its sources.
         only : str or sequence of str, optional
             Tasks to train, with all their sources; every task by default.
         trained : dict of str to LearningResult or SourceValues, optional
@@ -584,7 +567,6 @@ class Curriculum:
         sources = dict(known)
         results = {k: v for k, v in trained.items() if isinstance(v, LearningResult)}
         potentials: dict[str, list[AnyPotential]] = {}
-        calibrations: dict[str, list[Calibration]] = {}
         if charge and isinstance(self.setting("budget", self.target), Episodes):
             raise CurriculumError(
                 "source steps are charged to a budget in steps: that of target "
@@ -599,7 +581,7 @@ class Curriculum:
         with shown(progress) as bars:
             for name in names:
                 spent = self.spent(name, sources, len(numbers)) if name == paying else None
-                results[name], potentials[name], fitted = self.train_task(
+                results[name], potentials[name] = self.train_task(
                     name,
                     sources,
                     numbers,
@@ -609,11 +591,9 @@ class Curriculum:
                     workers=workers,
                     progress=bars.within(),
                 )
-                if fitted:
-                    calibrations[name] = fitted
                 sources[name] = SourceValues.of(results[name])
                 bars.tell(name)
-        return CurriculumResult(self, results, potentials, calibrations, known)
+        return CurriculumResult(self, results, potentials, known)
 
     def train_task(
         self,
@@ -624,23 +604,15 @@ class Curriculum:
         charged: IntArray | None = None,
         saves: str | Place | None = None,
         **how: Any,
-    ) -> tuple[LearningResult, list[AnyPotential], list[Calibration]]:
-        """Return a task's result, its potentials as they entered, and their calibrations, if any.
+    ) -> tuple[LearningResult, list[AnyPotential]]:
+        """Return a task's result, and its potentials as they entered.
 
         `sources` have the same `seeds`; the budget of each seed is less its `charged` steps.
         """
         self._check_network(name)
-        potentials, fitted = self.entering(name, sources, seeds, charged)
-        if refused := [fit.refusal for fit in fitted if fit.refusal]:
-            warnings.warn(
-                f"{len(refused)} of {counted(len(fitted), 'seed')} of {name!r} take their "
-                f"potential as it is: {refused[0]}",
-                stacklevel=3,
-            )
+        potentials = self.potentials(name, sources)
         how["saves"] = None if saves is None else place_at(saves) / file_name(name)
-        node = self.node(name)
-        result = node.train(seeds, potentials, calibrations=fitted, charged=charged, **how)
-        return result, potentials, fitted
+        return self.node(name).train(seeds, potentials, charged=charged, **how), potentials
 
     def _check_network(self, name: str) -> None:
         node = self.node(name)
@@ -652,31 +624,6 @@ class Curriculum:
         steps = [sources[source].steps_used for source in self.ancestors(name)]
         total: IntArray = np.sum([np.zeros(seeds, np.int64), *steps], axis=0)
         return total
-
-    def entering(
-        self,
-        name: str,
-        sources: Mapping[str, Learnt],
-        seeds: Sequence[int],
-        spent: IntArray | None = None,
-        transfers: Sequence[Transfer] | None = None,
-    ) -> tuple[list[AnyPotential], list[Calibration]]:
-        """Return the potentials with which seeds begin a task, and their calibrations, if any.
-
-        Calibrations take steps of the task's budget, less the `spent` steps of each seed, (K,).
-        """
-        potentials = self.potentials(name, sources, transfers=transfers)
-        if (settings := self.calibration(name)) is None:
-            return potentials, []
-        steps, episodes = limits(self.setting("budget", name))
-        left = [steps] * len(seeds) if spent is None else (steps - spent).tolist()
-        fitted = [
-            fit_calibration(
-                phi, settings.within(most, episodes), seed=k, stream=f"{name}/calibration"
-            )
-            for phi, k, most in zip(potentials, seeds, left, strict=True)
-        ]
-        return [calibration.potential for calibration in fitted], fitted
 
     def potentials(
         self,

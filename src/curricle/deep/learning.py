@@ -18,7 +18,6 @@ from curricle.deep.miniature import Miniatures, actor_of
 from curricle.errors import CurricleError, SettingError
 from curricle.files import Place, local_file, place_at, read_saved, write_in_folder
 from curricle.interop.tabulated_task import check_sight
-from curricle.learning.record import WarmUp
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.seeds import seed_settings
 from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
@@ -310,7 +309,6 @@ def learn_deep(
     eval_freq: int | None = None,
     evaluation: GreedyEvaluation | None = None,
     stream: str = "",
-    warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | IntArray | None = None,
     saves: str | Place | None = None,
     progress: Progress = None,
@@ -335,7 +333,7 @@ def learn_deep(
         - :class:`StateShaping`: F = gamma Phi(s') - Phi(s) is added to rewards, for any algorithm.
         - :class:`WeightTransfer`, :class:`PolicyReuse`: the learner takes over the only source's
           network, or the sources' policy without their values.
-    eval_freq, stream, warm_up, charged
+    eval_freq, stream, charged
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
         By rollouts; 5 rollouts by default.
@@ -385,10 +383,9 @@ def learn_deep(
     settings = seed_settings(
         seeds,
         learner,
-        (steps, episodes),
+        steps,
         lambda shaping: _of_observations(task, learner, shaping),
         shaping=shaping,
-        warm_up=warm_up,
         charged=charged,
     )
     stopping: StoppingKernel = NEVER_STOPS

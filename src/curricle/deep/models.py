@@ -39,7 +39,7 @@ from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, LostStoreError, SettingError, StoreError, reason
 from curricle.files import Place, RemotePath, opened_regular, write_whole
 from curricle.interop.tabulated_task import needs_of
-from curricle.learning.record import Record, WarmUp
+from curricle.learning.record import Record
 from curricle.learning.result import Outcome
 from curricle.learning.shaping import Shaping, StateShaping
 from curricle.learning.stopping import StoppingKernel, stops
@@ -236,17 +236,17 @@ class DeepRun:
     reached: Callable[[], None] = field(default=nothing, kw_only=True)  # called at each checkpoint
 
     def train(
-        self, seed: int, shaping: Shaping | None, warm_up: WarmUp, charged: int, saves: Place | None
+        self, seed: int, shaping: Shaping | None, charged: int, saves: Place | None
     ) -> Outcome:
         """Train a seed and return its outcome; resume from the file `saves`, and save to it."""
         start = stream_start(seed, self.stream)
-        run = self._named(start, shaping, f"{charged} charged, {warm_up.steps} before learning")
-        left, processes = self.steps - charged - warm_up.steps, self.learner.processes
+        run = self._named(start, shaping, f"{charged} charged")
+        left, processes = self.steps - charged, self.learner.processes
         with isolated(self.learner.threads):
             source = np.empty(0) if saves is None else traits(self.task, shaping)
             saved = None if saves is None else load_checkpoint(saves, run)
             if saved is None:
-                progress = Progress.begun(self, warm_up)
+                progress = Progress.begun(self)
                 fresh: dict[str, Any] = {"seed": splitmix64(start) >> 33, "steps": left}
                 model = model_for(self.task, self.learner, shaping, **fresh, processes=processes)
             else:
@@ -313,10 +313,9 @@ class Progress:
     """The records of a run so far."""
 
     record: Record
-    warm_up: int  # steps spent before learning
-    steps: int
-    episodes: int
-    checkpoint: int  # the next to be recorded
+    steps: int = 0
+    episodes: int = 0
+    checkpoint: int = 0  # the next to be recorded
     returns: list[float] = field(default_factory=list)  # of episodes since the last checkpoint
     begun_learning: bool = False
     over: bool = False
@@ -324,14 +323,10 @@ class Progress:
     source: FloatArray = field(default_factory=lambda: np.empty(0))  # its :func:`traits`
 
     @classmethod
-    def begun(cls, run: DeepRun, warm_up: WarmUp) -> "Progress":
-        """Return the records at the start, after the warm-up."""
+    def begun(cls, run: DeepRun) -> "Progress":
+        """Return the records at the start."""
         longest = run.longest + run.learner.envs - 1  # all sub-environments make a last step
-        record = Record.empty(longest // run.eval_freq + 1)
-        spent = warm_up.write(record, run.eval_freq)
-        since = [spent.ended_return / spent.ended] * spent.ended if spent.ended else []
-        first = -(-spent.steps // run.eval_freq)
-        return cls(record, spent.steps, spent.steps, spent.episodes, first, since)
+        return cls(Record.empty(longest // run.eval_freq + 1))
 
 
 class Noise(NamedTuple):
@@ -401,7 +396,7 @@ class Recorder(BaseCallback):
 
     def _on_step(self) -> bool:
         progress = self.progress
-        progress.steps = progress.warm_up + self.num_timesteps
+        progress.steps = self.num_timesteps
         for part in self._standardized:
             part.see(self.model.policy, self.locals["new_obs"], self.training_env)
         for info in self.locals["infos"]:

@@ -12,7 +12,7 @@ from .potential import (
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
-from .record import Snapshots as Snapshots, WarmUp as WarmUp
+from .record import Snapshots as Snapshots
 from .result import LearningResult as LearningResult
 from .run import learn as learn
 from .schedules import (

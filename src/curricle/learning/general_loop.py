@@ -34,7 +34,7 @@ from curricle.learning.portfolio import (
     next_turn,
     optimistic_rate,
 )
-from curricle.learning.record import Record, Used, noted_end
+from curricle.learning.record import Record, noted_end
 from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import StaticInt, tie_bits
@@ -114,7 +114,6 @@ class Course(NamedTuple):
     limit: int  # steps of an episode
     turn: int  # steps after which a portfolio's turn ends, if no episode has ended before
     stream: np.uint64  # where the run's random stream starts
-    used: Used  # before learning
     steps: int  # at which learning ends, or
     episodes: int  # at which it ends, or
     stopping: StoppingKernel  # which may end it before
@@ -194,26 +193,23 @@ def learn_all(model, rule, learners, course):
     for place in range(np.uint64(ties.shape[0])):
         ties[place] = tie_bits(key, place)
     share, ahead, acting = np.nan, shaped, shaped
-    step, episodes, ended, ended_return = course.used
-    early, checkpoint, counter = step > 0, np.int64(0), course.stream + STRIDE
+    step = episodes = ended = checkpoint = np.int64(0)  # a literal would be a type of its own
+    ended_return, counter = 0.0, course.stream + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
     start, turn_length, earned, factor = state, 0, 0.0, 1.0
     action, bits, drawn = np.uint64(0), np.uint64(0), False
     weight, carried = at(shaping.weight, step), 0.0  # of the potential, and from step to step
     while True:
-        if early or step == checkpoint * course.eval_freq:
+        if step == checkpoint * course.eval_freq:
             if several:
                 share = tally.share[0]
                 ahead = shaped if share > UNDECIDED else LEARNT
             value = greedy_return(course.evaluation, model, acted_on(learners, ahead, weight))
             so_far = step, episodes, ended, ended_return, value, share
             q, other = learners.q[ahead, FIRST], learners.q[ahead, last]
-            checkpoint, ends = note_all(course, early, checkpoint, so_far, q, other)
-            if ends:
+            if called(course.noting, (record, course.stopping, checkpoint, so_far, q, other)) > 0.0:
                 return step, episodes
-            if early:
-                early = False
-                continue
+            checkpoint += 1
             ended, ended_return = 0, 0.0
         if is_spent(course, step, episodes) or has_failed(model):
             return step, episodes
@@ -393,25 +389,6 @@ def shaping_reward(shaping, discount, pair, terminated, carried, there):
 
 
 # -- checkpoints -----------------------------------------------------------------------------------
-
-
-@inlined
-def note_all(course, early, checkpoint, so_far, q, other):
-    """Note a checkpoint; return the next one, and whether the stopping rule ends the run here.
-
-    `early`, after a warm-up, all before the present step are noted: with the episodes and training
-    returns of the warm-up, and the greedy return before learning.
-    """
-    step, _, _, _, value, share = so_far
-    ends, record = False, course.record
-    last = step - 1 if early else step
-    while checkpoint * course.eval_freq <= last:
-        if early:
-            warm = record.episodes[checkpoint], 1, record.training_return[checkpoint]
-            so_far = checkpoint * course.eval_freq, warm[0], warm[1], warm[2], value, share
-        met = called(course.noting, (record, course.stopping, checkpoint, so_far, q, other))
-        ends, checkpoint = met > 0.0 and not early, checkpoint + 1
-    return checkpoint, ends
 
 
 def note(record, stopping, checkpoint, so_far, q, other):

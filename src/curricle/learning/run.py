@@ -23,7 +23,7 @@ from curricle.learning.portfolio import (
     optimism,
 )
 from curricle.learning.q_learning import Beside, train_q_learning
-from curricle.learning.record import Record, Used, WarmUp
+from curricle.learning.record import Record
 from curricle.learning.result import LearningResult, Outcome, learning_result
 from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, threads_for
 from curricle.learning.shaping import QInitialisation, Shaping
@@ -87,7 +87,6 @@ def learn(
     evaluation: GreedyEvaluation | None = None,
     storage: Storage | None = None,
     stream: str = "",
-    warm_up: Sequence[WarmUp] | None = None,
     charged: Sequence[int] | npt.NDArray[np.integer[Any]] | None = None,
     snapshots: int = 0,
     workers: int | None = None,
@@ -115,9 +114,6 @@ def learn(
         Precision of the values, dense or sparse tables, memory; float64 by default.
     stream : str
         Name of the random stream: several trainings of one seed draw independently.
-    warm_up : sequence of K WarmUp, optional
-        Episodes that each seed played in the task before. They count against the budget and are at
-        the start of the curves.
     charged : sequence of K int, optional
         Steps of the budget that each seed used elsewhere, for example in sources.
     snapshots : int
@@ -156,10 +152,9 @@ def learn(
     settings = seed_settings(
         seeds,
         learner,
-        most,
+        most[0],
         lambda shaping: shaping.for_task(task),
         shaping=shaping,
-        warm_up=warm_up,
         charged=charged,
     )
     kernel = evaluation.kernel(task)
@@ -268,7 +263,6 @@ class _Seed(NamedTuple):
     settings: SeedSettings
     out: FloatTable | None  # (S, A) where its dense values go; they are dropped without it
     record: Record
-    used: Used
     evaluation: EvaluationKernel
 
     @property
@@ -306,9 +300,8 @@ class Run:
         unknown = out is not None and self.task.terminal is None
         n = self.longest // self.eval_freq + 1
         record = Record.empty(n, *kept, unknown_ends=unknown)
-        used = settings.warm_up.write(record, self.eval_freq)
         begun(record)
-        seed = _Seed(start, settings, out, record, used, self.evaluation.for_run(start))
+        seed = _Seed(start, settings, out, record, self.evaluation.for_run(start))
         if self.plain(settings.shaping):
             return self._train_sparsely(seed) if self.rows else self._train_densely(seed)
         shaping, fast = settings.shaping, self.learner.update == Q_LEARNING and bool(self.bounds)
@@ -481,7 +474,6 @@ class Run:
                 limit,
                 longest_turn(discount, limit),
                 np.uint64(seed.start),
-                seed.used,
                 steps - seed.settings.charged,
                 episodes,
                 self.stopping,

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from curricle.checks import instance, whole_number
+from curricle.checks import whole_number
 from curricle.errors import SettingError
-from curricle.learning.record import NO_WARM_UP, WarmUp
 from curricle.learning.shaping import Shaping
 from curricle.progress import interruptible
 from curricle.tasks.live import is_live
@@ -36,18 +35,16 @@ class SeedSettings(NamedTuple):
 
     seed: int
     shaping: Shaping | None
-    warm_up: WarmUp
     charged: int  # steps of the budget that were used elsewhere
 
 
 def seed_settings(
     seeds: Any,
     learner: Any,
-    limits: tuple[int, int],
+    most_steps: int,
     fitted: Callable[[Shaping], Shaping],
     *,
     shaping: Any,
-    warm_up: Any,
     charged: Any,
 ) -> list[SeedSettings]:
     """Return the settings of each seed's training, or raise SettingError."""
@@ -73,22 +70,16 @@ def seed_settings(
         shapings = map(checked, _of_seeds("shaping", shaping, len(numbers), None))
     else:
         shapings = repeat(checked(shaping), len(numbers))
-    settings, (steps, episodes) = list[SeedSettings](), limits
-    warm_ups = _of_seeds("warm-up", warm_up, len(numbers), NO_WARM_UP)
+    settings = list[SeedSettings]()
     costs = _of_seeds("charge", charged, len(numbers), 0)
-    for seed, fit, acted, cost in zip(numbers, shapings, warm_ups, costs, strict=True):
-        instance("each warm-up", acted, WarmUp, SettingError)
+    for seed, fit, cost in zip(numbers, shapings, costs, strict=True):
         cost = whole_number("each of charged", cost, 0, SettingError)
-        if cost >= steps:
+        if cost >= most_steps:
             raise SettingError(
-                f"a budget must exceed the steps charged to it: got {steps:,} and {cost:,} steps"
+                f"a budget must exceed the steps charged to it: got {most_steps:,} and {cost:,} "
+                "steps"
             )
-        if acted.steps >= steps - cost or len(acted.lengths) >= episodes:
-            raise SettingError(
-                "a budget must exceed what was used before learning: the warm-up of seed "
-                f"{seed} took {acted.steps:,} steps in {len(acted.lengths):,} episodes"
-            )
-        settings.append(SeedSettings(seed, fit, acted, cost))
+        settings.append(SeedSettings(seed, fit, cost))
     return settings
 
 

@@ -43,7 +43,7 @@ class Shaping(ABC):
     adds: ClassVar[int] = PLAIN
     # Whether Q starts at the potential, so that learning itself is plain.
     starts_at_potential: ClassVar[bool] = False
-    # Whether it uses the potential's values, so that these can be calibrated or forecast.
+    # Whether it uses the potential's values, so that these can be forecast.
     reads_values: ClassVar[bool] = True
     # What proves it safe where `meets_conditions` and the declarations below hold.
     theorem: ClassVar[str] = ""

@@ -454,8 +454,7 @@ def draw_forecast(forecast: Forecast) -> Figure:
         over = "φ > return"
         share = "the steps of φ's greedy policy on which φ is above the return to go"
     shares = [f"{row.mean('optimistic'):.0%}" for row in rows]
-    scales = ["none" if math.isnan(row.scale) else f"× {row.scale:.2g}" for row in rows]
-    write_columns(axes, [(over, *shares), ("scale", *scales)])
+    write_columns(axes, [(over, *shares)])
     # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
     title = f"{forecast.target}: where learning would start, not what it gains"
     figure.suptitle(f"{title}\na forecast {forecast.computed_from}")
@@ -466,7 +465,7 @@ def draw_forecast(forecast: Forecast) -> Figure:
     caption(
         figure,
         f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
-        f"{over}: share of {share}. Scale: what a calibration would multiply φ by.{colours}",
+        f"{over}: share of {share}.{colours}",
     )
     return figure
 

@@ -92,11 +92,10 @@ def curricula_record(
             number = _number(edge, edges, same_transfer)
             ends = {"source": edge.source, "target": edge.target}
             transfers.append(TransferRecord(**ends, words=transfer_words(edge), number=number))
-        calibration = ", calibrated" * (curriculum.calibration(curriculum.target) is not None)
         arms[label] = ArmRecord(
             nodes=nodes,
             transfers=tuple(transfers),
-            potential=_aggregate(curriculum, curriculum.target, "") + calibration,
+            potential=_aggregate(curriculum, curriculum.target, ""),
             scratch=arm.scratch,
             control_of=arm.of,
             depends_on_total=_depends_on_total(curriculum),
@@ -148,8 +147,6 @@ def _depends_on_total(curriculum: Curriculum) -> str:
     """Return why every step of learning a target depends on the budget; empty if it does not."""
     target = curriculum.target
     learner, shaping = (curriculum.setting(which, target) for which in ("learner", "shaping"))
-    if curriculum.calibration(target) is not None:
-        return "its calibration may take a share of the total"
     if isinstance(learner, DeepLearner) and learner.scheduled:
         return f"a schedule of {learner.algorithm} runs over the total"
     guided = isinstance(shaping, PolicyReuse) and "buffer_size" in learner.takes
@@ -250,9 +247,9 @@ def _section(
     try:
         record = _forecast(arms, results, target, seeds) if seeds else None
         for arm in arms if certified else ():
-            curriculum, seed = results[arm].curriculum, results[arm][target].seeds[:1]
+            curriculum = results[arm].curriculum
             sources = {name: source.first(1) for name, source in results[arm].sources.items()}
-            (phi,), _ = curriculum.entering(target, sources, seed)
+            (phi,) = curriculum.potentials(target, sources)
             shaping = curriculum.setting("shaping", target).with_potential(phi)
             certificate = certify(curriculum.tasks[target], shaping)
             text, holds = str(certificate), certificate.holds

@@ -9,8 +9,6 @@ from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import numpy as np
-
 from curricle.comparison.controls import check_fit, is_shuffled
 from curricle.comparison.opponents import CONSTANTS
 from curricle.comparison.plan import (
@@ -257,9 +255,6 @@ def train_unit(sent: UnitInput) -> UnitResult:
         raise ForeignError(f"the study's own code called sys.exit({error.code})") from error
     arrays = arrays_of(trained.result)
     arrays["source_steps"] = trained.source_steps
-    if trained.calibrations:
-        for part in ("scale", "refusal"):
-            arrays[part] = np.array([getattr(fit, part) for fit in trained.calibrations])
     if trained.initial_values is not None:
         arrays["initial_values"] = trained.initial_values
     return UnitResult(arrays, _decisions(trained, arm.curriculum, unit))

@@ -478,7 +478,7 @@ class _Builder:
         alone = sum(other.target == edge.target for other in self.arm.transfers) == 1
         fit = alone and settings["unknown_value"].get(edge.target) is None
         fitted = edge.mapping == "auto" and fit
-        free = {"calibrate"} if fitted else {"scale", "shift", "calibrate"}
+        free = set[str]() if fitted else {"scale", "shift"}
         key = f"{fitted} {edge.model_dump_json(exclude=free)}"
         key += self._key(edge.target) + self._key(edge.source)
         if key not in self.made:

@@ -281,7 +281,6 @@ class RowRecord(Plain):
     aggregate: bool
     start: float
     optimistic: float
-    scale: float
     verdict: str
 
 

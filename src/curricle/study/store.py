@@ -215,9 +215,8 @@ class DecisionRow(NamedTuple):
 
 DECISION_ROWS = TypeAdapter(list[DecisionRow])
 OF_A_SEED = re.compile(r"(states|values)_(\d+)(/.*)?")  # name of an array of the seed in this row
-OF_UNITS = ("source_steps", "scale", "refusal", "initial_values")
-"""Arrays by seed that a unit has besides its result's: two if it was calibrated, another if Q
-starts at a constant."""
+OF_UNITS = ("source_steps", "initial_values")
+"""Arrays by seed that a unit has besides its result's, the second if Q starts at a constant."""
 LARGEST_DECISIONS = 2**26  # most bytes of a unit's decisions: 300,000 decisions
 
 
@@ -706,8 +705,7 @@ def stored_values(
     elif isinstance(values[0], np.ndarray):
         values = np.stack(values)
     steps = np.array([held["steps_used"][k] for held, k in rows])
-    scales = [float(held["scale"][k]) for held, k in rows if "scale" in held]
-    return SourceValues(None, tuple(seeds), values, steps, scales=scales)
+    return SourceValues(None, tuple(seeds), values, steps)
 
 
 # -- Small units of a task in one file -------------------------------------------------------------

@@ -579,7 +579,7 @@ class Settings(Table):
         return built(value, folder)
 
 
-# -- Transfers: their mapping, scale, shift and calibration ----------------------------------------
+# -- Transfers: their mapping, scale and shift -----------------------------------------------------
 
 MAPPINGS = ("project", "mapping", "function", "factory", "observations")  # a transfer has one
 OF_OBSERVATIONS = ("observations", "actions", "status")  # keys for targets that networks learn
@@ -590,7 +590,7 @@ ACTIONS = (
 
 class _TransferTable(ObjectTable):
     if TYPE_CHECKING:
-        source: str  # derived from Transfer, as are target, scale, shift and calibrate
+        source: str  # derived from Transfer, as are target, scale and shift
         target: str
         scale: float
         shift: float

@@ -195,7 +195,7 @@ def teach(
         samplers={},
     )
     of_seeds = seed_settings(
-        seeds, run.learner, run.limits, lambda x: x, shaping=None, warm_up=None, charged=None
+        seeds, run.learner, run.limits[0], lambda x: x, shaping=None, charged=None
     )
     threads = threads_for(mdp, workers, len(of_seeds))
     with shown(progress) as bars:

@@ -14,7 +14,6 @@ from .by_components import (
     relative_objects as relative_objects,
     same_position as same_position,
 )
-from .calibration import Calibration as Calibration, calibrate as calibrate
 from .mapping import (
     ENDED as ENDED,
     UNMAPPED as UNMAPPED,
@@ -37,4 +36,4 @@ from .search import (
     fitted_unmapped_value as fitted_unmapped_value,
     score_mapping as score_mapping,
 )
-from .transfer import Calibrate as Calibrate, Transfer as Transfer
+from .transfer import Transfer as Transfer

@@ -359,3 +359,7 @@ class ObservationPotential:
             return rescale(phis[0], self.scale, self.shift)
         phi = aggregate(self.function, np.array(phis), self.unknown_value)
         return rescale(phi, self.scale, self.shift)
+
+
+AnyPotential = PairPotential | ObservationPotential
+"""What sources give a target: phi of numbered states, or of observations."""

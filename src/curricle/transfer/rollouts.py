@@ -1,6 +1,6 @@
 """Greedy rollouts of a potential: its prediction at each step, and the return that follows.
 
-They calibrate a potential, or measure its errors, before anything is learnt. Tasks with numbered
+They measure the errors of a potential before anything is learnt. Tasks with numbered
 states are rolled out in compiled loops, observation tasks in parallel environments.
 """
 

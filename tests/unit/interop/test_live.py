@@ -98,10 +98,9 @@ def lake(**settings):
 
 def test_tables_transfer_to_a_live_target():
     tabled, live = lake(), lake(live=True)
-    plain = cr.transfer.Calibrate()
     plan = cr.Curriculum(
         tasks={"tabled": tabled, "live": live},
-        transfers=[cr.Transfer("tabled", "live", cr.project(live, tabled), calibrate=plain)],
+        transfers=[cr.Transfer("tabled", "live", cr.project(live, tabled))],
         budget={"tabled": 5000, "live": 2000},
         learner=cr.QLearning(learning_rate=0.5, epsilon=0.3),
         shaping=cr.QInitialisation(),
@@ -198,7 +197,6 @@ def test_failures_outside_of_learning_surface_too():
     for work in (
         lambda: [cr.planning.rollout(task, [0, 0], seed=seed) for seed in range(9)],
         lambda: greedy_rollouts(phi, episodes=100),
-        lambda: cr.calibrate(phi),
     ):
         task.make().log.clear()
         with pytest.raises(Trouble):

@@ -171,7 +171,7 @@ def test_a_forecast_has_a_bar_for_each_potential(predicted):
     for bar, row in zip(axes.patches, predicted.rows, strict=True):
         assert bar.get_x() == pytest.approx(predicted.random_return)
         assert bar.get_x() + bar.get_width() == pytest.approx(row.mean("start"))
-        assert {f"{row.mean('optimistic'):.0%}", f"× {row.scale:.2g}"} <= {*texts_of(axes)}
+        assert f"{row.mean('optimistic'):.0%}" in {*texts_of(axes)}
     low, high = axes.get_xlim()
     assert low < predicted.random_return
     assert predicted.optimum < high

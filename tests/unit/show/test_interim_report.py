@@ -73,9 +73,7 @@ def test_the_page_follows_the_folder_to_the_report_of_the_run(live):
     live.store("chain", "corner", "easy", "maze")
     report.refresh()
     text, seconds = live.banner
-    assert re.search(
-        "8 of 16 units.* is of scratch, chain; to come: state, calibrated. There", text
-    )
+    assert re.search("8 of 16 units.* is of scratch, chain; to come: state, scaled. There", text)
     assert seconds >= 2
     assert re.search(r">\s*chain\s*<.*reload|reload.*>\s*chain\s*<", live.page, re.DOTALL)
     live.store_all()
