@@ -27,7 +27,7 @@ myst_heading_anchors = 4  # so that links to headings lead somewhere, or the bui
 reference_packages = [
     f"curricle.{name}"
     for name in (
-        *("tasks", "learning", "planning", "teaching", "transfer", "curriculum", "certificate"),
+        *("tasks", "learning", "planning", "transfer", "curriculum", "certificate"),
         *("comparison", "design", "statistics", "study", "show"),
         *("interop", "deep", "errors"),
     )

@@ -12,7 +12,6 @@ from . import (
     statistics as statistics,
     study as study,
     tasks as tasks,
-    teaching as teaching,
     transfer as transfer,
 )
 from .certificate.certification import certify as certify

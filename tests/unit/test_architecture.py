@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
     *["errors", "arrays", "checks", "text", "display", "progress", "files"],
     *["tasks", "show/views", "show/scenes"],
-    *["statistics", "planning", "learning", "teaching", "transfer", "certificate"],
+    *["statistics", "planning", "learning", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "design", "study_file", "study"],
     *["show", "paper", "cli"],
 ]

@@ -229,16 +229,6 @@ def test_comparisons_and_controls_run():
     assert "inf" not in str(comparison)
 
 
-def test_tasks_of_a_teacher_share_their_available_actions():
-    task = with_masks(random_mdp(9, n_actions=4, time_limit=10), 9)
-    elsewhere = cr.tasks.with_start(task, "reachable")
-    taught = cr.teaching.teach({"easy": elsewhere, "hard": task}, target="hard", budget=500)
-    assert (np.isneginf(taught.learning.values[0]) == ~task.available).all()
-    other = with_masks(random_mdp(9, n_actions=4, time_limit=10), 10)
-    with pytest.raises(SettingError, match="must allow the same actions in each state"):
-        cr.teaching.teach({"easy": other, "hard": task}, target="hard", budget=500)
-
-
 def test_coarser_sources_allow_what_one_of_their_states_allows():
     cells = cr.Space([cr.Component("row", 1), cr.Component("column", 8)])
     task = with_masks(random_mdp(10, n_states=8, n_actions=4, time_limit=20), 10)

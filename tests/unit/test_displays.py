@@ -64,7 +64,6 @@ def results(tmp_path_factory):
     by_name["certificate"] = cr.certify(maze, cr.StateShaping(np.zeros(maze.states.size)))
     unsafe = cr.certificate.ShapingReward(lambda s, a, after: 500.0 * (after == s))
     by_name["refutation"] = cr.certify(maze, unsafe)
-    by_name["teaching"] = cr.teaching.teach({EVIL: maze}, target=EVIL, budget=500, seeds=2)
     by_name["mappings"] = cr.transfer.find_mappings(CHASE, CHASE)
     by_name["found mapping"] = by_name["mappings"][0]
     by_name["candidates"] = cr.design.source_candidates(maze)

@@ -43,7 +43,6 @@ def other_mapping(**how):
 
 COMPARE = partial(cr.compare, plan(), seeds=2, controls=["negated"], opponents=())
 SEARCH = partial(cr.transfer.find_mappings, MAZE, CORNER, searches=SEARCHES)
-TEACH = partial(cr.teaching.teach, {"maze": MAZE}, target="maze", budget=500)
 ARMS = ["scratch", "transfer", "transfer, negated"]
 BARS = ["scratch: maze", "transfer: corner", "transfer: maze", "transfer, negated: maze"]
 FORECAST = partial(cr.forecast, plan(), seeds=2, trial=False)
@@ -53,7 +52,6 @@ LONG = {
     "train": (partial(plan().train, 2), ["corner", "maze"], ["corner: 2", "maze: 2"]),
     "compare": (COMPARE, ARMS, [f"{bar}: 2" for bar in BARS]),
     "forecast": (FORECAST, ["mean"], ["corner: 2", "potentials: 1"]),
-    "teach": (TEACH, [0], ["learning: 1"]),
     "find_mappings": (SEARCH, ["by_name", "by_homomorphism"], ["searches: 2"]),
     "auto_mapping": (other_mapping, FOUND, [f"searches: {len(FOUND)}"]),
     "tabulate": (partial(cr.tabulate, "FrozenLake-v1", discount=0.9), [], []),

@@ -39,7 +39,7 @@ from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import OLD_GYM, LiveMDP, is_live
 from curricle.tasks.mdp import FiniteMDP, available_actions, generative_model
-from curricle.tasks.models import Functions, check_answers, first_state, transition
+from curricle.tasks.models import check_answers, first_state, has_users_code, transition
 from curricle.tasks.observation_task import (
     EnvironmentMaker,
     ObservationTask,
@@ -717,7 +717,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
         self.observation_space, self.action_space = self._states.gym_space, self._actions.gym_space
         self._rules, self._model = rules, rules.model
         self._restricted = getattr(self._model, "available", None) is not None
-        self._users_code = isinstance(self._model, Functions)
+        self._users_code = has_users_code(self._model)
         self._begun = compiled(_begun, self._users_code)
         self._moved = compiled(_moved, self._users_code)
         self._stream = np.zeros(1, np.uint64)

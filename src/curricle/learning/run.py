@@ -1,7 +1,6 @@
 """Training one task over many seeds: :func:`learn`, and the run of each seed."""
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, cast
@@ -67,7 +66,7 @@ from curricle.tasks.mdp import (
     available_actions,
     generative_model,
 )
-from curricle.tasks.models import Functions
+from curricle.tasks.models import has_users_code
 
 MOST_ACTIONS = int(TIED)  # actions that 15 bits can tell apart
 SHORT = 2**20
@@ -468,7 +467,7 @@ class Run:
             rows = self.rows + 1 if self.rows else n_tables * n_states
             visits = np.zeros((rows, n_actions), np.int64)
         noted = seed.record, self.stopping, 0, (0, 0, 0, 0.0, 0.0, 0.0)  # for the types
-        with self.opened(seed.settings, seed.start, q) as model:
+        with open_model(self.task, seed.start, q) as model:
             course = Course(
                 discount,
                 limit,
@@ -483,16 +482,10 @@ class Run:
                 address_of(compiled(note, False), *noted, q[-1, 0], q[-1, 0]),
             )
             rule = self.learner.kernel(visits)
-            totals = compiled(loop, isinstance(model, Functions))(model, rule, learns, course)
+            totals = compiled(loop, has_users_code(model))(model, rule, learns, course)
         if seed.record.halted[0]:
             raise KeyboardInterrupt  # half-learnt values must not be taken for a result
         return totals
-
-    def opened(
-        self, settings: SeedSettings, start: int, q: FloatTable
-    ) -> AbstractContextManager[Any]:
-        """Return a context with the model that one seed's loop samples from `start` on."""
-        return open_model(self.task, start, q)
 
     @property
     def shape(self) -> tuple[int, int]:

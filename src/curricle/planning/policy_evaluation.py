@@ -32,10 +32,10 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.tasks.models import (
-    Functions,
     Tables,
     evaluation_model,
     first_state,
+    has_users_code,
     table_model,
     truncated,
 )
@@ -81,7 +81,7 @@ class RolloutEvaluation(NamedTuple):
 
     def compiled_for(self, model: Any, view: Any) -> "RolloutEvaluation":
         """Return this with its machine code for such a view in such a model."""
-        loop = compiled(rollout_return, isinstance(model, Functions))
+        loop = compiled(rollout_return, has_users_code(model))
         return self._replace(address=address_of(loop, self, model, view))
 
 
@@ -308,7 +308,7 @@ def greedy_policy_return(
             view = Values(closed(values, tables(task).available))
         return float(compiled(exact_return, False)(kernel, view))
     with open_model(generative_model(task), start) as model:
-        loop = compiled(rollout_return, isinstance(model, Functions))
+        loop = compiled(rollout_return, has_users_code(model))
         return float(loop(kernel, model, view))
 
 

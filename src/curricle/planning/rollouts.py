@@ -31,10 +31,10 @@ from curricle.tasks.kernel import (
 from curricle.tasks.live import is_live, open_model
 from curricle.tasks.mdp import GenerativeModel, Task, available_actions, generative_model
 from curricle.tasks.models import (
-    Functions,
     cumulated,
     first_state,
     has_failed,
+    has_users_code,
     permitted,
     transition,
     truncated,
@@ -186,7 +186,7 @@ def simulate(
     record = StepRecord(np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size))
     ends = EpisodeEnds(*np.zeros((2, episodes), np.int64), *np.zeros((2, episodes), np.bool_))
     first = np.zeros(0, np.int64) if starts is None else np.array(starts, np.int64)
-    loop = compiled(_simulate, isinstance(model, Functions))
+    loop = compiled(_simulate, has_users_code(model))
     loop(model, policy, first, stream, limit, record, ends)
     n = int(ends.lengths.sum())
     taken = record.states[:n].copy(), record.actions[:n].copy(), record.rewards[:n].copy()

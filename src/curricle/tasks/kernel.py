@@ -32,7 +32,7 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is
 
 # -- machine code on disk --------------------------------------------------------------------------
 
-PACKAGES = ("learning", "planning", "tasks", "teaching", "transfer")  # packages with compiled code
+PACKAGES = ("learning", "planning", "tasks", "transfer")  # packages with compiled code
 MARKS = (b"numba", b"tasks.kernel", b".body(")
 """Each file with compiled code contains one of these: an import, or a decorator."""
 

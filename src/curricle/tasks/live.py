@@ -200,6 +200,10 @@ class LiveMDP:
         """A placeholder: the generative model exists while environments are open."""
         return Unopened(self)
 
+    def open(self, start: int, tables: FloatTable | None) -> AbstractContextManager[Live]:
+        """Return a context with the model of a run whose random stream starts at `start`."""
+        return _Opened(self, start, tables)
+
     def __repr__(self) -> str:
         return described(self)
 
@@ -225,10 +229,11 @@ def open_model(
 ) -> AbstractContextManager[Any]:
     """Return a context with a task's model; at its end it raises an environment's exception.
 
-    An environment that masks actions writes -inf into `tables`, (n, m, S, A), as states are met.
+    A task with a method `open` makes its model for a run, such as :class:`LiveMDP`. An environment
+    that masks actions writes -inf into `tables`, (n, m, S, A), as states are met.
     """
-    if is_live(task):
-        return _Opened(task, start, tables)
+    if hasattr(task, "open"):
+        return task.open(start, tables)  # type: ignore[no-any-return]
     return opened(task) if isinstance(task, ComputedMDP) else nullcontext(task.model)
 
 

@@ -547,6 +547,14 @@ def _permitted_by_function(model, state, action, bits):
 failures.body(Functions)(lambda model: model.failure[0].by != 0)
 
 
+def has_users_code(model: Any) -> bool:
+    """Return whether a model is of functions, or of a class, from outside this library.
+
+    Loops that they are compiled into are not kept on disk, as nothing tells when they change.
+    """
+    return isinstance(model, Functions) or not type(model).__module__.startswith("curricle.")
+
+
 @contextmanager
 def opened(task: ComputedMDP) -> Iterator[Functions]:
     """Return a context with a model that loops can run on, which checks the answers at its end."""
