@@ -91,9 +91,9 @@ class ForeignError(RuntimeError):
     """An error of a study's own code in another process, in words; a note has the traceback."""
 
 
-def reason(error: OSError) -> str:
+def reason(error: Exception) -> str:
     """Return why a file cannot be used, on one line."""
-    return error.strerror or " ".join(str(error).split())
+    return getattr(error, "strerror", None) or " ".join(str(error).split())
 
 
 def in_words(error: BaseException) -> str:

@@ -97,22 +97,6 @@ def dask(tmp_path_factory):
         cluster.close()
 
 
-@pytest.fixture
-def ray_nodes(tmp_path_factory, monkeypatch):
-    """A Ray cluster of two nodes; runs have its token in their environment."""
-    pytest.importorskip("ray")
-    from tests.cluster.ray_nodes import RayNodes
-
-    nodes = RayNodes(tmp_path_factory.mktemp("elsewhere"))
-    try:
-        nodes.add_node()
-        for name, value in nodes.environment.items():
-            monkeypatch.setenv(name, value)
-        yield nodes
-    finally:
-        nodes.close()
-
-
 @pytest.fixture(scope="session")
 def s3_server(tmp_path_factory):
     pytest.importorskip("moto")
@@ -163,9 +147,8 @@ def study(tmp_path):
 def begun(study, out, *options, **how):
     """A run of the command line, in the study's folder."""
     command = [sys.executable, "-m", "curricle", "run", str(study), "--out", str(out), *options]
-    quiet = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0"}
     return subprocess.Popen(
-        command, cwd=study.parent, env=quiet, stdout=-1, stderr=subprocess.STDOUT, text=True, **how
+        command, cwd=study.parent, stdout=-1, stderr=subprocess.STDOUT, text=True, **how
     )
 
 

@@ -67,6 +67,12 @@ OF_RUNS = {"runs.json", ".lock"}
 
 
 @pytest.fixture
+def url_of(tmp_path):
+    """A function: name -> the URL of a folder that the memory of this process holds."""
+    return lambda name: f"memory://{tmp_path.name}/{name}"
+
+
+@pytest.fixture
 def curricle(monkeypatch, capfd, tmp_path):
     """A function: arguments -> the exit code, what was printed and what was complained of."""
     monkeypatch.chdir(tmp_path)

@@ -11,7 +11,6 @@ import pytest
 from curricle.errors import ConfigError, StoreError, StudyError
 from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
-from curricle.study.engines.engine import train_sent, versions_here
 from curricle.study.results import FAILURES
 from curricle.study.workers import WorkerProcesses
 
@@ -123,17 +122,6 @@ class Copies(Executor):
         return future
 
 
-class CopiesOfSent(Copies):
-    """Trains units as the workers of an engine do."""
-
-    def __init__(self, rules):
-        self.files = {"rules.py": rules.read_bytes()}
-
-    def submit(self, function, sent_unit):
-        sent = sent_unit._replace(files=self.files, versions=versions_here())
-        return super().submit(lambda _: train_sent(sent), sent_unit)
-
-
 @pytest.fixture
 def own_errors(study, tmp_path):
     """Return a function: name of an error -> a study of one unit a task, which raises it."""
@@ -158,9 +146,7 @@ def test_errors_of_ones_own_read_the_same_wherever_units_are_trained(
 ):
     wanted = told_of(own_errors(error), tmp_path / "threads", None)
     assert f"whole: {kind}a rule of the thesis is not met: got 3" in wanted[0]
-    for pool in (Copies(), CopiesOfSent(tmp_path / "rules.py")):
-        out = tmp_path / type(pool).__name__
-        assert told_of(own_errors(error), out, pool) == wanted
+    assert told_of(own_errors(error), tmp_path / "copies", Copies()) == wanted
 
 
 @pytest.mark.slow

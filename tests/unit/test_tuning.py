@@ -5,10 +5,10 @@ import shutil
 
 import numpy as np
 import pytest
+from fsspec.implementations.memory import MemoryFileSystem
 
 import curricle as cr
 from curricle.errors import ConfigError, LostStoreError, StoreError, StudyError
-from curricle.files import RemotePath
 from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
 from curricle.study.record import plain
 from curricle.study.results import RESULTS
@@ -113,22 +113,22 @@ def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
     assert_same(tmp_path / "all", tuned)
 
 
-def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, tmp_path, monkeypatch):
+def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, url_of, monkeypatch):
     study = read_study(tuned_file, set=["tune.trials=2", "tune.seeds=1"])
-    exists, remove = RemotePath.exists, StudyStore.remove_checkpoints
+    exists, remove = MemoryFileSystem.exists, StudyStore.remove_checkpoints
 
-    def failing(path):
-        if path.name == STUDY:
+    def failing(system, path, **settings):
+        if path.endswith(STUDY):
             raise OSError("nothing answers")
-        return exists(path)
+        return exists(system, path, **settings)
 
     def last(store):
         remove(store)
-        monkeypatch.setattr(RemotePath, "exists", failing)
+        monkeypatch.setattr(MemoryFileSystem, "exists", failing)
 
     monkeypatch.setattr(StudyStore, "remove_checkpoints", last)
     with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
-        run_study(study, (tmp_path / "out").as_uri(), workers=1)
+        run_study(study, url_of("out"), workers=1)
 
 
 @pytest.mark.parametrize("finished_before", [False, True])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from curricle.errors import LONGEST, ConfigError, LostStoreError, StoreError, TaskError
-from curricle.files import RemotePath, opened_archive, read_npy
+from curricle.files import opened_archive, place_at, read_npy
 from curricle.study import StudyConfig, read_study, run_study
 from curricle.study.store import (
     CHECKPOINTS,
@@ -153,6 +153,6 @@ def test_messages_are_one_sentence_that_ends_with_its_end():
 )
 def test_passwords_are_not_repeated(url):
     with pytest.raises(StoreError, match="must have no password") as caught:
-        RemotePath.of(url)
+        place_at(url)
     assert "hidden" not in str(caught.value)
     assert "hidden" not in str(StoreError("cannot be written to https:/me:hidden@host/x.html"))

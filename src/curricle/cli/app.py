@@ -249,7 +249,7 @@ def run(
     ] = None,
     processes: Annotated[bool, Option("--processes", help="Processes instead of threads.")] = False,
     on: Annotated[
-        str | None, Option(help="A cluster: dask or ray, or dask://host:8786, ray://host:10001.")
+        str | None, Option(help="A Dask cluster: dask, or its scheduler, as dask://host:8786.")
     ] = None,
     shard: Annotated[
         str, Option(help="i/n: the i-th of n parts of the seeds, to be merged later.")

@@ -6,7 +6,7 @@ Without a terminal it prints a line for each unit, or at most a line a second on
 import os
 import sys
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +25,8 @@ from curricle.study.config import StudyConfig
 from curricle.study.results import StudyResults
 from curricle.study.running import Pace, Progress, run_study, shown_units
 from curricle.study.tuning import with_trials
-from curricle.study.workers import WorkerProcesses
+from curricle.study.workers import WorkerProcesses, dask_cluster
+from curricle.text import counted
 
 # -- Running a study from the command line: bars on a terminal, and lines where there is none ------
 
@@ -82,12 +83,16 @@ def run_with_bars(
                 command = [sys.executable, "-m", "curricle", "watch", str(path), "--out", str(out)]
                 watchers.append(ending.enter_context(Popen(command)))  # which ends as the run does
 
-        if on is None and (
-            processes or any(arms.serial for arms in with_trials(study, Arms.of(study)))
-        ):
+        count: int | Callable[[], int] | None = workers
+        if on is not None:
+            cluster = ending.enter_context(dask_cluster(on, workers))
+            settings["executor"], count = cluster.executor, cluster.workers
+            link = f", {cluster.link}" if cluster.link else ""
+            typer.echo(f"{on}: {counted(cluster.workers(), 'worker')}{link}", err=True)
+        elif processes or any(arms.serial for arms in with_trials(study, Arms.of(study))):
             settings["executor"] = pool = WorkerProcesses(workers)
             ending.callback(pool.shutdown, wait=False, cancel_futures=True)
-        return run_study(study, path, workers=workers, on=on, progress=show, **settings)
+        return run_study(study, path, workers=count, progress=show, **settings)
 
 
 def watch_results(folder: str, out: Path | None) -> None:

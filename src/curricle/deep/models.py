@@ -37,7 +37,7 @@ from curricle.deep.networks import NetworkValues, Standardized, acting
 from curricle.deep.vec_env import ShapedVecEnv, set_whole_state, whole_state
 from curricle.deep.ways_in import begin_near, carry_over, kickstarted, reusing
 from curricle.errors import CurricleError, LostStoreError, SettingError, StoreError, reason
-from curricle.files import Place, RemotePath, opened_regular, write_whole
+from curricle.files import Place, opened_regular, write_whole
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
 from curricle.learning.result import Outcome
@@ -559,7 +559,7 @@ def load_checkpoint(path: Place, run: str) -> Saved | None:
     with suppress(Exception):  # whatever unpickling damaged bytes raises
         saved = cloudpickle.loads(content)
     if not isinstance(saved, Saved):
-        if isinstance(path, RemotePath):  # there nothing moves it into place when it is whole
+        if not isinstance(path, Path):  # there nothing moves it into place when it is whole
             return None
         raise StoreError(f"a checkpoint must be written by curricle, here: {path} is not")
     if saved.run != run:

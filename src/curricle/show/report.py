@@ -34,7 +34,7 @@ from curricle.checks import listed
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.errors import SettingError, StoreError, in_words
-from curricle.files import Place, RemotePath, place_at, write_whole
+from curricle.files import Place, place_at, write_whole
 from curricle.learning.result import GREEDY_RETURN
 from curricle.show import findings
 from curricle.show.graph import graphs
@@ -403,7 +403,7 @@ class InterimReport:
     ):
         self.folder, self.path, self.over = place_at(folder), path, False
         self._line, self._say, self._opened = line, say, opened
-        self._between = BETWEEN_AT_URL if isinstance(self.folder, RemotePath) else BETWEEN
+        self._between = BETWEEN if isinstance(self.folder, Path) else BETWEEN_AT_URL
         self._place = token_hex(16)  # of the banner in the page
         self._page, self._was_running, self._said = "", False, set[str]()
         self._seen: Any = None

@@ -15,6 +15,7 @@ from heapq import heappop, heappush
 from importlib import metadata
 from itertools import chain, product
 from math import inf
+from os import PathLike
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -31,7 +32,7 @@ from curricle.progress import check_progress, interruptible, shown
 from curricle.study.analysis import analyse, study_record
 from curricle.study.arms import Arms, UnitInput, changes_of, replaced_keys, seeds_of, units_of
 from curricle.study.config import Study, StudyConfig, study_of
-from curricle.study.engines.engine import ExecutorWorkers, Workers, opened_engine
+from curricle.study.executors import Workers
 from curricle.study.record import FailureRecord, RunRecord, StudyRecord, plain
 from curricle.study.results import (
     FAILURES,
@@ -296,9 +297,8 @@ def run_study(
     path: str | Place | None = None,
     *,
     resume: bool = False,
-    workers: int | None = None,
+    workers: int | Callable[[], int] | None = None,
     executor: Executor | None = None,
-    on: str | None = None,
     shard: tuple[int, int] = (1, 1),
     trackers: Sequence[str | Tracker] = (),
     report: Callable[[str], Any] | None = None,
@@ -314,13 +314,12 @@ def run_study(
     resume : bool
         Whether to use the folder's units. Units are trained if they are missing, damaged or stale.
         A unit is stale if its settings, its sources, the user's code or Curricle's version differ.
-    workers : int, optional
+    workers : int or callable, optional
         Number of threads: by default one a processor, but a single thread if a task runs in Python
         or is learnt by a network (use :class:`WorkerProcesses` then). Results do not depend on it.
+        With an executor, how many units it trains at once; a function if that may change.
     executor : concurrent.futures.Executor, optional
         Trains the units instead of threads, maybe on other machines; it is not shut down.
-    on : str, optional
-        A cluster that trains the units: "dask", "ray", or an address such as "dask://host:8786".
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
     trackers : sequence of str or Tracker
@@ -357,7 +356,7 @@ def run_study(
     study = study_of(study)
     check_progress(progress)
     path = path or study.results_folder
-    if workers is not None:
+    if workers is not None and not callable(workers):
         whole_number("workers", workers, 1, SettingError)
     if report is not None and not callable(report):
         raise SettingError(f"report must be a function that takes a sentence: got {report!r}")
@@ -382,9 +381,8 @@ def run_study(
             )
         trials.check_networks()
     with ExitStack() as ending:
-        # opened first, so that a refused cluster leaves no folder
         every = [arms, of_trials] if of_trials else [arms]
-        places = _workers(study, every, workers, executor, on, report, ending)
+        places = _workers(study, every, workers, executor, ending)
         about, record = described(study, arms)
         opened = StudyStore.opened(path, about, resume=resume, check=False)
         store = ending.enter_context(opened)
@@ -505,28 +503,21 @@ def described(study: StudyConfig, arms: Arms) -> tuple[dict[str, Any], StudyReco
 def _workers(
     study: StudyConfig,
     all_arms: Sequence[Arms],
-    workers: int | None,
+    workers: int | Callable[[], int] | None,
     executor: Executor | None,
-    on: str | None,
-    report: Callable[[str], Any],
     ending: ExitStack,
 ) -> Workers:
-    """Return the workers of a run; workers started for the run end with it."""
-    if on is not None and executor is not None:
-        raise SettingError(f"on and an executor exclude each other: got on={on!r} and an executor")
+    """Return the workers of a run; threads started for the run end with it."""
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise SettingError(f"executor must be a concurrent.futures.Executor: got {executor!r}")
-    if on is not None:
-        engine = ending.enter_context(opened_engine(on, workers))
-        link = f", {engine.link}" if engine.link else ""
-        report(f"{on}: {counted(engine.number(), 'worker')}{link}")
-        engine.carry(all_arms, study.folder)
-        return engine
     number = workers or os.cpu_count() or 1
     if executor is None:  # results of units in progress would be thrown away
+        if callable(number):
+            raise SettingError("workers must be a number without an executor: got a function")
         threads = 1 if any(arms.serial for arms in all_arms) else number
         executor = ending.enter_context(interruptible(threads))
-    return ExecutorWorkers(executor, number)
+    count = number if callable(number) else lambda: number
+    return Workers.of(executor, count, all_arms, study.folder)
 
 
 def _begun(store: StudyStore, study: StudyConfig, arms: Arms, report: Callable[[str], Any]) -> Done:
@@ -582,7 +573,7 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     unit in several parts is copied once, because equal units have equal results. StoreError when
     the folders hold different studies, or a folder is damaged or in use.
     """
-    if isinstance(parts, str | Place):
+    if isinstance(parts, str | PathLike):
         raise StoreError(f"folders to merge must be a list: got {str(parts)!r} alone")
     if not parts:
         raise StoreError("there must be at least one folder to merge: got none")

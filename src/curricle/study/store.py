@@ -26,10 +26,11 @@ from curricle.files import (
     ArrayArchive,
     Damaged,
     Place,
-    RemotePath,
     archive_content,
     as_json,
+    bucket_of,
     digest_of,
+    of_store,
     opened_archive,
     parsed_json,
     place_at,
@@ -160,7 +161,9 @@ def read_errors(path: Place) -> Iterator[None]:
     """Turn a failure to read into a StoreError."""
     try:
         yield
-    except OSError as error:
+    except Exception as error:
+        if not of_store(error):
+            raise
         raise StoreError(f"{path} cannot be read: {reason(error)}") from error
 
 
@@ -175,7 +178,9 @@ def write_errors(path: Place) -> Iterator[None]:
     """Turn a failure to write into a StoreError that says which results are safe."""
     try:
         yield
-    except OSError as error:
+    except Exception as error:
+        if not of_store(error):
+            raise
         raise StoreError(
             f"results cannot be written to {path} ({reason(error)}): what was stored before is "
             "whole, and a run with --resume goes on from there"
@@ -188,7 +193,7 @@ def lost_errors() -> Iterator[None]:
     try:
         yield
     except StoreError as error:
-        if isinstance(error.__cause__, OSError):
+        if of_store(error.__cause__):
             raise LostStoreError(str(error)) from error.__cause__
         raise
 
@@ -469,8 +474,9 @@ class StudyStore:
                 lacks = f"{self.path} has none"
                 if isinstance(self.path, Path) and self.path.suffix == ".toml":
                     lacks += f"; the results of a study's file are in {results_folder(self.path)}"
-                if isinstance(self.path, RemotePath) and not self.path.bucket.exists():
-                    lacks = f"there is no {self.path.bucket}"
+                bucket = bucket_of(self.path)
+                if not isinstance(self.path, Path) and not bucket.exists():
+                    lacks = f"there is no {str(bucket).rstrip('/')}"
                 gone = FileNotFoundError(errno.ENOENT, "it is not there", str(self.path / STUDY))
                 raise StoreError(f"a folder of results holds a {STUDY}: {lacks}") from gone
 

@@ -1,8 +1,9 @@
-"""The words for engines, the window of units, and what is sent to a worker; no engine is needed."""
+"""Executors of other processes: the window of units, and what is sent; no cluster is needed."""
 
 import pickle
 import re
-from concurrent.futures import Future, ThreadPoolExecutor
+import sys
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
@@ -17,35 +18,31 @@ from curricle.errors import (
     StoreError,
     StudyError,
 )
-from curricle.files import RemotePath
+from curricle.files import place_at
 from curricle.interop.trackers import Tracker
-from curricle.study import read_study, run_study, running, running as scheduling, store
-from curricle.study.arms import Arms, UnitInput
-from curricle.study.engines import engine
-from curricle.study.engines.engine import (
-    Engine,
-    opened_engine,
-    parsed,
-    train_sent,
-    versions_here,
+from curricle.study import (
+    executors,
+    read_study,
+    run_study,
+    running,
+    running as scheduling,
+    store,
 )
-from curricle.study.store import StoredUnit
+from curricle.study.arms import Arms, UnitInput
+from curricle.study.executors import Workers, _folder_with, train_sent, versions_here
+from curricle.study.store import StoredUnit, StudyStore, lost_errors, write_errors
 from curricle.study.tuning import with_trials
+from curricle.study.workers import dask_address, dask_cluster
 from tests.sent_folders import RULES, STUDY
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 
 
-class FakeEngine(Engine):
-    """Holds what is submitted; each time it is asked for its workers, it may call one function."""
-
-    on = "fake"
+class Held(Executor):
+    """Holds what is submitted; each time its workers are counted, their number may change."""
 
     def __init__(self, numbers):
         self.numbers, self.held, self.most = list(numbers), [], []
-
-    def close(self, whole):
-        """Nothing was started."""
 
     def submit(self, function, argument):
         self.held.append((Future(), function, argument))
@@ -59,6 +56,8 @@ class FakeEngine(Engine):
     def wait(self, futures, timeout, return_when):
         """Return nothing while the number of workers changes, else the first that was held."""
         self.most.append(len(futures))
+        if not futures:
+            return set(), set()
         if len(self.numbers) > 1:
             return set(), set(futures)
         future, function, argument = self.held.pop(0)
@@ -73,37 +72,37 @@ def own_study(tmp_path):
     return read_study(tmp_path / "own.toml")
 
 
-def sent_units(engine, monkeypatch, study, out, **settings):
-    monkeypatch.setattr(scheduling, "wait", engine.wait)
-    engine.carry(with_trials(study, Arms.of(study)), study.folder)
-    monkeypatch.setattr(running, "_workers", lambda *_: engine)
-    return run_study(study, out, **settings)
+def sent_units(pool, monkeypatch, study, out, **settings):
+    with monkeypatch.context() as patch:
+        patch.setattr(scheduling, "wait", pool.wait)
+        return run_study(study, out, executor=pool, workers=pool.count, **settings)
 
 
-@pytest.mark.parametrize("on", ["slurm", "", "dask://", "dask://host", "ray://a b:1", "DASK", 3])
-def test_an_unknown_word_is_refused(on, study_file, tmp_path):
-    with pytest.raises(SettingError, match="on must be dask or ray, or an address"):
-        parsed(on)
-    with pytest.raises(SettingError, match="on must be dask or ray"):
-        run_study(read_study(study_file), tmp_path / "out", on=on)
-    assert not (tmp_path / "out").exists()
+@pytest.mark.parametrize(
+    "on", ["slurm", "", "dask://", "dask://host", "ray", "dask://a b:1", "DASK"]
+)
+def test_an_unknown_cluster_is_refused(on):
+    with pytest.raises(SettingError, match="on must be dask, or an address as dask://host:8786"):
+        dask_address(on)
 
 
-def test_a_missing_package_names_its_extra(monkeypatch):
-    monkeypatch.setattr(engine, "ENGINE_PACKAGES", {"dask": "no_such_package"})
+def test_a_cluster_needs_its_extra_and_has_workers_of_its_own(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(SettingError, match=r'not installed: pip install "curricle\[dask\]"'),
-        opened_engine("dask", None),
+        dask_cluster("dask"),
+    ):
+        pass
+    with (
+        pytest.raises(SettingError, match="has workers of its own: workers=2"),
+        dask_cluster("dask://host:1", 2),
     ):
         pass
 
 
-def test_a_cluster_with_an_executor_or_with_workers_is_refused(study_file, tmp_path):
-    study = read_study(study_file)
-    with pytest.raises(SettingError, match="exclude each other: got on='dask' and an executor"):
-        run_study(study, tmp_path / "out", on="dask", executor=FakeEngine([1]))
-    with pytest.raises(SettingError, match="has workers of its own: workers=2"):
-        run_study(study, tmp_path / "out", on="dask://host:1", workers=2)
+def test_a_number_of_workers_that_changes_needs_an_executor(study_file, tmp_path):
+    with pytest.raises(SettingError, match="workers must be a number without an executor"):
+        run_study(read_study(study_file), tmp_path / "out", workers=lambda: 2)
 
 
 def test_other_versions_name_the_worker_and_what_differs():
@@ -116,42 +115,53 @@ def test_other_versions_name_the_worker_and_what_differs():
 def test_the_window_follows_the_number_of_workers(own_study, tmp_path, monkeypatch):
     study = read_study(tmp_path / "own.toml", set=["seeds=9", "seeds_per_unit=1"])
     monkeypatch.setattr(scheduling, "ASKED_AGAIN", 0.0)
-    engine = FakeEngine([0, 0, 1, 3, 1])  # the first number is for the progress
-    sent_units(engine, monkeypatch, study, tmp_path / "out")
+    pool = Held([0, 0, 1, 3, 1])  # the first number is for the progress
+    sent_units(pool, monkeypatch, study, tmp_path / "out")
     assert scheduling.AHEAD == 2
-    assert engine.most[:8] == [2, 2, 6, 5, 4, 3, 2, 2]  # 0, 1, 3 and then 1 worker
-    assert max(engine.most[8:]) == 2
+    assert pool.most[:8] == [2, 2, 6, 5, 4, 3, 2, 2]  # 0, 1, 3 and then 1 worker
+    assert max(pool.most[8:]) == 2
 
 
-def test_units_that_an_engine_cancels_say_that_it_was_lost(study_file, tmp_path, monkeypatch):
-    engine = FakeEngine([1])
+def test_units_that_an_executor_cancels_say_that_it_was_lost(study_file, tmp_path, monkeypatch):
+    pool = Held([1])
 
     def cancelled(futures, timeout, return_when):
-        for future, *_ in engine.held:
+        for future, *_ in pool.held:
             future.cancel()
         return set(futures), set()
 
-    engine.wait = cancelled
-    with pytest.raises(EngineError, match="fake was lost or cancelled it: go on with --resume"):
-        sent_units(engine, monkeypatch, read_study(study_file), tmp_path / "out")
+    pool.wait = cancelled
+    with pytest.raises(EngineError, match="executor was lost or cancelled it: go on with --resume"):
+        sent_units(pool, monkeypatch, read_study(study_file), tmp_path / "out")
 
 
 def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch):
-    arms, whole, first = Arms.of(own_study), FakeEngine([2]), []
-    whole.carry([arms], tmp_path)
-    assert whole.files == {"rules.py": RULES.encode()}
-    monkeypatch.setattr(scheduling, "wait", whole.wait)
-    monkeypatch.setattr(running, "_workers", lambda *_: whole)
-    submit = whole.submit
-    whole.submit = lambda function, sent: first.append(sent) or submit(function, sent)
-    (tmp_path / "rules.py").rename(tmp_path / "gone.py")  # what the driver has read before
+    arms, pool, first = Arms.of(own_study), Held([2]), []
+    submit = pool.submit
+    pool.submit = lambda function, sent: first.append(sent) or submit(function, sent)
     monkeypatch.setattr(running, "Arms", SimpleNamespace(of=lambda _: arms))
-    assert run_study(own_study, tmp_path / "out").seeds == (0, 1)
+    made = Workers.of
+
+    def elsewhere(*arguments):
+        workers = made(*arguments)
+        (tmp_path / "rules.py").rename(tmp_path / "gone.py")  # what the run has read before
+        return workers
+
+    monkeypatch.setattr(Workers, "of", elsewhere)
+    assert sent_units(pool, monkeypatch, own_study, tmp_path / "out").seeds == (0, 1)
+    assert first[0].files == {"rules.py": RULES.encode()}
     assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     error = train_sent(other)
     assert isinstance(error, ConfigError)
     assert "rules.py must not change during a run" in str(error)
+
+
+def test_a_worker_that_sees_the_modules_uses_them_where_data_may_lie_beside_them(tmp_path):
+    (tmp_path / "rules.py").write_text(RULES)
+    assert _folder_with({"rules.py": RULES.encode()}, tmp_path) == tmp_path
+    assert _folder_with({"rules.py": b"# another version"}, tmp_path) != tmp_path
+    assert _folder_with({"rules.py": RULES.encode()}, tmp_path / "elsewhere").is_dir()
 
 
 TUNED_LAKES = """
@@ -187,11 +197,11 @@ def tuned_lakes(tmp_path):
 
 
 def test_modules_of_trials_alone_travel_too(tuned_lakes, tmp_path):
-    both, lakes = with_trials(tuned_lakes, Arms.of(tuned_lakes)), FakeEngine([1])
-    lakes.carry(both, tmp_path)
-    assert {*lakes.files} == {"lakes.py", "living.py", "pooling.py"}
+    both = with_trials(tuned_lakes, Arms.of(tuned_lakes))
+    workers = Workers.of(Held([1]), lambda: 1, both, tmp_path)
+    assert {*workers.files} == {"lakes.py", "living.py", "pooling.py"}
     assert [arms.serial for arms in both] == [False, True]
-    assert lakes.serial
+    assert workers.serial
 
 
 def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_path, monkeypatch):
@@ -210,9 +220,8 @@ def test_live_tasks_of_trials_alone_are_trained_one_at_a_time(tuned_lakes, tmp_p
     monkeypatch.setattr(progress_bars, "WorkerProcesses", Processes)
     monkeypatch.setattr(running, "described", stop)
     for run in (run_study, run_with_bars):
-        how = {"processes": False, "on": None, "resume": True} if run is run_with_bars else {}
         with pytest.raises(StudyError, match="stopped"):
-            run(tuned_lakes, tmp_path / "out", workers=3, **how)
+            run(tuned_lakes, tmp_path / "out", workers=3, resume=True)
     assert (threads, pools) == ([1], [3])
 
 
@@ -230,16 +239,11 @@ class Recorder(Tracker):
         self.seeds.append(len(result.seeds))
 
 
-class FakeCluster(FakeEngine):
+class Elsewhere(Held):
     """Workers that get copies, as those on other machines do, and send copies back."""
 
     def submit(self, function, argument):
         return super().submit(lambda sent: through(function(through(sent))), argument)
-
-    def wait(self, futures, timeout, return_when):
-        if not futures:
-            return set(), set()
-        return super().wait(futures, timeout, return_when)
 
 
 def through(value):
@@ -247,7 +251,7 @@ def through(value):
 
 
 def test_workers_read_and_write_large_units_at_a_url(
-    study_file, finished, tmp_path, monkeypatch, contents
+    study_file, finished, tmp_path, url_of, monkeypatch
 ):
     monkeypatch.setattr(store, "FULL", 1)
     returned, received = [], []
@@ -258,32 +262,33 @@ def test_workers_read_and_write_large_units_at_a_url(
         returned.append(file)
         return file
 
-    monkeypatch.setattr(engine, "train_sent", noted)
-    study, recorder, url = read_study(study_file), Recorder(), (tmp_path / "out").as_uri()
-    sent_units(FakeCluster([2]), monkeypatch, study, url, trackers=[recorder])
+    monkeypatch.setattr(executors, "train_sent", noted)
+    study, recorder, url = read_study(study_file), Recorder(), url_of("out")
+    sent_units(Elsewhere([2]), monkeypatch, study, url, trackers=[recorder])
     assert all(isinstance(file, StoredUnit) for file in returned)
     assert all(len(pickle.dumps(file)) < 500 for file in returned)
     assert all(not sent.sources for sent in received)
     assert any(sent.stored for sent in received)
     assert recorder.seeds == 16 * [2]
     run_study(study, tmp_path / "local")
-    assert contents(tmp_path / "out" / "units") == contents(tmp_path / "local" / "units")
+    for unit in StudyStore(tmp_path / "local").units():
+        copy = place_at(url) / "units" / unit.path.parent.name / unit.path.name
+        assert copy.read_bytes() == unit.path.read_bytes()
+    assert len(StudyStore(url).units()) == len(StudyStore(tmp_path / "local").units())
 
 
-def test_small_units_come_back_and_share_files(study_file, finished, tmp_path, monkeypatch):
-    study, out = read_study(study_file), tmp_path / "out"
-    sent_units(FakeCluster([2]), monkeypatch, study, out.as_uri())
-    here, there = (
-        sorted(file.relative_to(folder) for file in folder.rglob("*.npz"))
-        for folder in (out, finished)
-    )
-    assert here == there
+def test_small_units_come_back_and_share_files(study_file, finished, url_of, monkeypatch):
+    sent_units(Elsewhere([2]), monkeypatch, read_study(study_file), url_of("out"))
+    places = [
+        sorted((unit.key, unit.seeds) for unit in StudyStore(folder).units())
+        for folder in (url_of("out"), finished)
+    ]
+    assert places[0] == places[1]
 
 
-def test_what_a_worker_cannot_write_ends_the_run(study_file, tmp_path, monkeypatch):
+def test_what_a_worker_cannot_write_ends_the_run(study_file, url_of, monkeypatch):
     monkeypatch.setattr(store, "FULL", 1)
-    study, url = read_study(study_file), (tmp_path / "out").as_uri()
-    write = RemotePath.write
+    study, url = read_study(study_file), url_of("out")
 
     def elsewhere(sent):
         file = train_sent(sent)
@@ -291,15 +296,16 @@ def test_what_a_worker_cannot_write_ends_the_run(study_file, tmp_path, monkeypat
         return file
 
     with monkeypatch.context() as patch:
-        patch.setattr(engine, "train_sent", elsewhere)
-        with pytest.raises(StoreError, match="workers must write to the place of the run: file://"):
-            sent_units(FakeCluster([2]), patch, study, url)
+        patch.setattr(executors, "train_sent", elsewhere)
+        with pytest.raises(
+            StoreError, match="workers must write to the place of the run: memory://"
+        ):
+            sent_units(Elsewhere([2]), patch, study, url)
 
-    def failing(path, content):
-        if path.suffix == ".npz":
+    def failing(folder, unit, result):
+        with lost_errors(), write_errors(folder):
             raise OSError("nothing answers")
-        write(path, content)
 
-    monkeypatch.setattr(RemotePath, "write", failing)
+    monkeypatch.setattr(executors, "written_unit", failing)
     with pytest.raises(LostStoreError, match="nothing answers"):
-        sent_units(FakeCluster([2]), monkeypatch, study, url, resume=True)
+        sent_units(Elsewhere([2]), monkeypatch, study, url, resume=True)

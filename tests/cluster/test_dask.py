@@ -1,4 +1,4 @@
-"""A study has the same results on threads, processes, Dask and Ray, whatever dies meanwhile."""
+"""A study has the same results on threads, processes and Dask, whatever dies meanwhile."""
 
 import os
 import signal
@@ -31,16 +31,9 @@ def test_dask_changes_nothing(hunt, dask, tmp_path):
     assert whole(hunt, tmp_path / "local", "--on", "dask", "--workers", "2") == wanted
 
 
-def test_ray_changes_nothing(study, tmp_path):
-    pytest.importorskip("ray")
-    wanted = whole(study(), tmp_path / "threads")
-    assert whole(study(), tmp_path / "ray", "--on", "ray", "--workers", "2") == wanted
-
-
-def test_own_modules_reach_workers_in_another_folder(study, dask, tmp_path):
+def test_own_modules_change_nothing(study, dask, tmp_path):
     wanted = whole(study(), tmp_path / "threads")
     assert whole(study(), tmp_path / "dask", "--on", dask.on) == wanted
-    assert not list(dask.folder.rglob("rules.py"))
 
 
 def test_modules_of_trials_alone_reach_them_too(study, dask, tmp_path):
@@ -62,15 +55,14 @@ def mean(values):
 """
 
 
-@pytest.mark.parametrize("engine", ["dask", "ray"])
-def test_errors_of_ones_own_read_the_same_everywhere(study, tmp_path, engine):
-    pytest.importorskip({"dask": "distributed", "ray": "ray"}[engine])
+def test_errors_of_ones_own_read_the_same_everywhere(study, tmp_path):
+    pytest.importorskip("distributed")
     file = study()
     with (file.parent / "rules.py").open("a") as rules:
         rules.write(UNMET)
     file.write_text(f'aggregate = "rules:mean"\n{file.read_text()}')
     told = dict[str, str]()
-    ways = {"threads": (), "processes": ("--processes",), engine: ("--on", engine)}
+    ways = {"threads": (), "processes": ("--processes",), "dask": ("--on", "dask")}
     for name, way in ways.items():
         one = ("--workers", "1", "--set", "seeds=1")
         printed, code = finished(file, tmp_path / name, *way, *one)
@@ -79,7 +71,7 @@ def test_errors_of_ones_own_read_the_same_everywhere(study, tmp_path, engine):
         assert last.endswith("whole: Unmet: a rule of the thesis is not met: got 3"), printed
         assert 'rules.py", line ' in printed
         told[name] = (tmp_path / name / "failures.json").read_text()
-    assert told[engine] == told["processes"] == told["threads"]
+    assert told["dask"] == told["processes"] == told["threads"]
 
 
 def test_a_killed_worker_changes_nothing(study, dask, tmp_path):
@@ -100,7 +92,7 @@ def test_a_lost_scheduler_is_one_sentence_and_resume_goes_on(study, dask, tmp_pa
     dask.scheduler.kill()
     printed, _ = running.communicate(timeout=120)
     assert running.returncode == 3, printed
-    assert f"{dask.on} was lost" in printed
+    assert "executor was lost or cancelled it: go on with --resume" in printed
     assert "Traceback" not in printed
     assert len(units_in(out)) >= 2
     assert whole(study(LONG), out, "--resume") == wanted
