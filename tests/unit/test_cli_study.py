@@ -210,13 +210,6 @@ def test_a_command_line_that_makes_no_sense(refused, study_file, tmp_path, argum
     assert not list(tmp_path.iterdir())
 
 
-def test_tracking_is_passed_on(curricle, study_file, tmp_path):
-    pytest.importorskip("tensorboard")
-    code, _, complaint = curricle("run", study_file, "--seeds", "1", "--track", "tensorboard")
-    assert code == 0, complaint
-    assert list((tmp_path / "chain-results").rglob("events.out.tfevents*"))
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 def test_an_interrupted_run_ends_at_once_and_goes_on(curricle, study_file, tmp_path):
     file = tmp_path / "long.toml"

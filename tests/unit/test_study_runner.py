@@ -141,7 +141,7 @@ def test_settings_that_make_no_sense_are_refused(study_file, tmp_path):
         )
     shards = [(0, 1), (3, 2), (1, 0), (1.5, 2), ("1", 2), (1,), "1/2", None]
     wrong = {"executor": [3], "report": [3], "resume": ["no"], "workers": [0, -1, 1.5]}
-    wrong |= {"shard": shards, "trackers": ["tensorboard"]}
+    wrong |= {"shard": shards, "trackers": [["tensorboard"], [3]]}
     check_values(SettingError, partial(run_study, read_study(study_file), tmp_path / "out"), wrong)
     assert not (tmp_path / "out").exists()
 

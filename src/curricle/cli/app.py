@@ -254,9 +254,6 @@ def run(
     shard: Annotated[
         str, Option(help="i/n: the i-th of n parts of the seeds, to be merged later.")
     ] = "1/1",
-    track: Annotated[
-        list[str] | None, Option(help="Also log curves in a tool: tensorboard.")
-    ] = None,
     resume: Annotated[bool, Option("--resume", help="Go on with the units in the folder.")] = False,
     show_page: Annotated[
         bool, Option("--open", help="Open report.html, which is written anew as units end.")
@@ -291,7 +288,7 @@ def run(
     if few := too_few(study, Arms.of(study)):
         echo(f"curricle: {few}", err=True)
     how: dict[str, Any] = {"resume": resume, "workers": workers}
-    how |= {"processes": processes, "on": on, "shard": part, "trackers": track or []}
+    how |= {"processes": processes, "on": on, "shard": part}
     results = run_with_bars(study, folder, page=show_page, **how)
     report = f", curricle report {quote(folder)}" * results.has_baseline
     echo(f"Stored in {folder}: curricle show {quote(folder)}{report}")

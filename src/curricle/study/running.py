@@ -300,7 +300,7 @@ def run_study(
     workers: int | Callable[[], int] | None = None,
     executor: Executor | None = None,
     shard: tuple[int, int] = (1, 1),
-    trackers: Sequence[str | Tracker] = (),
+    trackers: Sequence[Tracker] = (),
     report: Callable[[str], Any] | None = None,
     progress: bool | Callable[[Progress], Any] | None = True,
 ) -> StudyResults:
@@ -322,8 +322,8 @@ def run_study(
         Trains the units instead of threads, maybe on other machines; it is not shut down.
     shard : (int, int)
         (i, n) runs the i-th of n parts of the seeds, i from 1; :func:`merge` joins the folders.
-    trackers : sequence of str or Tracker
-        Trackers that also receive each unit's curves: "tensorboard", or your :class:`Tracker`.
+    trackers : sequence of Tracker
+        Each :class:`Tracker` also receives each unit's curves.
     report : callable, optional
         Called with a sentence for each failed tracker and each damaged file or stale task; by
         default it prints to stderr.
