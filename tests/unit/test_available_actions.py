@@ -14,7 +14,7 @@ from curricle.interop import from_gymnasium, tabulate, to_gymnasium
 from curricle.learning import OptimisticQLearning
 from curricle.planning.rollouts import random_rollouts, rollout
 from curricle.tasks import ComputedMDP
-from curricle.transfer.rollouts import greedy_start, potential_quality
+from curricle.transfer.rollouts import greedy_start
 from curricle.transfer.search import score_mapping
 from tests.tasks import random_mdp, with_masks
 
@@ -455,10 +455,6 @@ def test_pairs_that_are_not_available_count_in_no_mean():
     outcomes = [[[(1.0, 1, -1.0)]] + [[]] * 9, [[(1.0, 2, -1.0)]] * 10, [[]] * 10]
     ends = [False, False, True]
     task = cr.FiniteMDP.from_outcomes(outcomes, terminal=ends, start=0, discount=0.9)
-    phi = cr.solve(task).finite_action_values + np.array([[5.0], [-1.0], [0.0]])
-    phi = cr.StateActionPotential(task, phi)
-    quality = potential_quality(phi, cr.planning.Target.of(task))
-    assert (quality.optimistic, quality.excess) == pytest.approx((1 / 11, -5 / 11))
     index = np.where(np.arange(3)[:, None] == 0, -1, np.arange(30).reshape(3, 10))
     mapping = cr.transfer.StateActionMapping(task, task, index)
     assert score_mapping(mapping).coverage == pytest.approx(10 / 11)

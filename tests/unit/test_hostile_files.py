@@ -12,12 +12,12 @@ import curricle as cr
 from curricle.checks import unfit_name
 from curricle.cli.app import main
 from curricle.cli.output import graph, print_forecasts, print_table
+from curricle.comparison.cost import costs
 from curricle.errors import ConfigError, CurriculumError, MappingError, SettingError
 from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.show.report import render
 from curricle.study import StudyStore, read_study
 from curricle.study.arms import Arms, units_of
-from curricle.study.cost import costs
 from tests.studies import MAZE, complaints_of
 
 LONG = "x" * 300
@@ -174,15 +174,15 @@ def test_a_preview_of_a_target_too_large_to_count():
 
 
 def test_a_forecast_that_solves_an_enormous_source_is_not_begun(capsys, monkeypatch):
-    monkeypatch.setattr("curricle.cli.output.LONGEST_COMPARING", 5.0)
+    monkeypatch.setattr("curricle.cli.output.LONGEST_EXAMINING", 5.0)
     maze = "tasks.{} = {{ type = 'maze', map = '{}', discount = 0.99, time_limit = 9, budget = 9 }}"
     mazes = [maze.format("far", f"S{300_000 * '.'}T"), maze.format("near", "S..T")]
     edge = "transfers = [{ source = 'far', target = 'near', mapping = 'same_position' }]"
     Path("study.toml").write_text("\n".join(["name = 'far'", *mazes, edge]))
     study = read_study("study.toml")
     arms = Arms.of(study)
-    print_forecasts(study, arms, costs(study, arms), whole=False)
-    assert "no forecast: to compare the potentials in near could take" in capsys.readouterr().out
+    print_forecasts(study, arms, costs(arms, units_of(study, arms, {})), whole=False)
+    assert "no forecast: to examine its sources and near could take" in capsys.readouterr().out
 
 
 def test_a_forecast_of_endless_rollouts_is_not_begun(capsys):
@@ -200,5 +200,5 @@ def test_a_forecast_of_endless_rollouts_is_not_begun(capsys):
         "study.toml", set=["tasks.all.arguments={ max_episode_steps = 1_000_000_000 }"]
     )
     arms = Arms.of(study)
-    print_forecasts(study, arms, costs(study, arms), whole=False)
-    assert "no forecast: to compare the potentials in all could take" in capsys.readouterr().out
+    print_forecasts(study, arms, costs(arms, units_of(study, arms, {})), whole=False)
+    assert "no forecast: to examine its sources and all could take" in capsys.readouterr().out

@@ -117,8 +117,8 @@ def test_an_analysis_that_does_not_fit_is_refused_or_left_out(folder):
     assert "predicted start" not in write_report(folder).read_text()
     change(folder / "analysis.json", lambda found: found["sections"][0].update(arms=[]))
     refuses(folder, r"analysis\.json is not as .*certificates must be of the section's arms")
-    change(folder / "analysis.json", lambda found: found["sections"][0].update(forecast=3))
-    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.forecast")
+    change(folder / "analysis.json", lambda found: found["sections"][0].update(certificates=3))
+    refuses(folder, r"analysis\.json is not as Curricle writes it: sections\.0\.certificates")
 
 
 def test_names_are_text_in_a_page(folder):

@@ -51,7 +51,7 @@ LONG = {
     "learn": (partial(cr.learn, MAZE, budget=500, seeds=2), [0, 1], ["learning: 2"]),
     "train": (partial(plan().train, 2), ["corner", "maze"], ["corner: 2", "maze: 2"]),
     "compare": (COMPARE, ARMS, [f"{bar}: 2" for bar in BARS]),
-    "forecast": (FORECAST, ["mean"], ["corner: 2", "potentials: 1"]),
+    "forecast": (FORECAST, ["corner"], ["corner: 2"]),
     "find_mappings": (SEARCH, ["by_name", "by_homomorphism"], ["searches: 2"]),
     "auto_mapping": (other_mapping, FOUND, [f"searches: {len(FOUND)}"]),
     "tabulate": (partial(cr.tabulate, "FrozenLake-v1", discount=0.9), [], []),

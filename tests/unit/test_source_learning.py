@@ -124,6 +124,3 @@ def test_a_forecast_has_a_line_for_every_source():
     assert "corner did NOT learn its own task" in " ".join(
         str(cr.forecast(plan(), seeds=1, trained=spoiled)).split()
     )
-    perfect = cr.forecast(plan(), perfect=True)
-    assert perfect.sources == {}
-    assert "learn its own task" not in str(perfect)

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pytest
 
 from curricle import GridWorld, Pursuit
+from curricle.cli.output import total_words
 from curricle.comparison.comparison import short as with_dash
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.comparison.trial import in_brief, verdict_words
@@ -15,7 +16,6 @@ from curricle.errors import StoreError
 from curricle.show.findings import signed
 from curricle.show.style import rounded, without_seeds
 from curricle.statistics import Interval
-from curricle.study.cost import total_words
 from curricle.study.results import parquet_of
 from curricle.study.store import StoredUnit, place_of
 from curricle.study.tuning import short

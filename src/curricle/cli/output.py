@@ -11,30 +11,25 @@ import numpy as np
 from curricle.arrays import FloatArray
 from curricle.checks import one_of
 from curricle.comparison.comparison import ARM_MEASURES
-from curricle.comparison.forecasting import JudgedPotentials, forecast
-from curricle.comparison.plan import numbered_seeds
+from curricle.comparison.cost import Cost, costs, examining_seconds
+from curricle.comparison.forecasting import forecast
+from curricle.comparison.plan import Memory, numbered_seeds
 from curricle.comparison.trial import hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.files import Place, place_at
-from curricle.planning.policy_evaluation import LARGEST_EVALUATED, LARGEST_SOLVED, ROLLOUTS
 from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
-from curricle.study.cost import Cost, costs, sweeping_seconds, total_words
 from curricle.study.results import StudyResults
 from curricle.study.running import Done, usable_units
 from curricle.study.store import StudyStore, check_ours, holds_study
 from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.tasks.live import is_live
-from curricle.tasks.mdp import generative_model, has_tables
-from curricle.tasks.observation_task import is_observation_task
 from curricle.text import UNBOUNDED, counted, duration, text_table
-from curricle.transfer.aggregate import COMPARED
-from curricle.transfer.rollouts import OBSERVATION_ROLLOUTS
 from curricle.transfer.transfer import transfer_names
 
 # -- Tables and texts on the terminal, as wide as it is; where there is none, nothing is folded ----
@@ -94,10 +89,7 @@ EXPLANATIONS = {
     "whole checkpoints": "budgets are rounded up to a multiple of the steps between evaluations",
     "phi": "the potential: the sources' value of each state and action of the target",
     "gain": "strong gain in a trial, the comparison played in the model beforehand",
-    "start": "greedy return of phi alone, before the first step of learning",
-    "phi > Q*": "share of state-action pairs whose phi is above their optimal value",
-    "excess": "the mean of phi - Q*; above 0 phi is optimistic",
-    "rank": "rank correlation of phi and Q*: 1 is the right order everywhere, 0 none",
+    "own policy": "what the greedy policy of phi returns before the first step of learning",
     "mapped": "pairs of the target that have a counterpart in the source",
     "unmapped": "pairs of which the source knows nothing",
     "learnt": "how far a source came from the random policy's return to its optimum",
@@ -253,8 +245,8 @@ def _mean_and_deviation(returns: FloatArray) -> str:
 def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
     """Print each arm's graph, cost and forecast, the whole of it with `forecast`."""
     arms = Arms.of(study)
-    units = len(units_of(study, arms, {}))
-    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (units, "unit")
+    units = units_of(study, arms, {})
+    numbers = (len(arms.curricula), "arm"), (len(study.seeds), "seed"), (len(units), "unit")
     print_text(f"{study.name}: {', '.join(counted(*number) for number in numbers)}")
     swept: dict[str, dict[str, None]] = {}
     for variant in (study.variants or {}).values():
@@ -271,7 +263,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
         between = "; " if study.variants else ", "
         print(f"\narm{'s' * (len(names) > 1)} {between.join(names)}", *lines, sep="\n")
     print()
-    costing = costs(study, arms)
+    costing = costs(arms, units)
     rows = [
         (f"{cost.arm}: {cost.task}", f"{cost.seeds}", f"{cost.steps:,}", duration(cost.seconds))
         for cost in costing
@@ -300,6 +292,13 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
     except SettingError as error:
         print_text(str(error))
     print_forecasts(study, arms, costing, forecast)
+
+
+def total_words(target: str, budget: int, total: int, eval_freq: int, *, sources: bool) -> str:
+    """Return a sentence on the steps of every arm, and why they exceed the target's budget."""
+    spent = f"every arm spends {counted(total, 'step')}"
+    why = f"{total - budget:,} for sources, in" if sources else "rounded up to"
+    return f"{spent}: {budget:,} of {target}, {why} whole checkpoints of {eval_freq:,}"
 
 
 def too_few(study: StudyConfig, arms: Arms) -> str:
@@ -355,17 +354,14 @@ def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) ->
 
 # -- The forecasts that ``curricle check`` prints --------------------------------------------------
 #
-# They are those of ``curricle.forecast``: a trial in the model, and potentials from sources trained
-# at their budgets for the study's first seeds, which takes seconds and is said beforehand; where it
-# would take too long, from sources that are solved, as if learnt perfectly.
+# They are those of ``curricle.forecast``: a trial in the model, and sources trained at their
+# budgets for the study's first seeds, which takes seconds and is said beforehand.
 
 LONGEST = 5.0  # estimated seconds, on one processor, up to which sources are trained for a forecast
 LONGEST_DISTILLED = 60.0  # the same where networks are distilled: there is no forecast without them
-LONGEST_COMPARING = 300.0
-"""Seconds that comparing potentials in the target may take: nearly all episodes end long before the
-limit by which they are estimated."""
-ACTION_SECONDS = 4e-9  # of reading phi for an action at a step of a rollout, from two sources
-PASSES = 3  # a live target is played for its source, the start and the values
+LONGEST_EXAMINING = 300.0
+"""Seconds that examining sources and a live target may take: nearly all episodes end long before
+the limit by which they are estimated."""
 SEEDS = 3  # of the sources, as ``curricle.forecast`` takes by default; one if that is slow
 
 
@@ -380,7 +376,7 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
     by_key = {arms.keys[cost.arm, cost.task]: cost.seconds / cost.seeds for cost in costing}
     a_step = next(cost.step_seconds for cost in costing if cost.task == arms.target)
     # Sources that several arms share are trained once.
-    judged, known = JudgedPotentials(), dict[tuple[str, tuple[int, ...]], SourceValues]()
+    memory, trained = Memory(), dict[tuple[str, tuple[int, ...]], SourceValues]()
     for name in first.values():
         # Not the curriculum in `arms`, whose target has the total: a trial adds sources' steps.
         curriculum = study.curricula[name]
@@ -388,11 +384,11 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
             continue
         print(f"\narm {name}")
         most = min(SEEDS, len(study.seeds))
-        comparing = most * _comparing_seconds(curriculum, a_step)
-        if comparing > LONGEST_COMPARING and not whole:
+        examining = most * examining_seconds(curriculum, a_step)
+        if examining > LONGEST_EXAMINING and not whole:
             print_text(
-                f"no forecast: to compare the potentials in {arms.target} could take "
-                f"{duration(comparing)}; curricle check --forecast does it, and curricle.forecast "
+                f"no forecast: to examine its sources and {arms.target} could take "
+                f"{duration(examining)}; curricle check --forecast does it, and curricle.forecast "
                 "also with fewer episodes"
             )
             continue
@@ -401,56 +397,28 @@ def print_forecasts(study: StudyConfig, arms: Arms, costing: Sequence[Cost], who
         a_seed = sum(by_key[key] for key in {*keys.values()})
         longest = np.inf if whole else LONGEST_DISTILLED if distilled else LONGEST
         seeds = next((study.seeds[:n] for n in (most, 1) if n * a_seed <= longest), ())
-        there = {source: known[key, seeds] for source, key in keys.items() if (key, seeds) in known}
-        how: Any = {"seeds": seeds, "trained": there, "threshold": study.threshold}
-        how |= rivals(study)
-        if whole and not hindrance(curriculum):
-            how["trial"] = True
         if not seeds:
-            work = f"training {', '.join(keys)} for one seed could take {duration(a_seed)}"
-            if not all(has_tables(curriculum.tasks[source]) for source in keys):
-                print_text(f"no forecast: {work}; curricle check --forecast makes it")
-                continue
-            how = {"perfect": True}
             print_text(
-                f"{work}, so this forecast is for sources learnt perfectly; --forecast trains them"
+                f"no forecast: training {', '.join(keys)} for one seed could take "
+                f"{duration(a_seed)}; curricle check --forecast makes it"
             )
-        elif untrained := [source for source in keys if source not in there]:
-            live = PASSES * comparing * is_live(curriculum.tasks[arms.target])
+            continue
+        shared = {
+            source: trained[key, seeds] for source, key in keys.items() if (key, seeds) in trained
+        }
+        if untrained := [source for source in keys if source not in shared]:
+            live = examining * is_live(curriculum.tasks[arms.target])
             took = duration(len(seeds) * sum(by_key[keys[source]] for source in untrained) + live)
             took += " after tabulating what is distilled" * distilled
             work = f"{', '.join(untrained)} for {counted(len(seeds), 'seed')}"
             print_text(f"training {work}, for the forecast: about {took}")
         sys.stdout.flush()
+        trial = True if whole and not hindrance(curriculum) else None
+        how: Any = {"threshold": study.threshold, "trial": trial, "memory": memory, **rivals(study)}
         try:
-            made = forecast(curriculum, judged=judged, **how)
+            made = forecast(curriculum, seeds=seeds, trained=shared, **how)
         except (CurricleError, ImportError) as error:
             print_text(f"no forecast: {error}")
             continue
         print(made.text(line_width()))
-        if seeds:
-            known |= {(keys[source], seeds): values for source, values in made.trained.items()}
-
-
-def _comparing_seconds(curriculum: Curriculum, step_seconds: float) -> float:
-    """Return the most seconds a seed that judging an arm's potentials and sources takes."""
-    node, edges = curriculum.node(curriculum.target), curriculum.in_edges(curriculum.target)
-    potentials = len(COMPARED) + 1 + len(edges) if len(edges) > 1 else 1
-    try:
-        horizon = node.evaluation.horizon(node.task)
-    except SettingError:  # which the forecast will say
-        return 0.0
-    if node.deep:
-        return potentials * OBSERVATION_ROLLOUTS * horizon * step_seconds
-    model = generative_model(node.task)
-    pairs = model.states.size * model.actions.size
-    sources = [curriculum.tasks[name] for name in {edge.source for edge in edges}]
-    solving = sum(
-        sweeping_seconds(source, generative_model(source).states.size)
-        for source in sources
-        if not is_observation_task(source) and has_tables(source)
-    )
-    if has_tables(node.task) and pairs <= LARGEST_SOLVED and pairs * horizon <= LARGEST_EVALUATED:
-        return solving
-    rollouts = ROLLOUTS * horizon * (step_seconds + model.actions.size * ACTION_SECONDS)
-    return solving + potentials * rollouts
+        trained |= {(keys[source], seeds): values for source, values in made.trained.items()}

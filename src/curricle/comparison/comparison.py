@@ -16,6 +16,7 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import fit_name, instance, number, one_of, whole_number
 from curricle.comparison.controls import ALONE, CONTROLS, PLACEBO, UNRELATED, Control, check_fit
+from curricle.comparison.cost import live_words
 from curricle.comparison.opponents import (
     OPPONENTS,
     Learners,
@@ -846,7 +847,7 @@ def compare(
     reference = Reference.before(plan.target_node, threshold)  # solving the target may fail
     with shown(progress) as bars:
         if bars.screen is not None:
-            bars.say(plan.live_words(seed_tuple(seeds)))
+            bars.say(live_words(plan, seed_tuple(seeds)))
         return trained_comparison(plan, seed_tuple(seeds), reference, window, memory, workers, bars)
 
 

@@ -31,12 +31,11 @@ from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum, Nod
 from curricle.curriculum.result import SourceValues
 from curricle.errors import CurriculumError, SettingError
 from curricle.learning.result import LearningResult
-from curricle.planning.rollouts import random_step_seconds
 from curricle.progress import Bars
 from curricle.statistics.curves import SCRATCH
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr, duration
+from curricle.text import brief_repr
 from curricle.transfer.potential import AnyPotential
 from curricle.transfer.transfer import Transfer, same_transfer
 
@@ -226,20 +225,6 @@ class Plan:
         """Return the plan without some arms, their controls and constants."""
         kept = {name: arm for name, arm in self.arms.items() if not {name, arm.of} & set(arms)}
         return replace(self, arms=kept)
-
-    def live_words(self, seeds: Collection[int]) -> str:
-        """Return how long steps in live tasks will take, by a few random steps; '' without any."""
-        # A table's update takes no time beside a step of an environment in Python.
-        seconds, paces = 0.0, dict[int, float]()
-        for unit in self.units(seeds, {}):
-            node = self.arms[unit.arm].curriculum.node(unit.task)
-            if not node.deep and is_live(node.task):
-                if id(node.task) not in paces:
-                    paces[id(node.task)] = random_step_seconds(node.task)
-                steps = node.most_steps + node.most_evaluation_steps
-                seconds += len(unit.seeds) * steps * paces[id(node.task)]
-        sentence = f"steps in live environments will take at most about {duration(seconds)}"
-        return sentence if seconds else ""
 
     def units(
         self,

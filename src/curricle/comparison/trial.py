@@ -16,13 +16,13 @@ from curricle.comparison.comparison import (
     comparison_plan,
     trained_comparison,
 )
+from curricle.comparison.cost import NOMINAL, node_seconds
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
-from curricle.curriculum.curriculum import SETTINGS, Curriculum, Node
+from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
-from curricle.planning.policy_evaluation import ExactEvaluation, RolloutEvaluation
 from curricle.progress import Progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
@@ -105,10 +105,6 @@ def part_of(
 STREAM = "/trial"  # the end of the names of a trial's tasks and random streams
 SEEDS, FEWEST = 20, 8  # seeds of a trial; fewest seeds for which a trial is made by default
 QUICK = 10.0  # estimated seconds on one processor up to which a forecast makes a trial by default
-STEP, OUTCOME = 25e-9, 8e-9
-"""About the seconds of a step in a model, and of one outcome in one step of an exact evaluation.
-They are constants, so that it does not depend on the machine whether there is a trial."""
-SETTLED = 1000  # steps of an exact evaluation after which most values no longer change
 WINDOW = 5  # checkpoints over which curves are smoothed, as in a comparison
 
 
@@ -250,23 +246,11 @@ def trial_seconds(candidates: Sequence[Candidate]) -> float:
     node = plans[0].node(plans[0].target)
     total = limits(node.budget)[0] + max(map(most_source_steps, plans))
     alone, constants = 1 + 3, len(CONSTANTS)  # scratch, bounds and the optimistic learner
-    seconds = _node_seconds(node, total) * (alone + len(plans) * (1 + constants))
+    seconds = node_seconds(node, NOMINAL, total) * (alone + len(plans) * (1 + constants))
     for plan in plans:
         sources = [plan.node(name) for name in plan.ancestors(plan.target)]
-        seconds += sum(_node_seconds(source, source.most_steps) for source in sources)
+        seconds += sum(node_seconds(source, NOMINAL, source.most_steps) for source in sources)
     return seconds
-
-
-def _node_seconds(node: Node, steps: int) -> float:
-    """Return the seconds of learning a task for so many steps and of its greedy evaluations."""
-    kernel, evaluation = node.evaluation.kernel(node.task), 0.0
-    if isinstance(kernel, ExactEvaluation):
-        # At most all states are evaluated, each with the outcomes of its greedy action.
-        outcomes = len(kernel.tables.outcome_row) * kernel.tables.probability.shape[1]
-        evaluation = outcomes * min(kernel.horizon, SETTLED) * OUTCOME
-    elif isinstance(kernel, RolloutEvaluation):
-        evaluation = kernel.episodes * min(kernel.horizon, steps) * STEP
-    return steps * STEP + (steps // node.eval_freq + 1) * evaluation
 
 
 def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:

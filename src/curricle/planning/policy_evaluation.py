@@ -548,8 +548,6 @@ class Target:
     solution : Solution or None
         None where the target is too large to solve, or where at discount 1 only the time limit
         ends some policy's episodes.
-    typical_reward : float
-        Median size of the rewards other than 0.
 
     Examples
     --------
@@ -561,7 +559,6 @@ class Target:
     task: Task
     evaluation: GreedyEvaluation
     solution: Solution | None
-    typical_reward: float
 
     __repr__ = brief_repr
 
@@ -573,7 +570,7 @@ class Target:
         settings = GreedyEvaluation() if evaluation is None else evaluation
         generative = generative_model(task)
         pairs = generative.states.size * generative.actions.size
-        solution, typical = None, float("nan")
+        solution = None
         method: Literal["exact", "rollouts"] = "rollouts"
         if has_tables(task) and pairs <= LARGEST_SOLVED:
             mdp = tables(task)
@@ -582,13 +579,11 @@ class Target:
             except SettingError:
                 if generative.discount < 1:
                     raise  # at discount 1 not every policy ends
-            sizes = abs(mdp.reward[mdp.reward != 0])
-            typical = float(np.median(sizes)) if sizes.size else 1.0
             outcomes = pairs * mdp.probability.shape[1]
             few = outcomes <= LARGEST_EXACT  # without a limit or discount the horizon is endless
             if few or outcomes * settings.horizon(task) <= LARGEST_EVALUATED:
                 method = "exact"
-        return cls(task, replace(settings, method=method, episodes=episodes), solution, typical)
+        return cls(task, replace(settings, method=method, episodes=episodes), solution)
 
     @cached_property
     def optimum(self) -> float:

@@ -1,4 +1,4 @@
-"""The text and tables of a page: findings, forecast, and main effects of sweeps and tunings."""
+"""The text and tables of a page: findings, and main effects of sweeps and tunings."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,11 +10,10 @@ from markupsafe import Markup
 
 from curricle.comparison.comparison import ARM_MEASURES, Comparison
 from curricle.comparison.verdicts import not_known
-from curricle.show.graph import Learnt
 from curricle.show.style import minus, rounded, without_seeds
 from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
-from curricle.study.record import Analysis, CurriculaRecord, TunedRecord
+from curricle.study.record import TunedRecord
 from curricle.study.tuning import Level, short
 from curricle.study_file.vary import value_text
 from curricle.text import counted
@@ -245,43 +244,6 @@ def meanings(comparison: Comparison) -> list[tuple[str, str]]:
         (column.head.replace("&shy;", "") + weak[key], column.meaning.format(**terms))
         for key, column in COLUMNS.items()
     ]
-
-
-# -- the forecast of each curriculum next to what was measured -------------------------------------
-
-
-def forecast_sections(
-    analysis: Analysis, curricula: CurriculaRecord, learnt: Learnt
-) -> list[Mapping[str, Any]]:
-    """Return forecasts and certificates of arms with the same graph, with the measured starts."""
-    sections = list[Mapping[str, Any]]()
-    for record in analysis.sections:
-        if not set(record.arms) <= curricula.arms.keys():
-            continue
-        names = [] if record.forecast is None else [row.name for row in record.forecast.rows]
-        used: dict[str, list[str]] = {}  # a row of the forecast -> the arms with that potential
-        measured: dict[str, str] = {}  # arm -> mean return at the first target step
-        sources = {
-            arm: [(name, node.key, node.settings) for name, node in graph.nodes.items()][:-1]
-            for arm, graph in curricula.arms.items()
-        }
-        # The forecast assumes the sources of the first arm.
-        same = [arm for arm in record.arms if sources[arm] == sources[record.arms[0]]]
-        for arm in record.arms:
-            if curricula.arms[arm].potential in names and arm in same:
-                used.setdefault(curricula.arms[arm].potential, []).append(arm)
-            *_, target = learnt[arm].values()
-            shared = np.isfinite(target.source_share[:, 0]).any()  # it begins without phi
-            start = target.greedy_return[:, 0].mean()
-            measured[arm] = "portfolio" if shared else rounded(float(start))
-        starts = {name: [measured[arm] for arm in arms] for name, arms in used.items()}
-        for name, texts in starts.items():
-            if {*texts} == {"portfolio"}:
-                starts[name] = ["portfolio"]
-        other = [arm for arm in record.arms if arm not in same]
-        section = {"record": record, "used": used, "starts": starts}
-        sections.append({**section, "same_sources": same, "other_sources": other})
-    return sections
 
 
 # -- what was swept or tuned: what was tried, what was best, main effects --------------------------

@@ -1,4 +1,4 @@
-"""Figures by Matplotlib: grids, learning results, comparisons and forecasts; and their files."""
+"""Figures by Matplotlib: grids, learning results and comparisons; and their files."""
 
 import io
 import math
@@ -20,7 +20,6 @@ from matplotlib.patheffects import withStroke
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, numbers
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.forecasting import Forecast
 from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
@@ -39,7 +38,6 @@ from curricle.show.style import (
     minus,
     new_figure,
     return_scale,
-    rounded,
     spell_out,
     steps_scale,
     value_scale,
@@ -67,8 +65,8 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
 
     Parameters
     ----------
-    subject : Comparison, Forecast, StudyResults, LearningResult, CurriculumResult or array
-        A comparison or a study: curves, profiles and gains of the arms. A forecast: its rows. A
+    subject : Comparison, Trial, StudyResults, LearningResult, CurriculumResult or array
+        A comparison, a forecast's trial or a study: curves, profiles and gains of the arms. A
         learning result: its learning curve; a curriculum's: those of its last tasks. Values, (S,)
         or (S, A) float64: the best of each state, as a heat map of their `task`.
     path : str or Path, optional
@@ -99,8 +97,6 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
         with matplotlib.rc_context(STYLE):
             figure, ((axes,),) = new_figure(1, 1, width=5.5, height=4.2)
             draw_potential(axes, task, array, label="max Q(s, a)" if array.ndim == 2 else "V(s)")
-    elif isinstance(subject, Forecast):
-        figure = draw_forecast(subject)
     elif isinstance(subject, LearningResult):
         name = "learning" if subject.task is None else type(subject.task).__name__
         figure = draw_results({name: subject})
@@ -110,7 +106,7 @@ def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> F
         compared = getattr(subject, "comparison", subject)  # of a study or a trial, or itself
         if not isinstance(compared, Comparison):
             raise SettingError(
-                "what is plotted must be a Comparison, Forecast, StudyResults, LearningResult or "
+                "what is plotted must be a Comparison, Trial, StudyResults, LearningResult or "
                 f"CurriculumResult, or an array of values with its task: got {brief(subject)}"
             )
         figure = draw_comparison(compared)
@@ -171,7 +167,7 @@ def check_path(path: str | Path) -> Path:
 ALL = 10**9  # more checkpoints than a curve has
 NAME_LETTERS, TITLE_LETTERS = 28, 110  # in a line of an arm's name, of the title
 MOST_BANDS, BARS = 6, 6  # arms up to which bands are drawn; bars of an arm in their place
-ROW_HEIGHT, BAR_HEIGHT = 0.21, 0.28  # inches of an arm in a comparison, of a forecast's row
+ROW_HEIGHT = 0.21  # inches of an arm in a comparison
 
 
 def draw_curve(
@@ -417,57 +413,6 @@ def _caption_of(comparison: Comparison) -> str:
         "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
         f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
     )
-
-
-# -- forecasts -------------------------------------------------------------------------------------
-
-
-@matplotlib.rc_context(STYLE)
-def draw_forecast(forecast: Forecast) -> Figure:
-    """Return the figure of a forecast: bars from the random policy's return to predicted starts."""
-    rows, low = forecast.rows, forecast.random_return
-    figure, ((axes,),) = new_figure(1, 1, width=7.5, height=1.6 + BAR_HEIGHT * max(len(rows), 3))
-    for y, row in enumerate(rows):
-        colour, alpha = COLOURS["blue" if row.aggregate else "grey"], 0.9 if row.used else 0.45
-        axes.barh(y, row.mean("start") - low, 0.62, low, color=colour, alpha=alpha)
-        starts = [seed.start for seed in row.seeds]
-        # Seeds lie side by side, so that equal starts can be seen.
-        heights = y + 0.2 * np.linspace(-1, 1, len(starts)) * (len(starts) > 1)
-        axes.plot(starts, heights, "o", color="k", ms=2.5)
-    axes.set_yticks(range(len(rows)), [row.name + " (used)" * row.used for row in rows])
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-    bounds = ("random policy", low, ":", "left"), ("optimum", forecast.optimum, "-", "right")
-    for name, bound, dashes, side in bounds:
-        if not math.isnan(bound):
-            axes.axvline(bound, color=COLOURS["black"], lw=1, linestyle=dashes)
-            label = f"{name} {rounded(bound)}"
-            axes.annotate(label, (bound, 1), (0, 3), ha=side, fontsize=7.5, **above)
-    axes.use_sticky_edges = False
-    axes.margins(x=0.04)
-    axes.xaxis.set_major_formatter(lambda x, _: minus(f"{x:,g}"))
-    axes.set_xlabel("expected return of the greedy policy")
-    over, share = "φ > Q*", "state-action pairs whose potential φ is above their optimal value"
-    if not forecast.solved:
-        over = "φ > return"
-        share = "the steps of φ's greedy policy on which φ is above the return to go"
-    shares = [f"{row.mean('optimistic'):.0%}" for row in rows]
-    write_columns(axes, [(over, *shares)])
-    # The sources' names are not in the caption: lines that are wrapped read dollars as formulas.
-    title = f"{forecast.target}: where learning would start, not what it gains"
-    figure.suptitle(f"{title}\na forecast {forecast.computed_from}")
-    bars = "Bars: mean over seeds; dots: seeds" if len(rows[0].seeds) > 1 else "One seed"
-    returns = "exact" if forecast.exact else "by rollouts"
-    alone = any(not row.aggregate for row in rows)
-    colours = " Blue: all transfers together; grey: one alone." * alone
-    caption(
-        figure,
-        f"{bars}; no intervals. Returns are {returns}; nothing is learnt in the target yet. "
-        f"{over}: share of {share}.{colours}",
-    )
-    return figure
 
 
 # -- grids: mazes, values and potentials as heat maps ----------------------------------------------

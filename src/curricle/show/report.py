@@ -175,11 +175,11 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
     }
     if analysis is None:
         why = (
-            "The forecast and certificates are left out, because the run has not ended: "
-            "curricle run --resume makes them."
+            "Certificates are left out, because the run has not ended: curricle run --resume makes "
+            "them."
         )
         groups = [arms for arms in curricula.groups() if curricula.arms[arms[0]].transfers]
-        empty: Any = {"forecast": None, "certificates": (), "left_out": (why,)}
+        empty: Any = {"certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     styles = arm_styles(comparison)
     columns = findings.COLUMNS
@@ -231,7 +231,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         swept=findings.effects_rows(effects_of(study)),
         best=findings.tuning_rows(study.record.tuned),
         tuned=study.record.tuned,
-        sections=findings.forecast_sections(analysis, curricula, learnt),
+        sections=[part for part in analysis.sections if {*part.arms} <= curricula.arms.keys()],
         replays=films,
         menu={film.task: [other for other in films if other.task == film.task] for film in films},
         first=next((film.key for film in [*curricula_first, *films]), ""),

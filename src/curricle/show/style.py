@@ -201,7 +201,7 @@ def return_scale(axis: Axis, low: float, high: float, label: str = "return") -> 
     small = max(small, SMALLEST * large)
     decades = math.log10(large / small) if large else 0.0
     # From an end that is 0, such as the lowest possible return, decades cannot be counted.
-    logarithmic = low * high != 0 and decades > (MIXED if low < 0 < high else DECADES)
+    logarithmic = bool(low * high != 0 and decades > (MIXED if low < 0 < high else DECADES))
     axis.set_label_text(label + "\n(symlog scale)" * logarithmic)
     name = "x" if axis is axes.xaxis else "y"
     set_scale, set_limits = (getattr(axes, f"set_{name}{part}") for part in ("scale", "lim"))

@@ -182,7 +182,6 @@ class ArmRecord(Plain):
 
     nodes: dict[str, NodeRecord] = Field(min_length=1)
     transfers: tuple[TransferRecord, ...]
-    potential: str  # the name of its row in a forecast
     scratch: bool = False  # whether it learns the target without sources, for all steps
     depends_on_total: str | None = None
     """Why learning up to a step depends on the total of steps, as text; empty if it does not; None
@@ -274,27 +273,6 @@ class StudyRecord(CurriculaRecord):
         return self
 
 
-class RowRecord(Plain):
-    """A row of a forecast: a potential, with means over seeds."""
-
-    name: str
-    aggregate: bool
-    start: float
-    optimistic: float
-    verdict: str
-
-
-class ForecastRecord(Plain):
-    """A forecast with the values that a report shows."""
-
-    random_return: float
-    optimum: float
-    exact: bool
-    solved: bool
-    computed_from: str  # the seeds and steps of the sources as text
-    rows: tuple[RowRecord, ...] = Field(min_length=1)
-
-
 class CertificateRecord(Plain):
     """The certificate of the potential that the first seeds of some arms share."""
 
@@ -304,10 +282,9 @@ class CertificateRecord(Plain):
 
 
 class SectionRecord(Plain):
-    """The forecast and the certificates of arms with the same tasks and transfers."""
+    """The certificates of arms with the same tasks and transfers."""
 
     arms: tuple[str, ...]
-    forecast: ForecastRecord | None
     certificates: tuple[CertificateRecord, ...]
     left_out: tuple[str, ...]  # sentences on omitted parts, the reason, and how to get them
 

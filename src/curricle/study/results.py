@@ -349,7 +349,7 @@ class StudyResults:
 
     @property
     def analysis(self) -> Analysis | None:
-        """Forecasts, certificates and episodes; None before the run has ended."""
+        """Certificates and episodes; None before the run has ended."""
         return self.store.record(ANALYSIS, Analysis) if self.store.has(ANALYSIS) else None
 
     @property

@@ -156,7 +156,7 @@ def shown_units(
                 for _ in now.stored.seeds:
                     grow[now.tuning or f"{now.stored.arm}: {now.stored.task}"]()
                 if pace.stored == len(now.units) and not now.tuning:
-                    bars.bar("forecasts and certificates")
+                    bars.bar("certificates and episodes")
             bars.tell(now)
 
         yield show

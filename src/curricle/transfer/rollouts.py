@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,9 +41,6 @@ from curricle.tasks.mdp import (
     available_actions,
     closed,
     generative_model,
-    live_pairs,
-    reachable_states,
-    tables,
 )
 from curricle.tasks.models import close_row
 from curricle.tasks.observation_task import ObservationTask, is_observation_task, stack
@@ -55,9 +52,7 @@ LARGEST_ARRAY = 1_000_000
 MOST_STEPS = 50_000_000  # most steps to record (2.4 GB)
 OBSERVATION_ROLLOUTS = 50  # default number of episodes for mean returns
 COVERAGE_EPISODES = 20  # episodes that give the sample of observations for coverage
-MAX_RANKED = 200_000  # most pairs for a rank correlation; a sample if there are more
 STREAM = "potential_quality"  # name of the random stream of rollouts that judge a potential
-NAN = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,7 +368,6 @@ class ObservationTarget:
     # environment have the same rewards, so that both returns are in the same units.
     evaluation: GreedyEvaluation
     solution: None = None
-    typical_reward: float = float("nan")
     optimum: float = float("nan")
 
     @cached_property
@@ -418,94 +412,21 @@ def target_of(
     return ObservationTarget(task, evaluation)
 
 
-# -- the errors of a potential ---------------------------------------------------------------------
+# -- the return of a potential's own policy --------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class PotentialQuality:
-    """Comparison of a potential with the values of its target."""
-
-    start: float  # expected return of its greedy policy: where learning starts
-    optimistic: float  # share of pairs (s, a) with phi > Q*
-    excess: float  # mean of phi - Q*
-    mean_absolute_value: float  # mean abs(V*), the scale of an excess
-    rank: float  # Spearman's correlation of phi and Q*; NaN if phi or Q* does not vary
-    # The largest min(V*, 0) - max_a phi over the states that optimal policies visit: how far phi
-    # lies below both V* and an initial value of 0. Learning avoids such a state, and so does not
-    # correct its value. NaN unless exact.
-    largest_underestimate: float = NAN
-    most_underestimated_state: int = -1  # that state; -1 if there is none
-    # True: phi is compared with Q*. False: with the returns to go of greedy rollouts, which are
-    # at most Q*, over the steps of the rollouts.
-    exact: bool = False
-
-
-def potential_quality(
+def potential_return(
     potential: PairPotential | ObservationPotential,
     target: Target | ObservationTarget,
     *,
     seed: int = 0,
-) -> PotentialQuality:
-    """Return the comparison of a potential with the values of its target."""
-    roll = partial(greedy_rollouts, potential, seed=seed, stream=STREAM)
+) -> float:
+    """Return what a potential's greedy policy returns in a target; NaN without action values."""
     if isinstance(target, ObservationTarget):
+        assert isinstance(potential, ObservationPotential)
         if not potential.of_actions:
-            return PotentialQuality(NAN, NAN, NAN, NAN, NAN)
-        rollouts = roll(episodes=target.episodes)
-        first = np.cumsum(rollouts.lengths) - rollouts.lengths
-        discounted = target.evaluation.discounted
-        returns = rollouts.return_to_go[first] if discounted else rollouts.returns
-        return _by_rollouts(rollouts, float(returns.mean()), seed)
+            return float("nan")
+        episodes = greedy_episodes(potential, target.episodes, seed, STREAM)
+        return mean_episode_return(episodes, target.evaluation.discount(target.task))
     assert not isinstance(potential, ObservationPotential)
-    start = greedy_start(potential, target.evaluation, seed=seed)
-    if target.solution is None:
-        rollouts = roll(episodes=target.evaluation.rollouts(target.task))
-        return _by_rollouts(rollouts, start, seed)
-    mdp = tables(target.task)
-    alive, solution = ~mdp.terminal, target.solution
-    pairs = live_pairs(target.task)
-    phi, q = potential.values[pairs], solution.finite_action_values[pairs]
-    below = np.minimum(solution.values, 0.0) - potential.values.max(axis=1)
-    below[~(reachable_states(mdp, solution.optimal) & alive)] = 0.0
-    state = int(below.argmax())
-    underestimate, state = (float(below[state]), state) if below[state] > 0 else (0.0, -1)
-    return PotentialQuality(
-        start=start,
-        # Differences within the proven error of Q* count as 0.
-        optimistic=float((phi > q + solution.error_bound).mean()),
-        excess=float((phi - q).mean()),
-        mean_absolute_value=float(abs(solution.values[alive]).mean()),
-        rank=_rank_correlation(phi, q, seed),
-        largest_underestimate=underestimate,
-        most_underestimated_state=state,
-        exact=True,
-    )
-
-
-def _by_rollouts(rollouts: GreedyRollouts, start: float, seed: int) -> PotentialQuality:
-    """Return the comparison with the returns to go; `start` is the greedy policy's mean return."""
-    return_to_go = rollouts.return_to_go + rollouts.bootstrap_discount * rollouts.bootstrapped_value
-    return PotentialQuality(
-        start=start,
-        optimistic=float((rollouts.predicted > return_to_go).mean()),
-        excess=float((rollouts.predicted - return_to_go).mean()),
-        mean_absolute_value=float(abs(return_to_go).mean()),
-        rank=_rank_correlation(rollouts.predicted, return_to_go, seed),
-    )
-
-
-def _rank_correlation(phi: FloatArray, truth: FloatArray, seed: int) -> float:
-    """Return Spearman's rank correlation, of a sample if there are many pairs."""
-    if phi.size > MAX_RANKED:
-        drawn = np.random.default_rng(seed).choice(phi.size, MAX_RANKED, False, shuffle=False)
-        phi, truth = phi[drawn], truth[drawn]
-    if not (np.ptp(phi) > 0 and np.ptp(truth) > 0):
-        return NAN
-    return float(np.corrcoef(_ranks(phi), _ranks(truth))[0, 1])
-
-
-def _ranks(values: FloatArray) -> FloatArray:
-    """Return the rank of each value from 1 on, the mean of their ranks for equal values."""
-    # SciPy's rankdata is the same, but importing scipy.stats takes half a second.
-    _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[which])
+    return greedy_start(potential, target.evaluation, seed=seed)

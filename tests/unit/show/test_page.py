@@ -14,11 +14,10 @@ import curricle as cr
 from curricle.comparison.comparison import Arm
 from curricle.comparison.plan import PlannedArm
 from curricle.errors import SettingError
-from curricle.show.findings import forecast_sections
 from curricle.show.graph import CARD, graphs
 from curricle.show.plots import draw_learning_curves
 from curricle.show.report import curve_data
-from curricle.show.style import arm_styles, rounded
+from curricle.show.style import arm_styles
 from curricle.statistics.curves import Curve
 from curricle.study import analysis as analysis_module
 from curricle.study.analysis import analysed, curricula_record
@@ -232,51 +231,30 @@ def test_cards_do_not_overlap_and_arrows_lead_down():
     assert not left <= place <= left + CARD
 
 
-# -- forecasts and certificates next to what was measured ------------------------------------------
+# -- certificates ------------------------------------------
 
 
-def test_the_forecast_stands_next_to_the_measured_start(pursuit):
-    record, learnt, analysis = shown(pursuit.results)
-    (section,) = forecast_sections(analysis, record, learnt)
-    rows = {row.name: row for row in section["record"].forecast.rows}
-    assert section["used"] == {"minimum": ["min"], "mean": ["mean"]}
-    for arm, name in (("min", "minimum"), ("mean", "mean")):
-        measured = pursuit.results[arm]["hunt"].greedy_return[:, 0]
-        assert section["starts"][name] == [rounded(measured.mean())]
-        assert rows[name].start == pytest.approx(measured[:3].mean(), abs=0.5)
-    assert section["other_sources"] == []
-    (certificate,) = section["record"].certificates
+def test_arms_with_the_same_potential_share_a_certificate(pursuit):
+    (section,) = shown(pursuit.results)[2].sections
+    (certificate,) = section.certificates
     assert certificate.arms == ("min", "mean")
     assert certificate.holds
-    assert section["record"].left_out == ()
-
-
-def test_a_forecast_is_not_of_arms_whose_sources_are_trained_otherwise():
-    short = hunt_plan(cr.minimum)
-    long = replace(short, budget={"chase": 6000, "hunt": 8000})
-    record, learnt, analysis = shown({"short": short.train(2), "long": long.train(2)})
-    (section,) = forecast_sections(analysis, record, learnt)
-    assert section["record"].arms == ("short", "long")
-    assert (section["same_sources"], section["other_sources"]) == (["short"], ["long"])
-    assert section["used"] == {"minimum": ["short"]}
+    assert section.left_out == ()
 
 
 def test_a_sentence_names_what_is_left_out_and_how_to_get_it(pursuit, monkeypatch):
-    monkeypatch.setattr(analysis_module, "EFFORT", 10)
     monkeypatch.setattr(analysis_module, "LARGEST_CERTIFIED", 10)
     text = Reader(page_of(pursuit)).words
     why = f"because hunt has {729 * 25:,} state-action pairs"
-    assert f"min, mean: The forecast is left out, {why}: curricle.forecast" in text
-    assert "Certificates are left out" in text
+    assert f"min, mean: Certificates are left out, {why}: curricle.certify" in text
 
 
-def test_values_that_were_not_kept_leave_both_out():
+def test_values_that_were_not_kept_leave_certificates_out():
     plan = hunt_plan(cr.minimum)
     result = plan.train(2)
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
     record = curricula_record({"min": PlannedArm(plan, {})}, {})
     (section,) = analysed({"min": replace(result, nodes=bare)}, record).sections
-    assert section.forecast is None
     assert section.certificates == ()
     assert all("values were not kept" in sentence for sentence in section.left_out)
 
