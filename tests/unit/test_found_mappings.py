@@ -16,7 +16,6 @@ from curricle.transfer import (
     auto_mapping,
     by_homomorphism,
     find_mappings,
-    find_projections,
     fitted_unmapped_value,
     identity,
     score_mapping,
@@ -130,17 +129,6 @@ def test_a_pair_without_a_counterpart_is_not_judged():
     assert scores.coverage == 0
     assert np.isnan([scores.dynamics_error, scores.bellman_inconsistency, scores.optimistic]).all()
     assert scores.regained == pytest.approx(0)
-
-
-def test_the_projections_of_two_predators_onto_one_are_those_of_the_paper():
-    """Only f_1 and f_2 predict the target without error."""
-    hunt, chase = cr.Pursuit(3, 2), cr.Pursuit(3, 1)
-    projections = find_projections(hunt, chase)
-    for projection, name in zip(projections[:2], hunt.predator_names, strict=True):
-        by_hand = cr.project(hunt, chase, predator=name)
-        np.testing.assert_array_equal(projection.mapping.index, by_hand.index)
-        assert projection.error < 1e-9
-    assert not any(projection.error < 0.1 for projection in projections[2:])  # NaN: no pair maps
 
 
 def test_a_mirrored_maze_is_found_without_names():

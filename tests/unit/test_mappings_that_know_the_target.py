@@ -23,7 +23,6 @@ from curricle.transfer import (
     auto_mapping,
     compose,
     find_mappings,
-    find_projections,
     identity,
     score_mapping,
 )
@@ -56,18 +55,11 @@ def test_what_a_search_found_knows_the_target_and_what_a_hand_made_does_not():
         assert all(one.mapping.knows_target for one in find_mappings(MAZE, source))
     of_names = find_mappings(MAZE, CROP, searches=SEARCHES[:1])[0].mapping  # chosen by its values
     assert (isinstance(of_names, ComponentMapping), of_names.knows_target) == (True, True)
-    assert all(one.mapping.knows_target for one in find_projections(HUNT, CHASE))
     by_hand = cr.project(HUNT, CHASE, predator="predator_1"), cr.same_position(MAZE, CROP)
     assert not any(mapping.knows_target for mapping in (*by_hand, identity(MAZE)))
     member = cr.tasks.pursuit_family
     mappings = cr.transfer.family_mappings(member(size=3, predators=2), member(size=3, predators=1))
     assert not any(mapping.knows_target for mapping in mappings)
-
-
-def test_names_that_were_found_between_small_tasks_are_carried_over_to_large_ones():
-    small = find_projections(HUNT, CHASE)[0]
-    large = cr.project(cr.Pursuit(4, 2), cr.Pursuit(4, 1), **small.states)
-    assert (small.mapping.knows_target, large.knows_target) == (True, False)
 
 
 @pytest.mark.parametrize("search", SEARCHES[2:])

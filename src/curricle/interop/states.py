@@ -110,9 +110,9 @@ NAMED = (type, BuiltinFunctionType, ModuleType)
 UNCHANGING = (tuple, frozenset, Enum, *NAMED, MethodType, CodeType)
 
 
-def fingerprint(value: Any, left_out: Collection[str] = (), *, strict: bool = True) -> bytes:
+def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
     """Return a digest, 16 bytes, of a value and all it refers to, without names in `left_out`."""
-    return _Reader(value, frozenset(left_out), strict=strict).digest.digest()
+    return _Reader(value, frozenset(left_out)).digest.digest()
 
 
 class _Reader:

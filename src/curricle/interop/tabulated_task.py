@@ -1,9 +1,10 @@
 """An environment as tables: the observation of each state, and how the tables were made."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from inspect import signature
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -12,9 +13,11 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.display import pictured
 from curricle.errors import SettingError, TaskError
+from curricle.files import read_saved, write_saved
+from curricle.learning.tabular_policy import as_saved
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.observation_task import batch_size
-from curricle.tasks.spaces import Space
+from curricle.tasks.spaces import Component, Space
 from curricle.text import brief_repr, counted
 from curricle.transfer.mapping import UNMAPPED
 
@@ -181,6 +184,10 @@ def assembled(parts: Mapping[str, Leaf]) -> Any:
 
 
 BATCH = 4096  # observations that a model is asked about at once
+SPACES = ("states", "actions")
+TABLES = ("outcome_row", "probability", "next_state", "reward", "terminal", "start", "available")
+OBSERVED = "observed "  # begins the names of arrays of observations in a file
+POINTS = "points"
 
 
 @dataclass(frozen=True)
@@ -203,9 +210,8 @@ class TabulationRecord:
         Wall-clock time of the search, and its share for the observations and names of new states.
     note : str
         How the tables differ from the environment, such as in rewards.
-    cached, several : bool
-        Whether the tables were read from a file; whether resets with other seeds, of which 8 are
-        tried, start in other states or levels.
+    several : bool
+        Whether resets with other seeds, of which 8 are tried, start in other states or levels.
     """
 
     environment: str
@@ -219,7 +225,6 @@ class TabulationRecord:
     seconds: float = 0.0
     observing: float = 0.0
     note: str = ""
-    cached: bool = False
     several: bool = False
 
     __repr__ = brief_repr
@@ -324,6 +329,53 @@ class TabulatedTask(Frozen):
                 f"a model's actions must lie in 0..{self.actions.size - 1}: got {low}..{high}"
             )
         return chosen
+
+    def save(self, path: str | Path) -> Path:
+        """Write the tables into an ``.npz`` file and return its path; StoreError if it cannot."""
+        arrays = {name: a for name in TABLES if (a := getattr(self.mdp, name)) is not None}
+        about: dict[str, Any] = {"record": asdict(self.record)}
+        about |= {name: getattr(self.mdp, name) for name in ("discount", "time_limit")}
+        for name in SPACES:
+            space: Space = getattr(self.mdp, name)
+            about[name] = [asdict(component) for component in space.components]
+            if space.points is not None:
+                arrays[f"{name} {POINTS}"] = space.points
+        about["observed"] = self.observations is not None
+        if self.observations is not None:
+            arrays |= {OBSERVED + name: part for name, part in self.observations.parts.items()}
+        return write_saved(path, type(self).__name__, arrays, about)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Return the task in a file that :meth:`save` wrote; StoreError if it is damaged.
+
+        Examples
+        --------
+        >>> from tempfile import mkdtemp
+        >>> import curricle as cr
+        >>> lake = cr.tabulate("FrozenLake-v1", discount=0.99)
+        >>> TabulatedTask.load(lake.save(f"{mkdtemp()}/lake")).states == lake.states
+        True
+        """
+        saved = read_saved(path, cls.__name__)
+        arrays, about = saved.arrays, saved.about
+        with as_saved(saved):
+            states, actions = (
+                Space([Component(**c) for c in about[name]], arrays.get(f"{name} {POINTS}"))
+                for name in SPACES
+            )
+            fields: dict[str, Any] = {name: arrays.get(name) for name in TABLES}
+            fields |= {name: about[name] for name in ("discount", "time_limit")}
+            mdp = FiniteMDP(states, actions, **fields)
+            parts = {
+                name.removeprefix(OBSERVED): part
+                for name, part in arrays.items()
+                if name.startswith(OBSERVED)
+            }
+            observations = ObservationTable(parts, mdp.terminal) if about["observed"] else None
+            seeds = {"seeds": tuple(about["record"]["seeds"])}
+            record = TabulationRecord(**{**about["record"], **seeds})
+        return cls(mdp, observations, record)
 
     def _observations(self) -> ObservationTable:
         if self.observations is None:

@@ -5,24 +5,18 @@ Equivalent states are merged, so that counters add no states. Episodes are then 
 tables: they find parts of a state that were not saved.
 """
 
-import os
-import re
-import sys
 from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.wrappers import FrameStackObservation, TimeLimit as StepLimit
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import instance, number, whole_number
-from curricle.errors import SettingError, StoreError, TaskError
-from curricle.files import ENDING, digest_of, local_file, read_saved, write_saved
+from curricle.errors import SettingError, TaskError
 from curricle.interop.gymnasium import (
     Environment,
     TimeLimit,
@@ -53,7 +47,6 @@ from curricle.interop.states import (
     World,
     copied,
     core_and_views,
-    fingerprint,
     shared_draws,
     time_limit_of,
 )
@@ -79,9 +72,6 @@ MOST_SAMPLES = 1_000_000  # steps by which the outcomes of a pair are estimated,
 STEPS = 1000  # steps that are compared with the tables
 WALKS = 20  # times that an episode goes to a state drawn at random, before it goes on at random
 CLOSE = 1e-9  # relative difference of rewards that is rounding
-KIND = "TabulatedTask"
-OBSERVED = "observed "  # begins the names of arrays of observations
-ARRAYS = ("probability", "next_state", "reward", "terminal", "start", "first")
 MOST_STATES = 1_000_000  # states of a table by default, at most
 MOST_SECONDS = 3600.0  # seconds that a tabulation takes by default, at most
 
@@ -126,7 +116,6 @@ class Plan:
     max_states: int
     max_seconds: float
     progress: bool | Callable[[str], Any] | None
-    cache: Any
     action_masks: bool = False
 
     def __post_init__(self) -> None:
@@ -136,8 +125,6 @@ class Plan:
         object.__setattr__(self, "seeds", seed_tuple(self.seeds))
         object.__setattr__(self, "max_states", states)
         number("max_seconds", self.max_seconds, SettingError, low=0)
-        if self.cache is not None:
-            object.__setattr__(self, "cache", local_file(self.cache, ENDING))
         if not known and not (pair and all(map(callable, self.state))):
             raise SettingError(
                 "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
@@ -154,7 +141,7 @@ class Plan:
                 raise SettingError("outcomes are listed or estimated: got outcomes and samples")
 
     def carried_out(self, env: Any, act: Callable[[int], Any], n_actions: int, name: str) -> Made:
-        """Return an environment's tables and their record; from the cache if it exists."""
+        """Return an environment's tables and their record."""
         how = self.state  # how states are saved and restored
         if isinstance(how, MiniGridState) and not is_minigrid(env):
             raise SettingError(f"state={how!r} is for MiniGrid's environments: got {env}")
@@ -163,29 +150,17 @@ class Plan:
             how = fitting_state(env, core, self.seeds[0])
         elif how is None:
             how = DeepCopy()
-        origin = dict[str, Any]()
-        if self.cache is not None:
-            ways = [*how] if isinstance(how, tuple) else [how]
-            ways += [self.outcomes, self.samples, self.state is None]
-            ways += ["action_masks"] * self.action_masks
-            origin = made_of(env, name, self.seeds, ways)
-            kept = read_tables(self.cache, origin)
-            if kept is not None:
-                return kept
         access: Any = SaveAndRestore(*how) if isinstance(how, tuple) else how.open()
         settings = env, act, n_actions, self.seeds, self.samples
         try:
-            made = self._made(World(*settings, access, name, self.action_masks))
+            return self._made(World(*settings, access, name, self.action_masks))
         except TaskError:
             fast = self.state is None and isinstance(access, MiniGridAccess)
             if not fast or not access.missed(env.unwrapped):
                 raise
             access.release()
             access = MiniGridState(copies=True).open()
-            made = self._made(World(*settings, access, name, self.action_masks))
-        if self.cache is not None:
-            write_tables(self.cache, origin, made)
-        return made
+            return self._made(World(*settings, access, name, self.action_masks))
 
     def _made(self, world: World) -> Made:
         source: World | ListedOutcomes = world
@@ -248,7 +223,6 @@ def tabulate(
     max_states: int = MOST_STATES,
     max_seconds: float = MOST_SECONDS,
     progress: bool | Callable[[str], Any] | None = None,
-    cache: str | Path | None = None,
     action_masks: bool = False,
     **make_arguments: Any,
 ) -> TabulatedTask:
@@ -289,11 +263,6 @@ def tabulate(
     progress : bool or callable, optional
         Bars by default, after two seconds; True shows them at once, False never; a function is
         called with a sentence on the progress from time to time.
-    cache : str or Path, optional
-        A file that the tables are read from, or written to if it does not exist. Tables of another
-        environment, content after a reset, setting or version are refused, and where a file that
-        holds a class of the environment or of its wrappers has changed. Code elsewhere that these
-        call is not compared: name another file when you change it.
     action_masks : bool
         Whether only available actions are taken, as in :func:`from_gymnasium`.
     **make_arguments
@@ -307,10 +276,10 @@ def tabulate(
 
     Raises
     ------
-    TaskError, SettingError, StoreError
+    TaskError, SettingError
         When the environment cannot be copied, its states cannot be distinguished, frames are
         stacked, steps are random, a limit is reached, or an episode is not in the tables; when a
-        setting is invalid; when the cache has other tables, is damaged, or cannot be written.
+        setting is invalid.
 
     Examples
     --------
@@ -320,9 +289,7 @@ def tabulate(
     >>> taxi.states.label(0)
     'row=3 column=0 passenger=blue destination=yellow'
     """
-    plan = Plan(
-        seeds, state, outcomes, samples, max_states, max_seconds, progress, cache, action_masks
-    )
+    plan = Plan(seeds, state, outcomes, samples, max_states, max_seconds, progress, action_masks)
     discount = number("discount", discount, TaskError, low=0, high=1)
     names = None if names is None else name_list(names)
     make = maker_of(environment, time_limit, make_arguments)
@@ -608,79 +575,3 @@ def _way(tables: Tables, first: int, n_actions: int, rng: np.random.Generator) -
         state, action = parent[state].tolist()
         way.append(action)
     return way[::-1]
-
-
-# -- tables in a file -----------------------------------------------------------------------------
-
-
-def read_tables(path: Path, origin: dict[str, Any]) -> Made | None:
-    """Return the tables of a file, None if there is no file."""
-    if not path.exists():
-        if not os.access(path.parent, os.W_OK):
-            raise StoreError(f"a cache must be a file in a folder that can be written to: {path}")
-        return None
-    file = read_saved(path, KIND)
-    arrays, about = file.arrays, file.about
-    for aspect, value in origin.items():
-        if about.get(aspect) != value:
-            raise StoreError(
-                f"a cache must hold tables of the same {aspect}; else name another file: {path} "
-                f"has {about.get(aspect)}, got {value}"
-            )
-    try:
-        states = Space([Component(**part) for part in about["components"]], arrays.get("points"))
-        observations = None
-        if about["observed"]:
-            names = [name for name in arrays if name.startswith(OBSERVED)]
-            parts = {name.removeprefix(OBSERVED): arrays[name] for name in names}
-            observations = ObservationTable(parts, arrays["terminal"])
-        plain: dict[str, Any] = {name: arrays[name] for name in ARRAYS}
-        tables = Tables(states=states, observations=observations, **plain)
-        settings = {"seeds": tuple(about["record"]["seeds"]), "cached": True}
-        return tables, TabulationRecord(**{**about["record"], **settings})
-    except (KeyError, TypeError, ValueError) as error:
-        raise StoreError(f"{path} is not as tabulate() writes it: {error!r}") from None
-
-
-def write_tables(path: Path, origin: dict[str, Any], made: Made) -> None:
-    """Write tables, with the description that :func:`made_of` returns."""
-    tables, record = made
-    arrays: dict[str, npt.NDArray[Any]] = {name: getattr(tables, name) for name in ARRAYS}
-    if tables.states.points is not None:
-        arrays["points"] = tables.states.points
-    if tables.observations is not None:
-        arrays |= {OBSERVED + name: part for name, part in tables.observations.parts.items()}
-    about = {
-        "components": [asdict(component) for component in tables.states.components],
-        "observed": tables.observations is not None,
-        "record": asdict(record),
-    }
-    write_saved(path, KIND, arrays, about | origin)
-
-
-def made_of(env: Any, name: str, seeds: Sequence[int], ways: Sequence[Any]) -> dict[str, Any]:
-    """Return the origin of tables for JSON: environment, settings and a digest of their code."""
-    layers = layers_of(env)
-    defining = dict.fromkeys(kind.__module__ for layer in layers for kind in type(layer).__mro__)
-    files = [Path(getattr(sys.modules.get(m), "__file__", None) or "") for m in defining]
-    code = b"".join(file.read_bytes() for file in files if file.is_file())
-    content = b""  # arguments are in it too, of an environment that is no id but a function or made
-    for seed in seeds:
-        env.reset(seed=seed)
-        content += fingerprint(layers, {"_np_random_seed"})
-    packages = {"curricle", "gymnasium", type(env.unwrapped).__module__.partition(".")[0]}
-    modules = {package: sys.modules[package] for package in sorted(packages)}
-    return {
-        "environment": name,
-        "classes": [f"{type(layer).__module__}.{type(layer).__qualname__}" for layer in layers],
-        # MiniGrid's space of missions prints a function with its address, another in every process.
-        "spaces": re.sub(r" at 0x\w+", "", f"{env.observation_space} {env.action_space}"),
-        "seeds": list(seeds),
-        "settings": [
-            digest_of(fingerprint(way, strict=False)) if callable(way) else repr(way)
-            for way in ways
-        ],
-        "code of the classes": digest_of(code.replace(b"\r\n", b"\n")),
-        "content after a reset": digest_of(content),
-        "versions": {p: str(getattr(module, "__version__", "")) for p, module in modules.items()},
-    }

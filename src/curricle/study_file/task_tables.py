@@ -252,13 +252,10 @@ class _TabulatedTable(_EncodedTable):
     """Seeds of the resets, which are equally likely starts."""
     ignore: tuple[Name, ...] | None = None
     """Attributes that change no observation and no reward, such as a count of steps."""
-    cache: Name | None = None
-    """A file beside the study that stores the tables."""
 
     def arguments_in(self, folder: Path) -> dict[str, Any]:
-        """Return the arguments, with seeds, state and cache under the function's names."""
+        """Return the arguments, with seeds and state under the function's names."""
         arguments = {**super().arguments_in(folder), "seeds": self.reset_seeds}
-        arguments["cache"] = None if self.cache is None else folder / self.cache
         return arguments | ({"state": DeepCopy(self.ignore)} if self.ignore else {})
 
 
@@ -272,7 +269,7 @@ TabulatedTaskTable = table_of(
     tag="tabulated",
     without=(
         *("environment", "seeds", "state", "max_states", "max_seconds", "progress"),
-        *("cache", "make_arguments"),
+        "make_arguments",
     ),
     discount=_DISCOUNT,
     time_limit=_LIMIT,

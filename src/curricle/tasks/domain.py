@@ -7,7 +7,6 @@ family of them.
 
 import re
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
@@ -20,7 +19,6 @@ from curricle.checks import indices, one_of
 from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
-from curricle.tasks.live import LiveMDP
 from curricle.tasks.mdp import FiniteMDP, generative_model, has_tables, tables
 from curricle.tasks.models import LARGEST_REWARD, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, whole
@@ -411,16 +409,6 @@ SIDES = (("row", "column"), ("row", "col"), ("y", "x"))
 """Components that say in which cell a state lies, by their names."""
 MOST_STATES = 20_000_000  # states of a task whose cells are read off its components
 MOST_STATES_OF_TABLES = 100_000  # states of a task whose ends are looked for in its tables
-NAMED = {
-    "wall": {"wall", "obstacle", "blocked"},
-    "goal": {"goal", "target", "exit", "treasure"},
-    "pit": {"pit", "hole", "hazard", "trap", "lava", "cliff"},
-    "fire": {"fire"},
-    "key": {"key"},
-    "lock": {"lock", "door"},
-}
-"""What the attributes of an environment are drawn as, by words in their names, in the singular."""
-COLLECTIONS = (list, tuple, set, frozenset, dict, np.ndarray)  # what may hold cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -474,16 +462,10 @@ def layout_of(task: Any) -> GridLayout | None:
                 there = np.stack([values[name + end] for end in ends], axis=1)
                 inside = ((there >= origin) & (there <= last)).all(axis=1, keepdims=True)
                 moving[name] = np.where(inside, there, cells)
-    objects, walls = _ends_of(task, cells), None
-    if isinstance(task, LiveMDP):
-        across_first = states.names.index(sides[1]) < states.names.index(sides[0])
-        objects, blocked = _named_in(task, last + 1, across_first=across_first)
-        if blocked:
-            walls, last = np.array(blocked), np.maximum(last, np.max(blocked, axis=0))
-            origin = np.minimum(origin, np.min(blocked, axis=0))
     rows, columns = (last - origin + 1).tolist()
     corner = int(origin[0]), int(origin[1])
-    return GridLayout(cells, sides, (rows, columns), corner, objects, walls, moving)
+    objects = _ends_of(task, cells)
+    return GridLayout(cells, sides, (rows, columns), corner, objects, markers=moving)
 
 
 Objects = tuple[tuple[str, int, int, bool], ...]
@@ -506,35 +488,3 @@ def _ends_of(task: Any, cells: IntArray) -> Objects:
     least = max([*paid, float(np.median(mdp.reward[happens]))])
     reached = [(cell, pays) for cell, pays in zip(ends, paid, strict=True) if np.isfinite(pays)]
     return tuple(("goal" if pays >= least else "pit", *cell, True) for cell, pays in reached)
-
-
-def _named_in(task: LiveMDP, shape: IntArray, *, across_first: bool) -> tuple[Objects, list[Cell]]:
-    """Return the objects and walls of a task's environment: cells under a name such as ``goal``."""
-    with closing(task.make()) as environment:
-        environment.reset(seed=0)
-        held = dict(vars(getattr(environment, "unwrapped", environment)))
-    objects, walls = list[tuple[str, int, int, bool]](), list[Cell]()
-    for name, value in held.items():
-        parts = {part.removesuffix("s") for part in name.lower().split("_")}
-        if getattr(value, "dtype", None) == "S1" and value.shape == tuple(shape):  # a frozen lake
-            for letter, drawn in ((b"H", "pit"), (b"G", "goal")):
-                there = np.argwhere(value == letter).tolist()
-                objects += [(drawn, row, column, False) for row, column in there]
-        kind = next((kind for kind, words in NAMED.items() if parts & words), None)
-        if kind is None or not isinstance(value, COLLECTIONS):
-            continue
-        try:
-            cells = np.atleast_2d(np.array(list(value)))
-        except ValueError:  # its parts differ in length
-            continue
-        if cells.dtype == bool and cells.shape == tuple(shape):
-            cells = np.argwhere(cells)
-        elif cells.dtype.kind != "i" or cells.ndim != 2 or cells.shape[1] != 2:
-            continue
-        elif across_first:  # as in the observation
-            cells = cells[:, ::-1]
-        if kind == "wall":
-            walls += [(row, column) for row, column in cells.tolist()]
-        elif (cells >= 0).all() and (cells < shape).all():
-            objects += [(kind, *cell, False) for cell in cells.tolist()]  # what ends is not known
-    return tuple(objects), walls

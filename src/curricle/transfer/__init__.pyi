@@ -8,7 +8,6 @@ from .by_components import (
     by_alignment as by_alignment,
     by_name as by_name,
     family_mappings as family_mappings,
-    find_projections as find_projections,
     identity as identity,
     project as project,
     relative_objects as relative_objects,

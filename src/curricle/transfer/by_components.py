@@ -1,25 +1,21 @@
-"""Mappings by components: the identity, by names (paper E7), by position, all assignments."""
+"""Mappings by components: the identity, by names (paper E7), by position."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from math import prod
 from typing import Any, overload
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
-from curricle.arrays import BoolArray, IntArray
+from curricle.arrays import IntArray
 from curricle.checks import brief, instance, one_of
 from curricle.errors import CurricleError, MappingError
 from curricle.tasks.family import ComponentsByName, FamilyMember, Unequal
 from curricle.tasks.gridworld import GridWorld
-from curricle.tasks.mdp import FiniteMDP, Task, generative_model, live_pairs, tables
+from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.tasks.spaces import MISSING, Component, Space
-from curricle.text import brief_repr
 from curricle.transfer.mapping import (
     ObservationMapping,
     StateActionMapping,
@@ -441,93 +437,6 @@ def _check_mazes(mapping: str, target: Task, source: Task) -> None:
     for role, task in (("target", target), ("source", source)):
         if not isinstance(task, GridWorld):
             raise MappingError(f"{mapping} maps a GridWorld to a GridWorld: the {role} is {task}")
-
-
-# -- every assignment of components ----------------------------------------------------------------
-
-MAX_ASSIGNMENTS = 10_000
-COMPARED = 5_000  # most state-action pairs of the target on which assignments are compared
-
-
-@dataclass(frozen=True, eq=False)
-class Projection:
-    """An assignment of target components to source components."""
-
-    states: dict[str, str]  # source component -> target component
-    actions: dict[str, str]
-    # Mean total variation distance, in [0, 1], between the next states of the source and those of
-    # the target read through the assignment; NaN if no pair is mapped.
-    error: float
-    mapping: StateActionMapping
-
-    __repr__ = brief_repr
-
-
-def find_projections(target: Task, source: Task) -> tuple[Projection, ...]:
-    """Return every assignment of target components to source components, best prediction first.
-
-    Rewards are not compared: two tasks with different rewards may have the same dynamics. The
-    prediction is compared on all state-action pairs of the target, or on 5,000 at random.
-
-    Raises
-    ------
-    MappingError
-        When there are more than 10,000 assignments.
-
-    Examples
-    --------
-    >>> from curricle import Pursuit
-    >>> hunt, chase = Pursuit(size=3, predators=2), Pursuit(size=3, predators=1)
-    >>> for best in find_projections(hunt, chase)[:2]:
-    ...     print(best.states, best.actions, round(best.error, 2))
-    {'prey': 'prey', 'predator': 'predator_1'} {'predator': 'predator_1'} 0.0
-    {'prey': 'prey', 'predator': 'predator_2'} {'predator': 'predator_2'} 0.0
-    """
-    spaces = (target.states, source.states), (target.actions, source.actions)
-    n_assignments = prod(len(space.names) ** len(read.names) for space, read in spaces)
-    if n_assignments > MAX_ASSIGNMENTS:
-        raise MappingError(
-            f"a search may try at most {MAX_ASSIGNMENTS:,} assignments of components: these "
-            f"tasks have {n_assignments:,}"
-        )
-    mdp, source_mdp = tables(target), tables(source)
-    alive, source_pairs = np.flatnonzero(live_pairs(mdp)), live_pairs(source_mdp)
-    n_drawn = min(COMPARED, len(alive))
-    drawn = np.sort(np.random.default_rng(0).choice(alive, size=n_drawn, replace=False))
-    s, a = np.divmod(drawn, mdp.actions.size)
-    choices = [
-        product([c.name for c in space.components if not c.arbitrary], repeat=len(read.names))
-        for space, read in spaces
-    ]
-    projections = []
-    for state_names, action_names in product(*choices):
-        states = dict(zip(source.states.names, state_names, strict=True))
-        actions = dict(zip(source.actions.names, action_names, strict=True))
-        state = source_points(target.states, source.states, states)
-        action = source_points(target.actions, source.actions, actions)
-        mapped = (state[s] != MISSING) & (action[a] != MISSING)
-        mapped &= source_pairs[np.maximum(state[s], 0), np.maximum(action[a], 0)]
-        row = mdp.outcome_row[s[mapped], a[mapped]]
-        source_row = source_mdp.outcome_row[state[s[mapped]], action[a[mapped]]]
-        predicted = source_mdp, source_row, np.arange(source.states.size)
-        error = total_variation((mdp, row, state), predicted) if len(row) else float("nan")
-        mapping = pair_mapping(target, source, state[:, None], action).knowing_target()
-        projections.append(Projection(states, actions, error, mapping))
-    return tuple(sorted(projections, key=lambda tried: (np.isnan(tried.error), tried.error)))
-
-
-def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
-    """Return the mean total variation distance of the next states of n rows of two tasks.
-
-    The last arrays, (S,), number states; next states with equal numbers count as equal.
-    """
-    outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
-    (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
-    masses = np.concatenate([p, -q], axis=1)
-    # Chances of equal outcomes are summed before the difference is taken.
-    same: BoolArray = joined[:, :, None] == joined[:, None, :]
-    totals = (same * masses[:, None, :]).sum(axis=2)
-    return float(((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2).mean())
 
 
 # -- searches by name ------------------------------------------------------------------------------

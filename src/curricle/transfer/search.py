@@ -13,6 +13,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, whole_number
@@ -20,7 +21,7 @@ from curricle.display import printed
 from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.mdp import Task, closed, has_tables, same_task, steps_to
+from curricle.tasks.mdp import FiniteMDP, Task, closed, has_tables, same_task, steps_to
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.bisimulation import (
@@ -29,7 +30,7 @@ from curricle.transfer.bisimulation import (
     model_for_refinement,
     refined,
 )
-from curricle.transfer.by_components import by_alignment, by_name, total_variation
+from curricle.transfer.by_components import by_alignment, by_name
 from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
@@ -186,6 +187,20 @@ def _dynamics_error(
     after[mdp.terminal | (stands_for == ENDED)] = 0
     row, source_row = mdp.outcome_row[s, a], source.outcome_row.ravel()[mapping.index[s, a]]
     return total_variation((mdp, row, after), (source, source_row, block))
+
+
+def total_variation(*rows_of: tuple[FiniteMDP, npt.NDArray[Any], npt.NDArray[Any]]) -> float:
+    """Return the mean total variation distance of the next states of n rows of two tasks.
+
+    The last arrays, (S,), number states; next states with equal numbers count as equal.
+    """
+    outcomes = [numbers[mdp.next_state[row]] for mdp, row, numbers in rows_of]
+    (p, q), joined = (mdp.probability[row] for mdp, row, _ in rows_of), np.hstack(outcomes)
+    masses = np.concatenate([p, -q], axis=1)
+    # Chances of equal outcomes are summed before the difference is taken.
+    same: BoolArray = joined[:, :, None] == joined[:, None, :]
+    totals = (same * masses[:, None, :]).sum(axis=2)
+    return float(((abs(totals) / same.sum(axis=2)).sum(axis=1) / 2).mean())
 
 
 # -- the value of unmapped pairs -------------------------------------------------------------------
