@@ -183,7 +183,7 @@ def test_a_target_reads_no_value_for_an_action_that_it_lacks():
     target = with_masks(source, 4)
     mapping = cr.transfer.identity(target, source)
     live = target.available & ~target.terminal[:, None]
-    assert mapping.coverage().target_pairs == live.sum()
+    assert mapping.coverage().size == live.sum()
     q = cr.solve(source).action_values
     phi = cr.StateActionPotential(target, mapping.read(q))
     best = np.where(target.available, q, -np.inf).max(axis=1)

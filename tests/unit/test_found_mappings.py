@@ -21,7 +21,7 @@ from curricle.transfer import (
     score_mapping,
 )
 from curricle.transfer.bisimulation import levels, model_for_refinement, refined
-from curricle.transfer.mapping import ObservationCoverage
+from curricle.transfer.mapping import Coverage
 from curricle.transfer.search import EXPECTILE, fitted_constant
 from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
 from tests.refusals import check_refusal
@@ -239,7 +239,7 @@ def test_mappings_in_words_and_digests():
     assert numbered(["a", "b", "a"]) == ["a [1]", "b", "a [2]"]
     mappings = identity(LINE), cr.same_position(LINE, LINE)
     assert len({mappings_digest([Transfer("a", "b", mapping)]) for mapping in mappings}) == 1
-    covered = str(ObservationCoverage(200, 0.75, 0.0, 0.25, 0.5))
+    covered = str(Coverage(200, 0.75, 0.0, 0.25, outside=0.5))
     assert covered.startswith("75.0% of the pairs of 200 observations mapped, 0.0% at the source's")
     assert covered.endswith("25.0% unmapped; 50.0% of the counterparts outside the source's space")
 

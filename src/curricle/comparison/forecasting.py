@@ -46,7 +46,7 @@ from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task, made_by
 from curricle.text import brief_repr, counted, folded, shortened, text_table
 from curricle.transfer.aggregate import Aggregate
-from curricle.transfer.mapping import Coverage, ObservationCoverage, coverage_table
+from curricle.transfer.mapping import Coverage, coverage_table
 from curricle.transfer.rollouts import ObservationTarget, potential_return, target_of
 from curricle.transfer.transfer import FOUND, transfer_names
 
@@ -275,7 +275,7 @@ class Forecast:
     Attributes
     ----------
     target : str
-    coverage : dict of str to Coverage or ObservationCoverage
+    coverage : dict of str to Coverage
         Coverage of each transfer's mapping, over all pairs or over the observations that the first
         seed's greedy policy meets.
     rows : tuple of ForecastRow
@@ -296,7 +296,7 @@ class Forecast:
     """
 
     target: str
-    coverage: Mapping[str, Coverage | ObservationCoverage]
+    coverage: Mapping[str, Coverage]
     rows: tuple[ForecastRow, ...]
     trained: Mapping[str, SourceValues] = field(repr=False)
     sources: Mapping[str, SourceLearning | DistilledSource] = field(default_factory=dict)

@@ -31,7 +31,7 @@ from curricle.tasks.mdp import FiniteMDP, generative_model, reachable_states, sa
 from curricle.tasks.start_states import goal_distance
 from curricle.text import brief_repr, counted
 from curricle.transfer.bisimulation import model_for_refinement, refined
-from curricle.transfer.mapping import ObservationMapping, StateActionMapping
+from curricle.transfer.mapping import TaskMapping
 
 MAKERS: dict[str, Callable[[DesignTarget], Iterator[Draft]]] = {
     "member": family_members,
@@ -46,7 +46,6 @@ LARGEST = 20_000_000  # state-action pairs up to which a task is judged
 ROUNDING = 1e-9  # largest difference of equal returns, in units of the larger return
 FINGERPRINT = 1e-6  # difference that equal tasks never have, in units of the larger value
 PROPOSED = "proposed"
-MAPPINGS = (StateActionMapping, ObservationMapping)
 AS_TARGET = "same as the target"
 
 Propose = Callable[[Any], Iterable["SourceCandidate"]]
@@ -101,7 +100,7 @@ class SourceCandidate(Frozen):
         fit_name("a candidate", self.name, CurriculumError)
         text(f"the kind of {self.name!r}", self.kind, CurriculumError)
         mappings = self.mappings if isinstance(self.mappings, Sequence) else (self.mappings,)
-        if not mappings or not all(isinstance(mapping, MAPPINGS) for mapping in mappings):
+        if not mappings or not all(isinstance(mapping, TaskMapping) for mapping in mappings):
             raise CurriculumError(
                 f"a candidate needs mappings from the target: {self.name!r} has {self.mappings!r}"
             )

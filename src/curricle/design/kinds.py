@@ -35,7 +35,7 @@ from curricle.transfer.by_components import (
     project,
     same_position,
 )
-from curricle.transfer.mapping import StateActionMapping, pair_mapping
+from curricle.transfer.mapping import PairMapping, pair_mapping
 
 MOST_LISTED = 10_000  # easier members to list; few of them are built
 MOST_GOALS = 4  # goal cells around which parts are cut
@@ -69,7 +69,7 @@ class DesignTarget(NamedTuple):
     goal: BoolArray  # (S,)
 
 
-Made = tuple[Any, StateActionMapping | Sequence[StateActionMapping]]
+Made = tuple[Any, PairMapping | Sequence[PairMapping]]
 
 
 class Draft(NamedTuple):

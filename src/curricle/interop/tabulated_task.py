@@ -185,7 +185,7 @@ def assembled(parts: Mapping[str, Leaf]) -> Any:
 
 BATCH = 4096  # observations that a model is asked about at once
 SPACES = ("states", "actions")
-TABLES = ("outcome_row", "probability", "next_state", "reward", "terminal", "start", "available")
+TABLES = ("outcome_row", "probability", "next_state", "reward", "terminal", "start")
 OBSERVED = "observed "  # begins the names of arrays of observations in a file
 POINTS = "points"
 
@@ -332,7 +332,9 @@ class TabulatedTask(Frozen):
 
     def save(self, path: str | Path) -> Path:
         """Write the tables into an ``.npz`` file and return its path; StoreError if it cannot."""
-        arrays = {name: a for name in TABLES if (a := getattr(self.mdp, name)) is not None}
+        arrays = {name: getattr(self.mdp, name) for name in TABLES}
+        if self.mdp.available is not None:
+            arrays["available"] = self.mdp.available
         about: dict[str, Any] = {"record": asdict(self.record)}
         about |= {name: getattr(self.mdp, name) for name in ("discount", "time_limit")}
         for name in SPACES:
@@ -364,8 +366,9 @@ class TabulatedTask(Frozen):
                 Space([Component(**c) for c in about[name]], arrays.get(f"{name} {POINTS}"))
                 for name in SPACES
             )
-            fields: dict[str, Any] = {name: arrays.get(name) for name in TABLES}
+            fields: dict[str, Any] = {name: arrays[name] for name in TABLES}
             fields |= {name: about[name] for name in ("discount", "time_limit")}
+            fields["available"] = arrays.get("available")
             mdp = FiniteMDP(states, actions, **fields)
             parts = {
                 name.removeprefix(OBSERVED): part

@@ -1,6 +1,7 @@
 """Mappings by components: the identity, by names (paper E7), by position."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import Any, overload
@@ -18,6 +19,7 @@ from curricle.tasks.observation_task import ObservationTask, stable_text
 from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.transfer.mapping import (
     ObservationMapping,
+    PairMapping,
     StateActionMapping,
     TaskMapping,
     check_unmapped_value,
@@ -31,7 +33,8 @@ UNEQUAL = {"clip": "other values clipped", "scale": "ranges scaled"}
 """Treatment of values that the source lacks -> its description."""
 
 
-class ComponentMapping(StateActionMapping):
+@dataclass(frozen=True, eq=False, repr=False)
+class ComponentMapping(PairMapping):
     """A mapping by names of components; :func:`project` makes it.
 
     It suits targets of any size: learning reads the source through :meth:`lookups`, and the index
@@ -46,38 +49,29 @@ class ComponentMapping(StateActionMapping):
     ComponentMapping(prey=prey, predator=predator_4)
     """
 
-    renaming: dict[str, str]
-    unequal: Unequal
+    target: Task
+    source: Task
+    renaming: Mapping[str, str]
+    unmapped_value: float | None = None
+    unequal: Unequal = "unmapped"
+    knows_target: bool = False
 
-    def __init__(
-        self,
-        target: Task,
-        source: Task,
-        renaming: dict[str, str],
-        unmapped_value: float | None = None,
-        unequal: Unequal = "unmapped",
-        knows_target: bool = False,
-    ):
+    def __post_init__(self) -> None:
+        target, source = self.target, self.source
         generative_model(target), generative_model(source)
-        one_of("unequal", unequal, ("unmapped", "clip", "scale"), MappingError)
-        check_unmapped_value(unmapped_value)
-        known = {*source.states.names, *source.actions.names}
-        for name in renaming:
-            if name not in known:
+        one_of("unequal", self.unequal, ("unmapped", "clip", "scale"), MappingError)
+        check_unmapped_value(self.unmapped_value)
+        names = {*source.states.names, *source.actions.names}
+        for name in self.renaming:
+            if name not in names:
                 raise MappingError(
-                    f"project names components of the source, {', '.join(sorted(known))}: got "
+                    f"project names components of the source, {', '.join(sorted(names))}: got "
                     f"{name!r}"
                 )
-        for ours, theirs in ((target.states, source.states), (target.actions, source.actions)):
-            for component in theirs.components:
-                _origin(ours, component, renaming)
-        vars(self).update(target=target, source=source, renaming=dict(renaming))
-        vars(self).update(unmapped_value=unmapped_value, unequal=unequal, knows_target=knows_target)
-
-    def __reduce__(self) -> Any:
-        """Pickle the names that make the mapping, without an index array."""
-        read = self.renaming, self.unmapped_value, self.unequal
-        return ComponentMapping, (self.target, self.source, *read, self.knows_target)
+        for space, other in ((target.states, source.states), (target.actions, source.actions)):
+            for component in other.components:
+                _origin(space, component, self.renaming)
+        object.__setattr__(self, "renaming", dict(self.renaming))
 
     @property
     def _read(self) -> dict[str, str]:
@@ -99,13 +93,8 @@ class ComponentMapping(StateActionMapping):
         """The names that make the mapping."""
         return repr(self), self.unmapped_value
 
-    def with_unmapped_value(self, value: float) -> "ComponentMapping":
-        """Return the same mapping with another value for unmapped pairs."""
-        read = self.renaming, value, self.unequal
-        return ComponentMapping(self.target, self.source, *read, self.knows_target)
-
     @cached_property
-    def index(self) -> IntArray:
+    def index(self) -> IntArray:  # type: ignore[override]
         """The index array, (S, A) int64; MappingError for a target with too many pairs."""
         pairs = self.target.states.size * self.target.actions.size
         if pairs > LARGEST_INDEX:

@@ -19,7 +19,7 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.text import brief_repr
-from curricle.transfer.mapping import UNMAPPED, StateActionMapping
+from curricle.transfer.mapping import UNMAPPED, PairMapping, StateActionMapping
 
 NOT_PROVEN = float("nan")
 ENDLESS = 1_000  # the horizon of a task with discount 1 and no time limit, in steps
@@ -140,6 +140,6 @@ class Proposal(NamedTuple):
     'by hand'
     """
 
-    mapping: StateActionMapping
+    mapping: PairMapping
     how: str  # how it was found
     bound: float = NOT_PROVEN  # as in :class:`FoundMapping`

@@ -35,7 +35,7 @@ from curricle.transfer.mapping import (
     ENDED,
     UNMAPPED,
     ObservationMapping,
-    StateActionMapping,
+    PairMapping,
     check_unmapped_value,
     terminal_states,
 )
@@ -94,7 +94,7 @@ class MappingScores:
 
 
 def score_mapping(
-    mapping: StateActionMapping, *, seed: int = 0, tasks: TaskPair | None = None
+    mapping: PairMapping, *, seed: int = 0, tasks: TaskPair | None = None
 ) -> MappingScores:
     """Return the scores of a mapping, from the tables of its tasks.
 
@@ -164,9 +164,7 @@ def _greedy_values(phi: FloatArray, tasks: TaskPair) -> tuple[float, float, floa
     return of_policy.start_value, share(tasks.judged), share(with_phi)
 
 
-def _dynamics_error(
-    mapping: StateActionMapping, phi: FloatArray, tasks: TaskPair, seed: int
-) -> float:
+def _dynamics_error(mapping: PairMapping, phi: FloatArray, tasks: TaskPair, seed: int) -> float:
     """Return the mean total variation distance between predicted and true next states."""
     mdp, source = tasks.target_mdp, tasks.source_mdp
     mapped = np.argwhere((mapping.index >= 0) & tasks.pairs)
@@ -226,7 +224,7 @@ def fitted_constant(stated: FloatArray, factor: FloatArray) -> float:
 
 
 def fitted_unmapped_value(
-    mapping: StateActionMapping,
+    mapping: PairMapping,
     *,
     scale: float = 1.0,
     shift: float = 0.0,
@@ -307,7 +305,7 @@ SAME = 1e-7  # largest difference of phi of equal mappings, in units of the larg
 class FoundMapping:
     """A mapping that a search found, with its scores."""
 
-    mapping: StateActionMapping
+    mapping: PairMapping
     how: str
     scores: MappingScores
     # A proven bound, in return units, on the difference between the Q* of a mapped pair, reachable
@@ -429,7 +427,7 @@ def proposed(
     unmapped_value: float | None,
     refused: dict[str, str],
     bars: Bars,
-) -> Iterator[tuple[StateActionMapping, str]]:
+) -> Iterator[tuple[PairMapping, str]]:
     """Yield the mappings of searches; write into `refused` why a search does not apply."""
     grow = bars.bar("searches", len(searches))
     for search in searches:

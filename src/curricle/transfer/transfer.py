@@ -105,7 +105,7 @@ def transfer_words(transfer: Transfer) -> str:
     phrases = [transfer.mapping.description]
     if transfer.mapping.countable:
         cover, value = transfer.mapping.coverage(), transfer.mapping.unmapped_value
-        phrases.append(f"{cover.mapped:.0%} of {cover.target_pairs:,} pairs mapped")
+        phrases.append(f"{cover.mapped:.0%} of {cover.size:,} pairs mapped")
         phrases += [f"{cover.ended:.0%} at the source's end"] if cover.ended else []
         stated = "nothing known" if value is None else f"potential {value:g}"
         phrases += [f"{cover.unmapped:.0%} unmapped ({stated})"] if cover.unmapped else []
