@@ -211,7 +211,7 @@ CALLS = {name: (getattr(cr, name), good) for name, good in ARGUMENTS.items()} | 
     "rescaled mapped": (lambda **f: mapped().rescaled(**f), lambda: {"scale": 2.0, "shift": 1.0}),
     "pairs mapped": (lambda **f: mapped().pairs(**f), lambda: {"states": [0, 1]}),
     "MappedPotential": (
-        lambda **f: cr.transfer.MappedPotential(**f).values,
+        lambda **f: cr.learning.MappedPotential(**f).values,
         lambda: {"task": HUNT, "lookup": mapped().lookup},
     ),
     "StateActionMapping": (

@@ -221,7 +221,7 @@ def test_a_lookup_of_another_task_is_refused():
     edge = cr.Transfer("chase", "hunt", cr.project(hunt, chase, predator="predator_1"))
     trained = cr.Curriculum({"chase": chase, "hunt": hunt}, [edge], budget=50).train()
     lookup = trained.potentials["hunt"][0].lookup
-    assert cr.transfer.MappedPotential(hunt, lookup).values.shape == (729, 25)
+    assert cr.learning.MappedPotential(hunt, lookup).values.shape == (729, 25)
     for task, candidate in (
         (Pursuit(4, 2), lookup),
         (hunt, lookup._replace(first=lookup.first + 10**6)),
@@ -231,7 +231,7 @@ def test_a_lookup_of_another_task_is_refused():
         (hunt, None),
     ):
         with pytest.raises(cr.errors.PotentialError, match="lookup must be made for its task"):
-            cr.transfer.MappedPotential(task, candidate)
+            cr.learning.MappedPotential(task, candidate)
 
 
 @pytest.mark.parametrize("state", [-1, 6, 0.5, None, "x", [[1], [1, 2]], 2**64])

@@ -9,6 +9,7 @@ from .learners import (
 )
 from .portfolio import Portfolio as Portfolio
 from .potential import (
+    MappedPotential as MappedPotential,
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )

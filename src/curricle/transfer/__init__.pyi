@@ -25,10 +25,7 @@ from .mapping import (
     from_function as from_function,
 )
 from .pair import Proposal as Proposal, TaskPair as TaskPair
-from .potential import (
-    MappedPotential as MappedPotential,
-    ObservationPotential as ObservationPotential,
-)
+from .potential import ObservationPotential as ObservationPotential
 from .search import (
     auto_mapping as auto_mapping,
     find_mappings as find_mappings,
