@@ -10,10 +10,8 @@ from curricle.arrays import IntArray, frozen
 from curricle.checks import one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
-    Cell,
     Discount,
     DomainWithStart,
-    GridLayout,
     TimeLimit,
     cut,
     family_of,
@@ -21,6 +19,7 @@ from curricle.tasks.domain import (
     read_map,
 )
 from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
+from curricle.tasks.layout import Cell, GridLayout
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
 

@@ -91,7 +91,7 @@ def printed(result: Any) -> str:
 def pictured(task: Any) -> str | None:
     """Return a picture of a task whose states lie on a grid; serves a class as ``_repr_html_``."""
     # By its name: what draws tasks imports them.
-    html: str | None = import_module("curricle.show.scenes").in_a_notebook(task)
+    html: str | None = import_module("curricle.pictures.scenes").in_a_notebook(task)
     return html
 
 

@@ -12,13 +12,12 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
     *["errors", "arrays", "checks", "text", "display", "progress", "files"],
-    *["tasks", "show/views", "show/scenes"],
-    *["statistics", "planning", "learning", "transfer", "certificate"],
+    *["tasks", "statistics", "planning", "pictures"],
+    *["learning", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "comparison", "design", "study_file", "study"],
     *["show", "paper", "cli"],
 ]
-"""The packages, each of which imports only from those before it. Two modules of `show` have a place
-of their own: episodes and environments are drawn by them, and know tasks alone as they do."""
+"""The packages, each of which imports only from those before it."""
 FACE_USERS = {"paper", "cli"}
 """Packages that may import from ``curricle`` itself; `paper` uses public names and no others."""
 ROOF = {"", "__main__"}  # curricle/__init__ and __main__: may import anything
@@ -79,9 +78,8 @@ def all_imports(package: Path) -> tuple[set[str], list[Import]]:
 
 
 def package_of(module: str) -> str:
-    """The package of a module, or the module itself where it has a place of its own."""
-    place = module.replace(".", "/")
-    return place if place in LAYERS else module.partition(".")[0]
+    """The package of a module."""
+    return module.partition(".")[0]
 
 
 def rank(package: str) -> int:

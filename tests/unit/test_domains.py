@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 import curricle as cr
 from curricle.errors import ConfigError, TaskError
+from curricle.pictures.views import GridView
 from curricle.show.plots import draw_potential
 from curricle.show.replay import grid_drawing
-from curricle.show.views import GridView
 from curricle.study.record import ViewRecord
 from curricle.study_file.schema import tags
 from curricle.study_file.task_tables import DOMAIN_TASKS

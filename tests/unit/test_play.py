@@ -10,7 +10,7 @@ from PIL import Image
 import curricle as cr
 from curricle.errors import StoreError
 from curricle.learning import TabularPolicy
-from curricle.show.scenes import scene_of
+from curricle.pictures.scenes import scene_of
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
 from tests.sent_folders import change

@@ -7,8 +7,8 @@ import pytest
 
 import curricle as cr
 from curricle.errors import TaskError
+from curricle.pictures.views import GridView
 from curricle.planning import visit_distribution
-from curricle.show.views import GridView
 from curricle.tasks.mdp import reachable_states
 from curricle.tasks.start_states import TaskWithStart, goal_states
 

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from curricle import Component, ComputedMDP, FiniteMDP, GridWorld, Pursuit, Rewards, Space
 from curricle.comparison import task_differences
 from curricle.comparison.task_differences import differences, summary_differences, task_summary
-from curricle.show.views import GridView
+from curricle.pictures.views import GridView
 from curricle.study.record import ViewRecord, plain, read_record
 from curricle.tasks.observation_task import plain_text
 from tests.tasks import random_mdp

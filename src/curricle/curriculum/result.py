@@ -32,7 +32,7 @@ from curricle.learning.tabular_policy import (
     pairs_of,
     task_record,
 )
-from curricle.planning.episode import Episode
+from curricle.pictures.episode import Episode
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.potential import AnyPotential
 

@@ -31,7 +31,7 @@ from curricle.learning.stopping import (
     longest_run,
     spacing,
 )
-from curricle.planning.episode import Episode, frame_of, played, with_pictures
+from curricle.pictures.episode import Episode, frame_of, played, with_pictures
 from curricle.planning.policy_evaluation import GreedyEvaluation, not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start

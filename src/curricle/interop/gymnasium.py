@@ -51,7 +51,7 @@ from curricle.tasks.spaces import MISSING, Component, Space
 from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 
 if TYPE_CHECKING:
-    from curricle.show.scenes import Scene
+    from curricle.pictures.scenes import Scene
 
 Environment = gym.Env[Any, Any] | str | EnvSpec | EnvironmentMaker | Callable[..., Any]
 TimeLimit = int | None | Literal["own"]
@@ -772,7 +772,7 @@ class TaskEnvironment(gym.Env[Any, Any]):
 
     @cached_property
     def _scene(self) -> "Scene":
-        from curricle.show.scenes import scene_of
+        from curricle.pictures.scenes import scene_of
 
         return scene_of(self.task)
 

@@ -36,7 +36,7 @@ from curricle.learning.tabular_policy import (
     pairs_of,
     task_record,
 )
-from curricle.planning.episode import Episode
+from curricle.pictures.episode import Episode
 from curricle.planning.policy_evaluation import possible_returns
 from curricle.statistics.intervals import extremes, mean_interval, seed_line
 from curricle.tasks.mdp import Task, generative_model

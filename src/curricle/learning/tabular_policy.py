@@ -14,7 +14,7 @@ from curricle.checks import brief, numbers, whole_number
 from curricle.errors import CurricleError, SettingError, StoreError
 from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.storage import SparseValues
-from curricle.planning.episode import Episode, Film
+from curricle.pictures.episode import Episode, Film
 from curricle.planning.greedy import Values, VisitedValues
 from curricle.planning.rollouts import greedy_rollout
 from curricle.tasks.live import is_live, numbering

@@ -1,4 +1,3 @@
-from .episode import Episode as Episode
 from .policy_evaluation import GreedyEvaluation as GreedyEvaluation, Target as Target
 from .rollouts import Trajectory as Trajectory, rollout as rollout
 from .solution import (

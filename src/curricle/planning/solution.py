@@ -169,8 +169,8 @@ def evaluate(
 ) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
-    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
-    extrapolation (Anderson 1965).
+    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps of the tables with
+    occasional extrapolation (Anderson 1965).
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def evaluate(
     >>> evaluate(maze, [3, 1, 0]).values  # west, east, -
     array([ -2., 199.,   0.])
     """
-    model = model_of(task)
+    model = TabularPlanningModel.of(tables(task))
     if callable(getattr(policy, "predict", None)):
         policy_of = getattr(task, "policy", None)
         if not callable(policy_of):
@@ -330,7 +330,7 @@ def _unit(model: PlanningModel, policy: Policy | None) -> float:
 
 
 def _tabular(model: PlanningModel) -> TabularPlanningModel:
-    assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
+    assert isinstance(model, TabularPlanningModel), "a policy, or discount 1, needs the tables"
     return model
 
 
@@ -348,7 +348,7 @@ def _fixed_point(
     else:
         values = np.zeros(len(model.terminal))
         steps = np.zeros((2, len(values)))
-        backup = ExtrapolatedBackup(model.policy_backup(policy), steps, np.array([-1]))
+        backup = ExtrapolatedBackup(_tabular(model).policy_backup(policy), steps, np.array([-1]))
     pairs = max(1, values.size * model.n_actions)
     most = min(DIRECT_AFTER, max(1, AT_ONCE // pairs))
     reach = float(abs(values).max(initial=0.0))

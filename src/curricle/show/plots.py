@@ -25,6 +25,7 @@ from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole
 from curricle.learning.result import GREEDY_RETURN, LearningResult, shown_line
+from curricle.pictures.views import At, GridView, stacked
 from curricle.show.style import (
     COLOURS,
     MOST_NUMBERS,
@@ -44,12 +45,11 @@ from curricle.show.style import (
     without_seeds,
     write_columns,
 )
-from curricle.show.views import At, GridView, stacked
 from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
 from curricle.statistics.hypothesis_tests import performance_profile
 from curricle.statistics.intervals import CONFIDENCE, mean_interval
-from curricle.tasks.domain import LETTERS
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.layout import LETTERS
 from curricle.tasks.mdp import Task, generative_model
 
 METADATA: dict[str, dict[str, Any]] = {

@@ -18,11 +18,11 @@ from curricle.errors import CurricleError, StoreError
 from curricle.files import short_digest
 from curricle.learning.record import Snapshots
 from curricle.learning.tabular_policy import TabularPolicy
-from curricle.planning.episode import OF_TASKS, Drawn, Episode
+from curricle.pictures.episode import OF_TASKS, Drawn, Episode
+from curricle.pictures.scenes import scene_of_view
+from curricle.pictures.views import GridView
 from curricle.planning.greedy import Values
 from curricle.planning.rollouts import greedy_rollout
-from curricle.show.scenes import scene_of_view
-from curricle.show.views import GridView
 from curricle.statistics.curves import SCRATCH
 from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig

@@ -18,7 +18,7 @@ from pydantic import (
 from curricle.arrays import FloatArray, IntArray
 from curricle.comparison.comparison import Reference
 from curricle.comparison.task_differences import TaskSummary
-from curricle.show.views import MOST_CELLS, GridView, Marker
+from curricle.pictures.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH
 
 # -- Parts of records: plain data of fixed types, with arrays as lists of numbers ------------------

@@ -7,7 +7,7 @@ family of them.
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
@@ -15,11 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, Frozen, IntArray, frozen
-from curricle.checks import indices, one_of
+from curricle.checks import indices
 from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
-from curricle.tasks.mdp import FiniteMDP, generative_model, has_tables, tables
+from curricle.tasks.layout import Cell, GridLayout
+from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import LARGEST_REWARD, check_horizon
 from curricle.tasks.spaces import MISSING, Component, Space, whole
 from curricle.text import counted
@@ -29,7 +30,6 @@ TimeLimit = Annotated[int | None, Rule(1)]
 MapStart = Annotated[Any, Rule(values=("map", "uniform"))]  # a word, or cells as (row, column)
 MOVES = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
 """Name -> rows and columns that a move goes."""
-Cell = tuple[int, int]  # row and column
 
 
 class Domain(Frozen):
@@ -219,7 +219,7 @@ class GridDomain(DomainWithStart):
         return ~self._ends
 
     @cached_property
-    def layout(self) -> "GridLayout":
+    def layout(self) -> GridLayout:
         """Where the states lie, for pictures."""
         ending = {self.OBJECTS.get(character) for character in self._ending}
         names = self.states.names
@@ -398,93 +398,3 @@ def part_of(name: str, part: Any, first: int, size: int) -> tuple[int, int]:
             f"a crop must lie within the map's {name} {first}..{first + size}: got {low}..{high}"
         )
     return low, high
-
-
-# -- where the states of a task lie on a grid: what pictures need to know of it --------------------
-
-LETTERS = {"treasure": "T", "fire": "F", "pit": "P", "goal": "G", "key": "K", "lock": "L"}
-LETTERS |= {"exit": "E"}
-"""Of the objects on a grid."""
-SIDES = (("row", "column"), ("row", "col"), ("y", "x"))
-"""Components that say in which cell a state lies, by their names."""
-MOST_STATES = 20_000_000  # states of a task whose cells are read off its components
-MOST_STATES_OF_TABLES = 100_000  # states of a task whose ends are looked for in its tables
-
-
-@dataclass(frozen=True, eq=False)
-class GridLayout:
-    """The cell of each state of a task, and the objects in cells; a task offers it as `layout`."""
-
-    cells: IntArray  # row and column of the agent in each state, (S, 2)
-    components: tuple[str, ...]
-    """The components of a state that say where the agent is; a picture fixes the others."""
-    shape: tuple[int, int]  # rows and columns
-    origin: Cell = (0, 0)  # row and column of the top-left cell
-    objects: tuple[tuple[str, int, int, bool], ...] = ()
-    """Name (treasure, goal, exit, pit, fire, key or lock), row and column of an object in a cell,
-    and whether entering it ends the episode."""
-    walls: IntArray | None = None
-    """Rows and columns of walls, (m, 2); None where all cells without a state are walls."""
-    markers: Mapping[str, IntArray] = field(default_factory=dict)
-    """Other moving objects: name -> row and column in each state, (S, 2)."""
-
-    def __post_init__(self) -> None:
-        for name, *_ in self.objects:
-            one_of("an object of a layout", name, tuple(LETTERS), TaskError)
-
-    @property
-    def wall_cells(self) -> IntArray:
-        """Row and column of each wall, (m, 2)."""
-        if self.walls is not None:
-            return self.walls
-        free = np.zeros(self.shape, bool)
-        free[tuple((self.cells - self.origin).T)] = True
-        return np.argwhere(~free) + self.origin
-
-
-def layout_of(task: Any) -> GridLayout | None:
-    """Return where states lie, as a task says or by its row and column; None if it has neither."""
-    layout = getattr(task, "layout", None)
-    if isinstance(layout, GridLayout):
-        return layout
-    states = generative_model(task).states
-    sides = next((names for names in SIDES if set(names) <= set(states.names)), None)
-    if sides is None or states.size > MOST_STATES:
-        return None
-    values = states.decode()
-    cells = np.stack([values[name] for name in sides], axis=1)
-    origin, last = cells.min(axis=0), cells.max(axis=0)
-    moving = dict[str, IntArray]()
-    for up, across in SIDES:  # such as key_row and key_column; a key out of the grid is carried
-        ends = f"_{up}", f"_{across}"
-        for name in [name.removesuffix(ends[0]) for name in values if name.endswith(ends[0])]:
-            if name + ends[1] in values:
-                there = np.stack([values[name + end] for end in ends], axis=1)
-                inside = ((there >= origin) & (there <= last)).all(axis=1, keepdims=True)
-                moving[name] = np.where(inside, there, cells)
-    rows, columns = (last - origin + 1).tolist()
-    corner = int(origin[0]), int(origin[1])
-    objects = _ends_of(task, cells)
-    return GridLayout(cells, sides, (rows, columns), corner, objects, markers=moving)
-
-
-Objects = tuple[tuple[str, int, int, bool], ...]
-
-
-def _ends_of(task: Any, cells: IntArray) -> Objects:
-    """Return the cells of a task with tables that end every episode: goals, or pits that pay less.
-
-    A goal pays the most of them, and no less than steps do as a rule.
-    """
-    if not has_tables(task) or generative_model(task).states.size > MOST_STATES_OF_TABLES:
-        return ()
-    mdp = tables(task)
-    going = np.unique(cells[~mdp.terminal], axis=0).tolist()
-    ends = [cell for cell in np.unique(cells[mdp.terminal], axis=0).tolist() if cell not in going]
-    paid, happens = list[float](), mdp.probability > 0
-    for cell in ends:
-        into = happens & (cells == cell).all(axis=1)[mdp.next_state]
-        paid.append(float(mdp.reward[into].max(initial=-np.inf)))
-    least = max([*paid, float(np.median(mdp.reward[happens]))])
-    reached = [(cell, pays) for cell, pays in zip(ends, paid, strict=True) if np.isfinite(pays)]
-    return tuple(("goal" if pays >= least else "pit", *cell, True) for cell, pays in reached)

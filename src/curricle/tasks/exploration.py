@@ -12,15 +12,14 @@ from curricle.arrays import frozen
 from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
-    Cell,
     Discount,
     DomainWithStart,
     GridDomain,
-    GridLayout,
     TimeLimit,
     family_of,
 )
 from curricle.tasks.family import FamilyMember, Rule
+from curricle.tasks.layout import Cell, GridLayout
 from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP
 from curricle.tasks.spaces import Component, Space, whole
 

@@ -14,7 +14,6 @@ from curricle.arrays import IntArray
 from curricle.checks import instance, number, one_of
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
-    Cell,
     CellDomain,
     Discount,
     MapDomain,
@@ -24,6 +23,7 @@ from curricle.tasks.domain import (
 )
 from curricle.tasks.family import Rule, TaskFamily
 from curricle.tasks.kernel import STRIDE, splitmix64, stream_start, uniform
+from curricle.tasks.layout import Cell
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import LARGEST_REWARD
 from curricle.tasks.spaces import MISSING, Component, Space

@@ -9,7 +9,6 @@ import inspect
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
-from itertools import chain
 from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
@@ -32,7 +31,6 @@ if config.DISABLE_JIT:  # type: ignore[attr-defined]  # Numba sets it when it is
 
 # -- machine code on disk --------------------------------------------------------------------------
 
-PACKAGES = ("learning", "planning", "tasks", "transfer")  # packages with compiled code
 MARKS = (b"numba", b"tasks.kernel", b".body(")
 """Each file with compiled code contains one of these: an import, or a decorator."""
 
@@ -62,7 +60,7 @@ def code_digest() -> str:
     # code into which an older function of another file was compiled.
     root = Path(__file__).parents[1]
     digest = hashlib.sha256((root / "__init__.py").read_bytes())
-    for file in chain.from_iterable(sorted((root / name).rglob("*.py")) for name in PACKAGES):
+    for file in sorted(root.rglob("*.py")):
         content = file.read_bytes()
         if any(mark in content for mark in MARKS):
             digest.update(content)

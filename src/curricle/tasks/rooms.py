@@ -13,7 +13,6 @@ from curricle.checks import number, whole_number
 from curricle.errors import TaskError
 from curricle.tasks.domain import (
     MOVES,
-    Cell,
     Discount,
     GridDomain,
     MapDomain,
@@ -26,6 +25,7 @@ from curricle.tasks.domain import (
     part_of,
 )
 from curricle.tasks.family import FamilyMember, Rule
+from curricle.tasks.layout import Cell
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Decoded, Space
 

@@ -10,11 +10,9 @@ from gymnasium.envs.toy_text.frozen_lake import MAPS, generate_random_map
 
 from curricle.arrays import BoolArray, FloatArray, IntArray, frozen
 from curricle.tasks.domain import (
-    Cell,
     CellDomain,
     Discount,
     Domain,
-    GridLayout,
     MapDomain,
     MapStart,
     TimeLimit,
@@ -23,6 +21,7 @@ from curricle.tasks.domain import (
     landing,
 )
 from curricle.tasks.family import ComponentsByName, Rule
+from curricle.tasks.layout import Cell, GridLayout
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import MISSING, Component, Space
 

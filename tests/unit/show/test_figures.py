@@ -14,6 +14,7 @@ import curricle as cr
 from curricle.comparison.comparison import Arm, Comparison, Reference, _lines
 from curricle.errors import SettingError, TaskError
 from curricle.learning.result import ends_of
+from curricle.pictures.views import GridView
 from curricle.show.plots import (
     draw_comparison,
     draw_learning_curves,
@@ -21,7 +22,6 @@ from curricle.show.plots import (
     plot,
 )
 from curricle.show.style import digits_of, return_scale
-from curricle.show.views import GridView
 from curricle.statistics.curves import Curve
 from curricle.statistics.intervals import extremes
 from curricle.study.results import StudyResults

@@ -15,9 +15,9 @@ import curricle as cr
 from curricle import Pursuit, tasks
 from curricle.errors import SettingError
 from curricle.interop.gymnasium import to_gymnasium
-from curricle.show.scenes import AGENT, FIGURES, PREY, painted, predator, scene_of
-from curricle.show.views import GridView
-from curricle.tasks.domain import layout_of
+from curricle.pictures.layout import layout_of
+from curricle.pictures.scenes import AGENT, FIGURES, PREY, painted, predator, scene_of
+from curricle.pictures.views import GridView
 from tests.unit.interop.environments import TASKS, WALLED
 
 GRIDS = {

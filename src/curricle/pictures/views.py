@@ -1,8 +1,4 @@
-"""Grid views: the states of a task that a grid shows, their cells, and markers that move.
-
-Like `scenes` this module depends on tasks alone, because episodes, environments and records, which
-lie below the rest of this package, need it.
-"""
+"""Grid views: the states of a task that a grid shows, their cells, and markers that move."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -15,7 +11,8 @@ import numpy as np
 from curricle.arrays import BoolArray, IntArray
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.tasks.domain import LETTERS, GridLayout, layout_of
+from curricle.pictures.layout import layout_of
+from curricle.tasks.layout import LETTERS, GridLayout
 from curricle.tasks.live import is_live, reset_state
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.spaces import MISSING, Component, Space, action_name

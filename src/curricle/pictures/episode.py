@@ -18,8 +18,8 @@ from curricle.arrays import FloatArray, frozen
 from curricle.checks import number
 from curricle.errors import SettingError
 from curricle.files import local_file, write_in_folder
+from curricle.pictures.scenes import FLOOR, INK, scene_of
 from curricle.planning.rollouts import Trajectory
-from curricle.show.scenes import FLOOR, INK, scene_of
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model
 from curricle.tasks.observation_task import EnvironmentMaker

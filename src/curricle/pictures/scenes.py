@@ -20,9 +20,11 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from curricle.arrays import IntArray, frozen
 from curricle.display import COLOURS, block
-from curricle.show.views import GridView, marker_letters, stacked
-from curricle.tasks.domain import LETTERS, MOVES, GridLayout, layout_of
+from curricle.pictures.layout import layout_of
+from curricle.pictures.views import GridView, marker_letters, stacked
+from curricle.tasks.domain import MOVES
 from curricle.tasks.gridworld import GridWorld
+from curricle.tasks.layout import LETTERS, GridLayout
 from curricle.tasks.live import LiveMDP, reset_state
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.pursuit import Pursuit
