@@ -193,19 +193,6 @@ def tree(discount=0.9):
     )
 
 
-def meeting_paths():
-    """Return a task and advice on a worse action that look-back does not take back: paths meet."""
-    choice, after = [[(1.0, 1, 1.0)], [(1.0, 2, 0.0)]], [[(1.0, 3, 0.0)]] * 2
-    elsewhere = [[(0.5, 1, 0.0), (0.5, 2, 0.0)]] * 2
-    task = FiniteMDP.from_outcomes(
-        [choice, after, after, [[], []], elsewhere],
-        terminal=[False, False, False, True, False], start=[0.1, 0, 0, 0, 0.9], discount=0.9,
-    )  # fmt: skip
-    phi = np.zeros((5, 2))
-    phi[0, 1] = 5.0
-    return task, phi
-
-
 @st.composite
 def pursuits(draw, discounts=(0.99,)):
     """Draw a small pursuit."""

@@ -37,9 +37,7 @@ from .learning.potential import (
 )
 from .learning.run import learn as learn
 from .learning.shaping import (
-    DecayingAdvice as DecayingAdvice,
     LookAheadAdvice as LookAheadAdvice,
-    LookBackAdvice as LookBackAdvice,
     QInitialisation as QInitialisation,
     RewardBonus as RewardBonus,
     StateShaping as StateShaping,

@@ -134,7 +134,6 @@ ARGUMENTS = {  # with which public names work
         "frame_steps": [0],
         "weight": 1.0,
     },
-    "DecayingAdvice": lambda: {"potential": phi(), "weight": 1.0},
     "StateShaping": lambda: {"potential": phi().to_state()},
     "StoppingRule": lambda: {"max_steps": 200, "threshold": 1.0, "patience": 2},
     "Storage": lambda: {"kind": "dense", "dtype": "float64", "memory_limit": "1 GB"},
@@ -161,7 +160,7 @@ ARGUMENTS = {  # with which public names work
         lambda: {"learning_rate": 0.1, "epsilon": 0.1, "initial_value": 0.0},
     ),
     **dict.fromkeys(
-        ("LookAheadAdvice", "LookBackAdvice", "QInitialisation", "RewardBonus"),
+        ("LookAheadAdvice", "QInitialisation", "RewardBonus"),
         lambda: {"potential": phi()},
     ),
     **dict.fromkeys(

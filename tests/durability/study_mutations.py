@@ -30,7 +30,7 @@ WORDS = [
     "os:nowhere", "nowhere:nothing", "math:hypot", "builtins:int", "builtins:dict", "cart:",
     ":corridor", "a:b:c", "S..T", "S\nT", "#", "ST" * 5000, "16x16", "QLearning", "linear",
     "exponential", "harmonic", "identity", "same_position", "relative_objects", "StateShaping",
-    "DecayingAdvice", "PolicyReuse", "gymnasium", "pursuit", "maze", "crop", "factory",
+    "PolicyReuse", "gymnasium", "pursuit", "maze", "crop", "factory",
     "observation_task", "deep", "0-10,3", "0-" + "9" * 18,
 ]  # fmt: skip
 KEYS = [
@@ -57,8 +57,7 @@ ADDED = {
         {"budget": {"max_steps": N, "settled": N, "patience": N}}, {"eval_freq": N},
         {"evaluation": {"method": "rollouts", "episodes": N}}, {"evaluation": {"episodes": N}},
         {"storage": {"memory_limit": N}}, {"storage": {"precision": N}}, {"start": [[N, N]]},
-        {"shaping": {"type": "DecayingAdvice", "weight": N}}, {"shaping": "StateShaping"},
-        {"shaping": {"type": "RewardBonus", "weight": N}}, {"shaping": "LookBackAdvice"},
+        {"shaping": {"type": "RewardBonus", "weight": N}}, {"shaping": "StateShaping"},
         {"shaping": {"type": "QInitialisation", "portfolio": {"first_turns": N, "memory": N}}},
         {"learner": {"learning_rate": {"type": "harmonic", "first": N, "last": N, "half": N}}},
         {"learner": {"epsilon": {"type": "exponential", "first": N, "last": N, "half": N}}},

@@ -19,7 +19,7 @@ EXPLORATIONS = {
     "softmax": {"inverse_temperature": 2.0},
     "uniform": {"inverse_temperature": 0.0},
 }
-WAYS = [None, cr.QInitialisation, cr.RewardBonus, cr.DecayingAdvice, cr.StateShaping]
+WAYS = [None, cr.QInitialisation, cr.RewardBonus, cr.StateShaping]
 
 
 def same_as_naive(task, learner, shaping=None, *, exact=True, bounds=None):

@@ -14,9 +14,7 @@ LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 SHAPINGS = [
     cr.QInitialisation,
     cr.LookAheadAdvice,
-    cr.LookBackAdvice,
     cr.RewardBonus,
-    cr.DecayingAdvice,
     cr.StateShaping,
     partial(cr.QInitialisation, portfolio=cr.Portfolio()),
 ]
@@ -85,7 +83,7 @@ def test_every_shaping_and_a_portfolio(way, pair, monkeypatch):
     # Only the rewards of tables bound values: without them there is no optimist.
     monkeypatch.setattr("curricle.learning.run.optimism", lambda task: None)
     tasks = pair(2, time_limit=9)
-    learner = cr.SARSA(epsilon=0.3) if way is cr.LookBackAdvice else cr.QLearning(epsilon=0.3)
+    learner = cr.QLearning(epsilon=0.3)
     shape = (12,) if way is cr.StateShaping else (12, tasks[0].actions.size)
     learn_both(tasks, learner, shaping=way(np.random.default_rng(0).normal(size=shape)))
 

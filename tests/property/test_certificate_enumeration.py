@@ -92,14 +92,6 @@ def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
     )
 
 
-@given(mdps(), st.floats(0.1, 10.0), st.data())
-def test_constant_advice_agrees_with_its_greedy_policies(mdp, weight, data):
-    phi = pairs_of(data, mdp)
-    certificate = certify(mdp.task(), cr.DecayingAdvice(phi, weight))
-    q = action_values(mdp)
-    agrees_with_values(mdp, certificate, q, q + Fraction(weight) * fractions(phi))
-
-
 # -- F that is nearly that of a potential ----------------------------------------------------------
 
 

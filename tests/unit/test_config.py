@@ -216,11 +216,6 @@ SAID = [
         OptimisticQLearning(value_range=(-3.0, 2.5), learning_rate=0.5, epsilon=0.1),
     ),
     ("shaping", "{ portfolio = true }", cr.QInitialisation(portfolio=cr.Portfolio())),
-    (
-        "shaping",
-        "{ type = 'DecayingAdvice', weight = { type = 'harmonic', half = 9 } }",
-        cr.DecayingAdvice(weight=harmonic(half=9)),
-    ),
     ("storage", "{ dtype = 'float32', memory_limit = '1 GiB' }", STORAGE),
     ("tasks.hunt.budget", "{ episodes = 8 }", cr.Episodes(8)),
     (

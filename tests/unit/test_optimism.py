@@ -52,7 +52,6 @@ def test_settings_out_of_range_are_refused():
 PAIRS = np.zeros((3, 4))
 REFUSED = [
     ({"shaping": cr.StateShaping(np.zeros(3))}, "by QInitialisation or LookAheadAdvice alone"),
-    ({"shaping": cr.DecayingAdvice(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
     ({"shaping": cr.RewardBonus(PAIRS)}, "by QInitialisation or LookAheadAdvice alone"),
     ({"shaping": cr.QInitialisation(PAIRS, portfolio=cr.Portfolio())}, "takes no portfolio"),
     ({"storage": Storage(kind="sparse")}, "sparse tables are for QLearning"),

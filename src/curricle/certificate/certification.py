@@ -19,7 +19,6 @@ from curricle.certificate.shaped_task import (
     check_shaping,
     nonzero_ends,
     origin,
-    several_entries,
 )
 from curricle.checks import number, one_of
 from curricle.display import block, printed, table
@@ -227,9 +226,6 @@ def certify(
     - :class:`QInitialisation`, :class:`LookAheadAdvice`: Q + phi, the fixed point of Q-learning's
       expected update with F = gamma phi(s', a*) - phi(s, a), a* = argmax Q + phi; by theory Q*
       (Wiewiora 2003; Wiewiora, Cottrell, Elkan 2003);
-    - :class:`LookBackAdvice`: Q* for r + phi(s, a) - phi(before) / gamma, if all transitions into a
-      state have the same phi; otherwise nothing is proven, and the result names such a state;
-    - :class:`DecayingAdvice`: Q* + xi phi with the last weight xi (Behboudian et al. 2020);
     - :class:`RewardBonus`, :class:`ShapingReward`: Q* for r + F, F any reward. The findings tell
       whether F comes from a potential, and whether that is 0 at the ends (Grzes 2017).
 
@@ -344,7 +340,7 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
         phi = shaped.phi_at_ends
         sentences.append(nonzero_ends(shaped.task, shaped.ends[phi != 0], phi[phi != 0]))
         sentences.append(shaped.shaping.at_ends)
-    return *sentences, *filter(None, [shaped.shaping.long_run()])
+    return tuple(sentences)
 
 
 # -- the optimal actions of the task and the shaped task, compared in every state ------------------
@@ -517,13 +513,6 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
 def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
     met, shaping = shaped.met, shaped.shaping
     findings, name = _findings(shaped), shaping.name
-    if shaping.one_way_in:
-        on = ~met.mdp.terminal[met.target]
-        ways = met.source[on], met.action[on], met.target[on]
-        starts = np.flatnonzero(met.mdp.start > 0)
-        _, several = several_entries(shaped.task, ways, shaped.phi[ways[:2]], starts)
-        if several is not None:
-            return Certificate(None, name, tolerance=tolerance, findings=(several, *findings))
     behind: Origin | None = None
     if shaping.any_reward:
         f = met.reward(shaping.reward(shaped))
@@ -568,23 +557,21 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
 def _by_theorem(shaped: ShapedTask, tolerance: float, reason: str) -> Certificate:
     """Return the certificate of a theorem for any values; open if none applies."""
     shaping, findings = shaped.shaping, _findings(shaped)
-    if shaping.one_way_in or shaping.any_reward:
+    if shaping.any_reward:
         why = f"{shaping.name} is judged by comparing every state, which was not done: {reason}"
         return Certificate(None, shaping.name, tolerance=tolerance, findings=(why, *findings))
     applies = shaping.meets_conditions(shaped)
-    if shaping.changes_rewards:
-        if shaped.is_array and generative_model(shaped.task).terminal is None:
-            applies = False
-            findings += ("its ends are not known, where Phi must be 0",)
-        if shaped.task_discount == 1:  # the sum of F need not be -Phi(s) if an episode never ends
-            applies = False
-            findings += (f"at discount 1 every policy must end, which is not known: {reason}",)
+    if shaped.is_array and generative_model(shaped.task).terminal is None:
+        applies = False
+        findings += ("its ends are not known, where Phi must be 0",)
+    if shaped.task_discount == 1:  # the sum of F need not be -Phi(s) if an episode never ends
+        applies = False
+        findings += (f"at discount 1 every policy must end, which is not known: {reason}",)
     if not applies:
         return Certificate(None, shaping.name, tolerance=tolerance, findings=findings)
-    if shaping.changes_rewards:
-        findings += (
-            "differences between actions that are less than the rounding of F, in every step of "
-            "an episode, vanish in double precision",
-        )
+    findings += (
+        "differences between actions that are less than the rounding of F, in every step of an "
+        "episode, vanish in double precision",
+    )
     proven: dict[str, Any] = {"theorem": shaping.theorem, "loss": 0.0, "total_loss": 0.0}
     return Certificate(True, shaping.name, tolerance=tolerance, findings=findings, **proven)

@@ -268,13 +268,6 @@ class ShapedTask:
         """Which states are terminal, (S,) bool."""
         return self.met.mdp.terminal
 
-    def entered_with(self, phi: FloatArray) -> FloatArray:
-        """Return phi of a pair that leads into each state, (S,); 0 where episodes start."""
-        before = np.zeros(self.met.mdp.states.size)
-        before[self.met.target] = phi[self.met.source, self.met.action]
-        before[self.met.mdp.start > 0] = 0.0
-        return before
-
     def rewarded(self, reward: RewardFunction, off: FloatArray) -> ShapedValues:
         """Return Q* for rewards r + F(s, a, s'); by theory Q* - off, off (S,)."""
         return self.with_rewards(self.met.reward(reward), off[self.met.states])
@@ -300,13 +293,6 @@ class ShapedTask:
         residual = _largest(acted - self.unshaped.finite_action_values[met.states])
         bound = solution.error_bound + rounding
         return ShapedValues(acted, bound, residual, _largest(phi, acted))
-
-    def advised(self, advice: FloatArray) -> ShapedValues:
-        """Return Q* + advice, advice (S, A), for policies that learn Q from unshaped rewards."""
-        added = advice[self.met.states]
-        acted = self.unshaped.finite_action_values[self.met.states] + added
-        bound = self.unshaped.error_bound + EPSILON * (_largest(acted) + _largest(added))
-        return ShapedValues(acted, bound, _largest(added), _largest(acted, added))
 
 
 def look_ahead_sweep(mdp: FiniteMDP, phi: FloatArray, q: FloatArray) -> FloatArray:
@@ -526,29 +512,6 @@ def different_by_action(task: Any, here: int, there: int, f: FloatArray, actions
     return (
         f"not potential-based: from {state_name(task.states, here)} to "
         f"{state_name(task.states, there)}, F is {by}; with a potential the action does not matter"
-    )
-
-
-def several_entries(
-    task: Any, pairs: tuple[AnyInts, AnyInts, AnyInts], phi: FloatArray, starts: IntArray
-) -> tuple[float, str | None]:
-    """Return how far phi, (n,), of transitions into a state differs, and a sentence if it does."""
-    source, action, target = pairs
-    entered = np.append(target, starts)
-    phi = np.append(phi, np.zeros(len(starts)))
-    apart, *ways = widest(entered[:, None], phi)
-    if apart == 0:
-        return apart, None
-    entries = [
-        f"with phi = {phi[i]:.4g} from {state_name(task.states, int(source[i]))} by "
-        f"{action_name(task.actions, int(action[i]))}"
-        if i < len(source)
-        else "with phi = 0 where an episode starts"
-        for i in ways
-    ]
-    return apart, (
-        "look-back advice keeps the optimum for certain only where all ways into a state have one "
-        f"phi: {state_name(task.states, int(entered[ways[0]]))} is entered {' and '.join(entries)}"
     )
 
 

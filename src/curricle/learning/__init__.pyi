@@ -23,9 +23,7 @@ from .schedules import (
     linear as linear,
 )
 from .shaping import (
-    DecayingAdvice as DecayingAdvice,
     LookAheadAdvice as LookAheadAdvice,
-    LookBackAdvice as LookBackAdvice,
     QInitialisation as QInitialisation,
     RewardBonus as RewardBonus,
     Shaping as Shaping,

@@ -43,8 +43,8 @@ from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, called,
 from curricle.tasks.kernel import LINE, STRIDE, first_above, inlined, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
-# What is added to the reward, or to the values acted on.
-PLAIN, STATE, LOOK_BACK, BONUS, ADVICE = range(5)
+# What is added to the reward.
+PLAIN, STATE, BONUS = range(3)
 
 
 FIRST, SECOND = np.uint64(0), np.uint64(1)  # tables of a learner
@@ -132,12 +132,9 @@ def is_spent(course, step, episodes):
 
 
 class Acting(NamedTuple):
-    """The values a policy acts on: Q, the mean of two tables, or either plus w phi under advice."""
+    """The values a policy acts on: Q, or the mean of two tables."""
 
     q: FloatTable  # (1 or 2, S, A)
-    advised: bool
-    advice: FloatArray  # (S, A) phi, where it is advised
-    weight: float
     values: FloatArray  # (1, A) work space
 
 
@@ -147,8 +144,6 @@ def _write_acting_row(view, state, out):
         value = np.float64(view.q[FIRST, state, action])
         if view.q.shape[0] == 2:
             value = 0.5 * (value + view.q[SECOND, state, action])
-        if view.advised:
-            value += view.weight * view.advice[state, action]
         out[ONLY_ROW, action] = value
 
 
@@ -162,11 +157,9 @@ def _acting_greedy(view, state, bits):
 
 
 @inlined
-def acted_on(learners, learner, weight):
-    """Return the view of the values that a learner acts on, with the present weight of phi."""
-    shaped = learner == np.uint64(len(learners.n) - 1)
-    advised, phi = shaped and learners.shaping.kind == ADVICE, learners.shaping.pair_values
-    return Acting(learners.q[learner], advised, phi, weight, learners.values)
+def acted_on(learners, learner):
+    """Return the view of the values that a learner acts on."""
+    return Acting(learners.q[learner], learners.values)
 
 
 # -- the loop ------------------------------------------------------------------------------------
@@ -204,7 +197,7 @@ def learn_all(model, rule, learners, course):
             if several:
                 share = tally.share[0]
                 ahead = shaped if share > UNDECIDED else LEARNT
-            value = greedy_return(course.evaluation, model, acted_on(learners, ahead, weight))
+            value = greedy_return(course.evaluation, model, acted_on(learners, ahead))
             so_far = step, episodes, ended, ended_return, value, share
             q, other = learners.q[ahead, FIRST], learners.q[ahead, last]
             if called(course.noting, (record, course.stopping, checkpoint, so_far, q, other)) > 0.0:
@@ -222,13 +215,13 @@ def learn_all(model, rule, learners, course):
         start = state if turn_length == 0 else start
         bold = optimism and acting != shaped  # an optimist acts greedily
         if fresh or bold or rule.update != SARSA_RULE:
-            write_acting_row(acted_on(learners, acting, weight), state, learners.values)
+            write_acting_row(acted_on(learners, acting), state, learners.values)
             action, bits, counter, drawn = decide(learners, rule, state, step, counter, bold)
         else:
             action, bits = learners.action[acting], learners.bits[acting]
         next_state, reward, terminated = transition(model, state, action, splitmix64(bits))
         step, length, episode_return = step + 1, length + 1, episode_return + reward
-        before, weight = weight, at(shaping.weight, step)
+        weight = at(shaping.weight, step)
         table, coin = FIRST, np.uint64(0)
         if rule.update == DOUBLE_Q_LEARNING:
             coin, counter = splitmix64(counter), counter + STRIDE
@@ -240,7 +233,7 @@ def learn_all(model, rule, learners, course):
             there = weight * state_potential(shaping, next_state, step)
         if shaping.kind != PLAIN:
             pair = state, action
-            extra, carried = shaping_reward(shaping, discount, pair, terminated, carried, there)
+            extra, carried = shaping_reward(shaping, discount, pair, carried, there)
         if optimism:
             horizon = horizon_of(tally, turn_length + 1)
             outcome = reward, next_state, terminated
@@ -250,8 +243,7 @@ def learn_all(model, rule, learners, course):
             # Cutting off at the time limit is not termination: it bootstraps like any other step.
             if not terminated:
                 if looks_ahead:
-                    view = acted_on(learners, learner, weight)
-                    write_acting_row(view, next_state, learners.values)
+                    write_acting_row(acted_on(learners, learner), next_state, learners.values)
                 # The values of a learner are those of the actions that it would take itself.
                 if rule.update == SARSA_RULE:
                     drawn_next = decide(learners, rule, next_state, step, counter, False)
@@ -267,8 +259,6 @@ def learn_all(model, rule, learners, course):
                 changed = np.float64(new)
         if ties.shape[0] > 0:
             if not drawn:  # a drawn action was among the highest
-                if shaping.kind == ADVICE:
-                    changed += before * shaping.pair_values[state, action]
                 drawn = draws_again(learners.values, ties[state], changed, action)
             if drawn:
                 ties[state] = bits
@@ -370,7 +360,7 @@ def state_potential(shaping, state, step):
 
 
 @inlined
-def shaping_reward(shaping, discount, pair, terminated, carried, there):
+def shaping_reward(shaping, discount, pair, carried, there):
     """Return the number that shaping adds to a step's reward, and its carry to the next step.
 
     `there` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
@@ -378,14 +368,7 @@ def shaping_reward(shaping, discount, pair, terminated, carried, there):
     state, action = pair
     if shaping.kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
         return discount * there - carried, there
-    if shaping.kind == LOOK_BACK:
-        # F = phi(s, a) - phi(s before, a before) / gamma (Wiewiora, Cottrell, Elkan 2003). The last
-        # step of an episode also gets the term of its end, -phi(s, a), so that phi(s, a) cancels.
-        here = 0.0 if terminated else shaping.pair_values[state, action]
-        return here - carried / discount, here
-    if shaping.kind == BONUS:
-        return shaping.pair_values[state, action], 0.0
-    return 0.0, 0.0  # advice
+    return shaping.pair_values[state, action], 0.0  # a bonus
 
 
 # -- checkpoints -----------------------------------------------------------------------------------

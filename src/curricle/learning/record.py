@@ -24,7 +24,7 @@ class Snapshots(Frozen):
     steps : (M,) int64
         Steps done; closer together early, when most is learnt.
     values : (M, S, A) float32
-        As ``LearningResult.values``, plus the advice of :class:`DecayingAdvice`.
+        As ``LearningResult.values``.
 
     Examples
     --------

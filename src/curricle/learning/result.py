@@ -86,8 +86,8 @@ class LearningResult(Frozen):
     out_of_memory : (K,) bool
         Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
-        Whether the values are in the task's own rewards. Values of :class:`LookBackAdvice`,
-        :class:`RewardBonus` and a changing :class:`StateShaping` are not: no transfer takes them.
+        Whether the values are in the task's own rewards. Values of :class:`RewardBonus` and a
+        changing :class:`StateShaping` are not: no transfer takes them.
     snapshots : Snapshots or None
         Values of the first seed during learning, if :func:`learn` was asked for `snapshots`.
 
@@ -124,8 +124,8 @@ class LearningResult(Frozen):
     def policies(self) -> tuple[Any, ...]:
         """The :class:`TabularPolicy` of each seed, K; SettingError where values were not saved.
 
-        It acts on `values`. Greedy returns also follow what a shaping adds to them: advice
-        that has not decayed, and in sparse tables the potential of states never visited.
+        It acts on `values`. In sparse tables greedy returns also follow the potential of states
+        never visited.
         """
         if self.values is None:
             raise SettingError(
@@ -289,7 +289,6 @@ class Outcome:
     evaluation_steps: int
     out_of_memory: bool = False
     own_rewards: bool = True
-    advice: Any = 0.0  # what the policy acts on besides values
 
 
 def learning_result(
@@ -315,8 +314,7 @@ def learning_result(
         last = None if values is None else values[0]
         if isinstance(last, np.ndarray) and steps[-1] < first.steps_used:  # the last values too
             steps = np.append(steps, first.steps_used)
-            acting = (last + first.advice).astype(np.float32)
-            tables = np.concatenate([tables, acting[None]])
+            tables = np.concatenate([tables, last[None].astype(np.float32)])
         snapshots = Snapshots(seeds[0], frozen(steps), frozen(tables))
     values = frozen(values) if isinstance(values, np.ndarray) else values
     curves: dict[str, Any] = {name: frozen(array) for name, array in arrays.items()}

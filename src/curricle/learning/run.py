@@ -435,12 +435,11 @@ class Run:
         kernel = NO_PORTFOLIO if portfolio is None else portfolio.kernel
         highest = 0.0 if self.bounds is None else self.bounds[1]
         learners = Learners.starting(q, self.learner.update, shaping.kernel(), kernel, highest)
-        acting = Acting(q[0], False, learners.shaping.pair_values, 0.0, learners.values)
-        steps, episodes = self._loop(train, seed, learners, acting, q)
+        steps, episodes = self._loop(train, seed, learners, Acting(q[0], learners.values), q)
         for checkpoint, values in zip(record.snapshot_at, record.snapshots, strict=True):
             if portfolio is None or record.source_share[checkpoint] > UNDECIDED:
                 step = checkpoint * self.eval_freq
-                values += shaping.offset(step) + shaping.advice(step)
+                values += shaping.offset(step)
         ahead = -1
         if portfolio is not None and learners.tally.share[0] <= UNDECIDED:
             shaping, ahead = QInitialisation(), 0
@@ -448,8 +447,8 @@ class Run:
             initial = shaping.potential if shaping.starts_at_potential else None
             seed.out[...] = q[ahead].mean(axis=0) + shaping.offset(steps)
             seed.out[self._only_ends(record, q[ahead], initial)] = 0.0
-        meaning = {"own_rewards": shaping.own_rewards, "advice": shaping.advice(steps)}
-        return Outcome(record, seed.out, steps, episodes, seed.evaluation.steps, **meaning)
+        spent = steps, episodes, seed.evaluation.steps
+        return Outcome(record, seed.out, *spent, own_rewards=shaping.own_rewards)
 
     def _loop(
         self, loop: Callable[..., Any], seed: _Seed, learns: Any, view: Any, q: FloatTable

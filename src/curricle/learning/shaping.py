@@ -1,6 +1,6 @@
 """Shapings: how a potential enters learning, one class for each way.
 
-Each class states what it adds (`adds`), what the values then mean (`offset`, `advice`,
+Each class states what it adds (`adds`), what the values then mean (`offset`,
 `own_rewards`) and why it is safe (`theorem` and what :func:`certify` asks for beside it).
 """
 
@@ -13,12 +13,12 @@ import numpy as np
 from curricle.arrays import frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
-from curricle.learning.general_loop import ADVICE, BONUS, LOOK_BACK, PLAIN, STATE, ShapingKernel
-from curricle.learning.learners import SARSA, Learner, OptimisticQLearning
+from curricle.learning.general_loop import BONUS, PLAIN, STATE, ShapingKernel
+from curricle.learning.learners import Learner, OptimisticQLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.potential import PairPotential, StateActionPotential, StatePotential
-from curricle.learning.schedules import constant, schedule
-from curricle.tasks.mdp import Task, generative_model, same_task
+from curricle.learning.schedules import constant
+from curricle.tasks.mdp import Task, same_task
 
 # Read-only like every potential: another kind of array would be another compilation.
 _NONE = frozen(np.zeros((1, 1)))
@@ -47,12 +47,8 @@ class Shaping(ABC):
     reads_values: ClassVar[bool] = True
     # What proves it safe where `meets_conditions` and the declarations below hold.
     theorem: ClassVar[str] = ""
-    # Whether it learns from other rewards than the task's.
-    changes_rewards: ClassVar[bool] = True
     # Whether the reward added need not come from a potential: it is safe only if it does.
     any_reward: ClassVar[bool] = False
-    # Whether it is safe only where every state is entered with one phi.
-    one_way_in: ClassVar[bool] = False
     # Whether another tool may compute it with a discount of its own.
     takes_discount: ClassVar[bool] = False
     # What another tool does with a potential that is not 0 at the ends; empty if nothing.
@@ -131,15 +127,10 @@ class Shaping(ABC):
             return NOTHING_ADDED
         if isinstance(phi, StatePotential):
             return ShapingKernel(self.adds, phi.weight, phi.frame_steps, phi.values, _NONE)
-        weight = schedule(getattr(self, "weight", 1.0))
-        return NOTHING_ADDED._replace(kind=self.adds, weight=weight, pair_values=phi.values)
+        return NOTHING_ADDED._replace(kind=self.adds, pair_values=phi.values)
 
     def offset(self, step: int) -> Any:
         """Return the array that takes the shaping off Q after `step` steps, broadcast to (S, A)."""
-        return 0.0
-
-    def advice(self, step: int) -> Any:
-        """Return the values that the policy adds to Q and the offset, broadcast to (S, A)."""
         return 0.0
 
     def _taken(self, task: Task, potential: Any) -> Any:
@@ -163,10 +154,6 @@ class Shaping(ABC):
     def reward(self, shaped: Any) -> Any:
         """Return the function F(s, a, s') that is added, where it is `any_reward`."""
         raise NotImplementedError
-
-    def long_run(self) -> str:
-        """Return a sentence on the values acted on in the long run; empty if they are Q* alone."""
-        return ""
 
 
 @dataclass(frozen=True)
@@ -236,58 +223,6 @@ class LookAheadAdvice(_StartsAtPotential):
 
 
 @dataclass(frozen=True)
-class LookBackAdvice(_ByPotential):
-    """Rewards get F = phi(s_t, a_t) - phi(s_{t-1}, a_{t-1}) / gamma; for :class:`SARSA` only.
-
-    An update contains phi of the step before, averaged over all ways into a state, so the optimum
-    is certainly kept only where each state is entered in one way (Wiewiora, Cottrell, Elkan 2003).
-    There the learner learns Q(s, a) - phi(before) / gamma; elsewhere its values have no such form
-    and cannot be turned into values of the task's own rewards.
-
-    Parameters
-    ----------
-    potential, portfolio : optional
-        As for :class:`QInitialisation`.
-
-    Examples
-    --------
-    >>> LookBackAdvice().one_way_in, LookBackAdvice().own_rewards
-    (True, False)
-    """
-
-    adds: ClassVar[int] = LOOK_BACK
-    theorem: ClassVar[str] = "Wiewiora, Cottrell, Elkan 2003"
-    one_way_in: ClassVar[bool] = True
-    own_rewards: ClassVar[bool] = False  # phi of the step before cannot be taken off again
-
-    def check(self, learner: Any) -> None:
-        """Raise SettingError unless the learner is on-policy SARSA."""
-        super().check(learner)
-        if not isinstance(learner, SARSA):
-            raise SettingError(
-                f"LookBackAdvice is valid for on-policy SARSA only: got {type(learner).__name__}"
-            )
-
-    def for_task(self, task: Task) -> Self:
-        """Return the shaping for a task, or raise SettingError if its discount is 0."""
-        if generative_model(task).discount == 0:
-            raise SettingError(
-                "LookBackAdvice divides by the task's discount, which must be positive: got 0"
-            )
-        return super().for_task(task)
-
-    def acted_on(self, shaped: Any) -> Any:
-        """Return Q* for r + phi(s, a) - phi(before) / gamma: by theory Q* - phi(before) / gamma."""
-        phi = shaped.phi
-        off = shaped.entered_with(phi) / shaped.task_discount
-
-        def reward(s: Any, a: Any, after: Any) -> Any:
-            return np.where(shaped.terminal[after], 0.0, phi[s, a]) - off[s]
-
-        return shaped.rewarded(reward, off)
-
-
-@dataclass(frozen=True)
 class StateShaping(_ByPotential):
     """Rewards get F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999).
 
@@ -343,64 +278,6 @@ class StateShaping(_ByPotential):
         """Return Q* for r + gamma Phi(s') - Phi(s): by theory Q* - Phi."""
         phi, discount = shaped.phi, shaped.discount
         return shaped.rewarded(lambda s, a, after: discount * phi[after] - phi[s], phi)
-
-
-@dataclass(frozen=True)
-class DecayingAdvice(Shaping):
-    """Q learns on plain rewards; the policy acts on Q + xi(t) phi (Behboudian et al. 2020).
-
-    The policy is the task's own only as the weight xi goes to 0.
-
-    Parameters
-    ----------
-    potential : optional
-        As for :class:`QInitialisation`.
-    weight : float or Schedule
-        xi(t); a schedule counts steps.
-    portfolio : Portfolio, optional
-
-    Examples
-    --------
-    >>> from curricle.learning import linear
-    >>> DecayingAdvice(weight=linear(1.0, 0.0, steps=1000)).weight(500)
-    0.5
-    """
-
-    potential: Any = field(default=None, repr=False)
-    weight: Any = 1.0
-    portfolio: Portfolio | None = None
-
-    adds: ClassVar[int] = ADVICE
-    theorem: ClassVar[str] = "Behboudian et al. 2020"
-    changes_rewards: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "weight", schedule(self.weight))
-
-    @property
-    def last_weight(self) -> float:
-        """The last value of xi."""
-        return float(self.weight.last)
-
-    def advice(self, step: int) -> Any:
-        """Return xi(t) phi(s, a), (S, A)."""
-        return 0.0 if self.potential is None else self.weight(step) * self.potential.values
-
-    def meets_conditions(self, shaped: Any) -> bool:
-        """Return whether the advice vanishes, or is the same for all actions of a state."""
-        same = shaped.compared and not np.ptp(shaped.phi, axis=1).any()
-        return self.last_weight == 0 or bool(same)
-
-    def acted_on(self, shaped: Any) -> Any:
-        """Return Q* + xi phi with the last weight xi."""
-        return shaped.advised(shaped.phi)
-
-    def long_run(self) -> str:
-        """Return the sentence on the values that the policy acts on with the last weight."""
-        weight = self.last_weight
-        acted_on = f"Q + {'' if weight == 1 else f'{weight:g} '}phi" if weight else "Q alone"
-        return f"in the long run the policy acts on {acted_on}"
 
 
 @dataclass(frozen=True)

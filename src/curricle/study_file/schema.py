@@ -66,9 +66,7 @@ from curricle.learning.learners import (
 from curricle.learning.schedules import Schedule, exponential, harmonic, linear
 from curricle.learning.seeds import MOST_SEEDS
 from curricle.learning.shaping import (
-    DecayingAdvice,
     LookAheadAdvice,
-    LookBackAdvice,
     QInitialisation,
     RewardBonus,
     StateShaping,
@@ -517,10 +515,10 @@ DeepLearnerTable = table_of(
 )
 StoppingTable = table_of(StoppingRule)
 SHAPINGS = tuple(
-    table_of(kind, tag=kind.__name__, without=("potential", "source"), weight=Rate)
+    table_of(kind, tag=kind.__name__, without=("potential", "source"))
     for kind in (
-        *(QInitialisation, LookAheadAdvice, LookBackAdvice, StateShaping),
-        *(DecayingAdvice, RewardBonus, WeightTransfer, PolicyReuse),
+        *(QInitialisation, LookAheadAdvice, StateShaping, RewardBonus),
+        *(WeightTransfer, PolicyReuse),
     )
 )
 """The ways a potential or a network enters learning; the sources give the potential."""
