@@ -28,7 +28,7 @@ reference_packages = [
     f"curricle.{name}"
     for name in (
         *("tasks", "learning", "planning", "transfer", "curriculum", "certificate"),
-        *("comparison", "design", "statistics", "study", "pictures", "show"),
+        *("candidates", "comparison", "statistics", "study", "pictures", "show"),
         *("interop", "deep", "errors"),
     )
 ]

@@ -28,7 +28,8 @@ from benchmarks.published.teaching import (
     Uniform,
     teach,
 )
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm
 from curricle.statistics.curves import SCRATCH, Curve
 from curricle.study import StudyResults, read_study
 from curricle.study.auditing import CONFIGURED, FAIR, as_fair

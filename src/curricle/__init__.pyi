@@ -1,9 +1,9 @@
 from . import (
+    candidates as candidates,
     certificate as certificate,
     comparison as comparison,
     curriculum as curriculum,
     deep as deep,
-    design as design,
     errors as errors,
     interop as interop,
     learning as learning,

@@ -25,6 +25,18 @@ def or_dash(value: float, form: str = ".3g") -> str:
     return "-" if math.isnan(value) else format(value, form)
 
 
+def minus(number: str) -> str:
+    """Return a printed number with a minus sign in place of the hyphen."""
+    return number.replace("-", "−")
+
+
+def rounded(number: float) -> str:
+    """Return a number in three significant digits, trailing zeros too, or as a whole number."""
+    if number == 0:
+        return "0"
+    return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
+
+
 def folded(text: str, width: int) -> str:
     """Return a paragraph as lines; lines after the first are indented by two."""
     width = max(width, NARROWEST_NAME)

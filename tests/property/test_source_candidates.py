@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 
 from curricle import evaluate, solve
-from curricle.design import source_candidates
-from curricle.design.kinds import (
+from curricle.candidates import source_candidates
+from curricle.candidates.kinds import (
     coarser_tables,
     design_target,
     likeliest_outcomes,

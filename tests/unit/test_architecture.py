@@ -14,7 +14,7 @@ LAYERS = [
     *["errors", "arrays", "checks", "text", "display", "progress", "files"],
     *["tasks", "statistics", "planning", "pictures"],
     *["learning", "transfer", "certificate"],
-    *["interop", "deep", "curriculum", "comparison", "design", "study_file", "study"],
+    *["interop", "deep", "curriculum", "candidates", "comparison", "study_file", "study"],
     *["show", "paper", "cli"],
 ]
 """The packages, each of which imports only from those before it."""

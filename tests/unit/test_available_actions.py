@@ -233,7 +233,7 @@ def test_coarser_sources_allow_what_one_of_their_states_allows():
     cells = cr.Space([cr.Component("row", 1), cr.Component("column", 8)])
     task = with_masks(random_mdp(10, n_states=8, n_actions=4, time_limit=20), 10)
     task = replace(task, states=cells, terminal=np.arange(8) >= 6, start=np.eye(8)[0])
-    merged = [c.task for c in cr.design.source_candidates(task) if c.kind == "coarser"]
+    merged = [c.task for c in cr.candidates.source_candidates(task) if c.kind == "coarser"]
     assert merged
     for source in merged:
         first = source.available[:3] if source.available is not None else np.ones((3, 4), bool)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison, Reference
+from curricle.comparison import choice as module
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.plan import Plan, PlannedArm
-from curricle.design import choice as module
 from curricle.errors import CurriculumError, SettingError, StudyError, TaskError
 from curricle.statistics.curves import Curve
 from curricle.study import StudyStore, merge, run_study

@@ -66,7 +66,7 @@ def results(tmp_path_factory):
     by_name["refutation"] = cr.certify(maze, unsafe)
     by_name["mappings"] = cr.transfer.find_mappings(CHASE, CHASE)
     by_name["found mapping"] = by_name["mappings"][0]
-    by_name["candidates"] = cr.design.source_candidates(maze)
+    by_name["candidates"] = cr.candidates.source_candidates(maze)
     tasks = {
         name: {"type": "maze", "map": line, "budget": 500}
         for name, line in (("near", ".ST"), ("far", "S.T"))

@@ -5,17 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from curricle.show.findings import findings
 
 import curricle as cr
 from benchmarks.unrelated_pairs import unrelated
 from curricle import Transfer
 from curricle.comparison import compare
-from curricle.comparison.comparison import Comparison, Reference
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import DRAWS, unrelated_transfers
+from curricle.comparison.measures import Reference
 from curricle.comparison.trial import apart
 from curricle.comparison.verdicts import NO_MORE
 from curricle.errors import CurriculumError, MappingError
-from curricle.show.findings import findings
 from curricle.study import StudyResults, read_study
 from curricle.tasks.mdp import tables
 from curricle.transfer import (

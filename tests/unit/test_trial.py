@@ -7,10 +7,11 @@ import pytest
 
 import curricle as cr
 from curricle.comparison import trial as trials
-from curricle.comparison.comparison import Comparison, Reference
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.forecasting import forecast
+from curricle.comparison.measures import Reference
 from curricle.comparison.plan import Memory
-from curricle.comparison.trial import Trial, affordable, apart, candidates_of, hindrance, run_trial
+from curricle.comparison.trial import Trial, affordable, apart, hindrance, rows_of, run_trial
 from curricle.errors import CurriculumError, SettingError
 from tests.comparisons import (  # noqa: F401
     MAZE,
@@ -38,7 +39,7 @@ def words_of(text):
 
 def test_a_trial_is_the_comparison_with_its_tasks_renamed():
     plan = corner()
-    (used,) = candidates_of(plan, "maze")
+    (used,) = rows_of(plan, "maze")
     comparison = run_trial([used], seeds=6).comparison
     renamed = cr.compare(apart(plan), seeds=6)
     for name, other in (("scratch", "scratch"), ("mean", "transfer")):
@@ -96,7 +97,7 @@ def test_each_candidate_pays_for_its_own_sources_only():
 
 def test_the_candidates_are_what_they_are_called():
     plan = pursuit()
-    candidates = {candidate.name: candidate for candidate in candidates_of(plan, "hunt", [cr.mean])}
+    candidates = {candidate.name: candidate for candidate in rows_of(plan, "hunt", [cr.mean])}
     assert list(candidates) == [
         "minimum", "mean", "maximum", "total", "chase -> hunt [1]", "chase -> hunt [2]",
     ]  # fmt: skip
@@ -187,7 +188,7 @@ def test_a_candidate_that_fails_is_said_to_fail_and_the_others_stand():
         raise RuntimeError("no idea")
 
     plan = copied(MAZE, budget={"near": 50, "far": 200})
-    tried = candidates_of(plan, "far", [broken])
+    tried = rows_of(plan, "far", [broken])
     trial = run_trial(tried, seeds=8)
     assert trial.gain("broken") is None
     assert trial.verdict("broken") == "it failed in the trial"
@@ -238,7 +239,7 @@ def test_a_trial_that_makes_no_sense_is_refused(plan, settings, message, calls):
 
 def test_a_long_trial_is_made_only_if_it_is_asked_for(monkeypatch):
     plan = corner(target=1000)
-    tried = candidates_of(plan, "maze")
+    tried = rows_of(plan, "maze")
     assert affordable(tried) == (tried, trials.SEEDS)
     monkeypatch.setattr(trials, "QUICK", 0.0)
     assert affordable(tried) == ([], 0)
@@ -252,7 +253,7 @@ def test_a_long_trial_is_made_only_if_it_is_asked_for(monkeypatch):
 
 def test_the_used_candidate_alone_is_tried_where_all_would_take_long(monkeypatch):
     plan = pursuit()
-    tried = candidates_of(plan, "hunt")
+    tried = rows_of(plan, "hunt")
     alone = trials.trial_seconds([candidate for candidate in tried if candidate.used])
     monkeypatch.setattr(trials, "QUICK", 1.5 * trials.FEWEST * alone)
     some, seeds = affordable(tried)

@@ -119,7 +119,7 @@ def test_the_answer_is_about_the_strongest_control():
     assert verdict.gain.estimate == pytest.approx((gains - pretraining).mean())
     p = [sign_flip_test(gains - other) for other in (placebo, pretraining)]
     assert verdict.p == max(p)
-    sentence = comparison.control_sentence("mine")
+    sentence = f"mine gains more than each of its 2 controls: {verdict}; the strongest is b_control"
     assert sentence in str(comparison).split("\n")
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from curricle.arrays import FloatArray
 from curricle.checks import one_of
-from curricle.comparison.comparison import ARM_MEASURES
 from curricle.comparison.cost import Cost, costs, examining_seconds
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.plan import Memory, numbered_seeds
+from curricle.comparison.sentences import EXPLAINED
 from curricle.comparison.trial import hindrance
 from curricle.comparison.verdicts import seeds_needed, too_few_seeds
 from curricle.curriculum.curriculum import Curriculum
@@ -68,7 +68,6 @@ def wrapped(text: str, indent: int = 0) -> str:
 
 # -- What the words under ``curricle check``, ``show`` and ``compare`` mean; the one place of it ---
 
-INTERVAL = "[low, high]"
 EXPLANATIONS = {
     "arm": "one of the ways to learn the target that the study compares",
     "scratch": "the arm that learns the target without any source",
@@ -76,16 +75,7 @@ EXPLANATIONS = {
     "greedy return": "the mean return of an episode in which the best known action is always taken",
     "charged": "steps in sources count as steps of the arm, which starts that much later",
     "evaluations are free": "steps of episodes that only measure the policy are not counted",
-    "steps to threshold": "steps until the greedy return, smoothed, reaches the threshold, "
-    'sources included; "> 1,000 (2 never)": 2 seeds do not get there, so the mean is more',
-    "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
-    "random policy's to the optimum",
-    **{measure.head: measure.meaning for measure in ARM_MEASURES.values()},
-    INTERVAL: "after a number: its interval of 95 % confidence over seeds",
-    "strong gain": "mean return above the best opponent's, source steps charged (strong transfer)",
-    "weak gain": "the same with the source steps free (weak transfer)",
-    "verdict": "whether the arm gains more than each opponent, by a test over the seeds",
-    "p =": "the probability of such a difference by chance, corrected for the number of arms",
+    **EXPLAINED,
     "whole checkpoints": "budgets are rounded up to a multiple of the steps between evaluations",
     "phi": "the potential: the sources' value of each state and action of the target",
     "gain": "strong gain in a trial, the comparison played in the model beforehand",

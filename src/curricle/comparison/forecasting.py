@@ -13,16 +13,16 @@ import numpy as np
 
 from curricle.arrays import FloatArray, Frozen, frozen
 from curricle.checks import instance, one_of
-from curricle.comparison.comparison import Reference
+from curricle.comparison.measures import Reference
 from curricle.comparison.opponents import OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory
 from curricle.comparison.trial import (
     SEEDS,
-    Candidate,
+    ForecastRow,
     Trial,
     affordable,
-    candidates_of,
     hindrance,
+    rows_of,
     run_trial,
 )
 from curricle.curriculum.curriculum import Curriculum, Node
@@ -40,7 +40,6 @@ from curricle.planning.policy_evaluation import (
     Target,
 )
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task, made_by
@@ -246,18 +245,6 @@ def distilled_sources(
 
 
 # -- The record of a forecast, and its sentences ------------------------------------------------
-
-
-@dataclass(frozen=True)
-class ForecastRow:
-    """A potential that could enter the target: that of a single transfer, or an aggregate."""
-
-    name: str  # the transfer, as "source -> target [n]", or the aggregate's name
-    aggregate: bool  # whether it is an aggregate of all transfers
-    used: bool  # whether the curriculum would use it
-    gain: Interval | None = None  # strong gain in mean return in the trial; None without a trial
-
-    __repr__ = brief_repr
 
 
 @dataclass(frozen=True)
@@ -497,8 +484,8 @@ def forecast(
                 f"an aggregate must be a function (N, S, A) -> (S, A): got {function!r}"
             )
     numbers = seed_tuple(seeds)
-    candidates = candidates_of(curriculum, name, aggregates)
-    tried, trial_seeds, no_trial = _planned_trial(candidates, trial)
+    ways = rows_of(curriculum, name, aggregates)
+    tried, trial_seeds, no_trial = _planned_trial(ways, trial)
     task = curriculum.tasks[name]
     any_target = target_of(task, curriculum.setting("evaluation", name), episodes=episodes)
     reads_values = curriculum.setting("shaping", name).reads_values
@@ -521,12 +508,12 @@ def forecast(
                 no_trial = f"it failed: {error}"
         learnt |= source_learning(curriculum, sources, **how)
         learnt |= distilled_sources(curriculum.tasks, sources)
-    gains = {} if played is None else {each.name: played.gain(each.name) for each in candidates}
-    rows = [
-        ForecastRow(each.name, each.aggregate, each.used, gains.get(each.name))
-        for each in candidates
-        if each.used or reads_values  # networks enter in one way, whatever their aggregate
-    ]
+        for source in learnt:
+            bars.tell(source)
+    # Networks enter in one way, whatever their aggregate.
+    rows = [row for row in ways if row.used or reads_values]
+    if played is not None:
+        rows = [replace(row, gain=played.gain(row.name)) for row in rows]
     rows.sort(key=lambda row: (not row.aggregate, row.gain is None, -_estimate(row)))
     labels = dict(zip(transfer_names(edges), edges, strict=True))
     coverage: dict[str, Any]  # of mappings whose pairs are few enough to count
@@ -567,22 +554,22 @@ def _start(
 
 
 def _planned_trial(
-    candidates: list[Candidate], trial: bool | None
-) -> tuple[list[Candidate], int, str]:
-    """Return a trial's candidates, its seeds, and why there is no trial if there is none."""
+    rows: list[ForecastRow], trial: bool | None
+) -> tuple[list[ForecastRow], int, str]:
+    """Return a trial's rows, its seeds, and why there is no trial if there is none."""
     if not isinstance(trial, bool | None):
         raise CurriculumError(f"trial must be True, False or None: got {trial!r}")
     if trial is False:
         return [], 0, "none was asked for"
-    (used,) = (candidate for candidate in candidates if candidate.used)
+    (used,) = (row for row in rows if row.used)
     why = hindrance(used.curriculum)
     if why and trial:
         raise CurriculumError(f"a trial needs models and a budget in steps: {why}")
     if why:
         return [], 0, f"{why}; cr.choose(..., on=) plays on a smaller relative"
     if trial:
-        return candidates, SEEDS, ""
-    tried, seeds = affordable(candidates)
+        return rows, SEEDS, ""
+    tried, seeds = affordable(rows)
     return (
         tried,
         seeds,

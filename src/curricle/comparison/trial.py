@@ -11,12 +11,12 @@ from typing import Any
 
 from curricle.comparison.comparison import (
     Comparison,
-    Reference,
     checkpoints,
     comparison_plan,
     trained_comparison,
 )
 from curricle.comparison.cost import NOMINAL, node_seconds
+from curricle.comparison.measures import Reference
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
@@ -32,42 +32,43 @@ from curricle.text import brief_repr, counted
 from curricle.transfer.aggregate import COMPARED, Aggregate
 from curricle.transfer.transfer import Transfer, numbered, transfer_names
 
-# -- Candidates: the curricula that use a curriculum's sources in different ways -------------------
-#
-# A forecast compares an aggregate of all transfers into the target, and each transfer alone.
+# -- The rows of a forecast: an aggregate of all transfers into a target, or a transfer alone ------
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class ForecastRow:
     """A way of using the sources of a target."""
 
     name: str  # the aggregate's, or the transfer's as "source -> target [n]"
-    # Only the target, its transfers as this candidate uses them, and the tasks that these need.
-    curriculum: Curriculum
+    # Only the target, its transfers as this row uses them, and the tasks that these need.
+    curriculum: Curriculum = field(repr=False)
     aggregate: bool  # whether it combines all transfers
     used: bool  # whether the curriculum itself uses its sources in this way
+    gain: Interval | None = None  # strong gain in mean return in the trial; None without a trial
+
+    __repr__ = brief_repr
 
 
-def candidates_of(
+def rows_of(
     curriculum: Curriculum, target: str, aggregates: Sequence[Aggregate] = ()
-) -> list[Candidate]:
-    """Return the candidates for a target: aggregates first, then each transfer alone."""
+) -> list[ForecastRow]:
+    """Return the rows for a target: aggregates first, then each transfer alone."""
     edges = curriculum.in_edges(target)
     usual = curriculum.setting("aggregate", target)
     # All aggregates of a single potential are that potential.
     several = COMPARED if len(edges) > 1 else ()
     functions = list[Aggregate]()
     for function in (*several, usual, *aggregates):
-        if not any(function is known for known in functions):
+        if not any(function is other for other in functions):
             functions.append(function)
-    candidates = []
+    rows = []
     names = numbered([getattr(function, "__name__", str(function)) for function in functions])
     for label, function in zip(names, functions, strict=True):
         plan = part_of(curriculum, target, edges).replace(target, aggregate=function)
-        candidates.append(Candidate(label, plan, aggregate=True, used=function is usual))
+        rows.append(ForecastRow(label, plan, aggregate=True, used=function is usual))
     for label, edge in zip(transfer_names(edges), edges, strict=True) if len(edges) > 1 else ():
-        candidates.append(Candidate(label, part_of(curriculum, target, [edge]), False, False))
-    return candidates
+        rows.append(ForecastRow(label, part_of(curriculum, target, [edge]), False, False))
+    return rows
 
 
 def part_of(
@@ -115,7 +116,7 @@ class Trial:
     Attributes
     ----------
     comparison : Comparison
-        An arm for each candidate, under the candidate's name, and the opponents.
+        An arm for each row of a forecast, under the row's name, and the opponents.
     assumes : str
         The assumptions of its verdict, as text.
     """
@@ -126,17 +127,17 @@ class Trial:
     __repr__ = brief_repr
 
     def gain(self, name: str) -> Interval | None:
-        """Return the strong gain of a candidate in mean return; None if it could not be trained."""
+        """Return the strong gain of a row in mean return; None if it could not be trained."""
         contrast = self.comparison.contrasts.get(name)
         return None if contrast is None else contrast.strong_gain
 
     def verdict(self, name: str) -> str:
-        """Return in a few words whether a candidate pays, by the interval of its gain."""
+        """Return in a few words whether a row pays, by the interval of its gain."""
         gain = self.gain(name)
         return "it failed in the trial" if gain is None else verdict_words(gain)
 
     def numbers(self, name: str) -> str:
-        """Return a sentence on a candidate's gain, its steps and its best opponent's steps."""
+        """Return a sentence on a row's gain, its steps and its best opponent's steps."""
         comparison, gain = self.comparison, self.gain(name)
         if gain is None:
             return in_words(comparison.failed[name])
@@ -194,7 +195,7 @@ def in_brief(interval: Interval) -> str:
 
 
 def run_trial(
-    candidates: Sequence[Candidate],
+    rows: Sequence[ForecastRow],
     *,
     opponents: Sequence[Opponent] = OPPONENTS,
     scratch: Learners = (),
@@ -204,9 +205,9 @@ def run_trial(
     workers: int | None = None,
     progress: Progress = None,
 ) -> Trial:
-    """Return a trial of candidates, with the reference of their target if that is known."""
+    """Return a trial of rows, with the reference of their target if that is known."""
     memory = Memory() if memory is None else memory
-    arms = {candidate.name: apart(candidate.curriculum) for candidate in candidates}
+    arms = {row.name: apart(row.curriculum) for row in rows}
     plan = comparison_plan(arms, memory, opponents=opponents, scratch=scratch)
     window = min(WINDOW, checkpoints(plan))  # there may be fewer checkpoints
     reference = reference or Reference.before(plan.target_node, None)
@@ -240,9 +241,9 @@ def hindrance(curriculum: Curriculum) -> str:
     return f"the greedy evaluation of {node.name!r} is off" * (node.evaluation.method == "off")
 
 
-def trial_seconds(candidates: Sequence[Candidate]) -> float:
+def trial_seconds(rows: Sequence[ForecastRow]) -> float:
     """Return an estimated upper bound on the seconds of a seed of a trial on one processor."""
-    plans = [candidate.curriculum for candidate in candidates]
+    plans = [row.curriculum for row in rows]
     node = plans[0].node(plans[0].target)
     total = limits(node.budget)[0] + max(map(most_source_steps, plans))
     alone, constants = 1 + 3, len(CONSTANTS)  # scratch, bounds and the optimistic learner
@@ -253,9 +254,9 @@ def trial_seconds(candidates: Sequence[Candidate]) -> float:
     return seconds
 
 
-def affordable(candidates: Sequence[Candidate]) -> tuple[list[Candidate], int]:
-    """Return the candidates and the number of seeds of the default trial; none if it takes long."""
-    for some in (list(candidates), [candidate for candidate in candidates if candidate.used]):
+def affordable(rows: Sequence[ForecastRow]) -> tuple[list[ForecastRow], int]:
+    """Return the rows and the number of seeds of the default trial; none if it takes long."""
+    for some in (list(rows), [row for row in rows if row.used]):
         seeds = min(SEEDS, int(QUICK / trial_seconds(some)))
         if seeds >= FEWEST:
             return some, seeds

@@ -19,8 +19,8 @@ from matplotlib.patheffects import withStroke
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.checks import brief, numbers
+from curricle.comparison import sentences
 from curricle.comparison.comparison import Comparison
-from curricle.comparison.verdicts import SIGNIFICANT
 from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole
@@ -36,13 +36,11 @@ from curricle.show.style import (
     arm_styles,
     caption,
     digits_of,
-    minus,
     new_figure,
     return_scale,
     spell_out,
     steps_scale,
     value_scale,
-    without_seeds,
     write_columns,
 )
 from curricle.statistics.curves import SCRATCH, Curve, asymptotic_performance, smooth
@@ -51,6 +49,7 @@ from curricle.statistics.intervals import CONFIDENCE, mean_interval
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.layout import LETTERS
 from curricle.tasks.mdp import Task, generative_model
+from curricle.text import minus
 
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {},
@@ -332,7 +331,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     _draw_gains(gains, comparison, styles)
     title = f"{comparison.target}: every arm spends {comparison.total:,} steps"
     figure.suptitle(fill(title, TITLE_LETTERS))  # Matplotlib's own lines read dollars as formulas
-    caption(figure, _caption_of(comparison))
+    caption(figure, sentences.caption(comparison))
     return figure
 
 
@@ -362,23 +361,18 @@ def _draw_profiles(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmS
 def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyle]) -> None:
     """Draw the gains as a forest plot; the names of its rows are the legend of the figure."""
     axes.axvline(0, color=COLOURS["black"], lw=0.8)
-    tested = not comparison.withheld
-    columns = [("gain" + " [95 %]" * (comparison.seeds > 1), "p (Holm)" * tested)]
     for row, (name, style) in enumerate(styles.items()):
         sample: Any = {"linestyle": style.dashes, "lw": 1.8, "clip_on": False}
         across = axes.get_yaxis_transform()
         axes.plot([-0.16, -0.03], [row, row], color=style.colour, transform=across, **sample)
         if name in comparison.scratches:
-            columns.append(("reference" if name in comparison.best_opponents else "", ""))
             continue
         gain = comparison.contrasts[name].strong_gain
         verdict = comparison.verdicts.get(name)
         axes.hlines(row, gain.low, gain.high, colors=style.colour, lw=2)
         face = style.colour if verdict is not None and verdict.direction else "w"
         axes.plot(gain.estimate, row, "o", color=style.colour, mfc=face, ms=4.5, label=name)
-        p = f"{verdict.adjusted_p:.2g}" if tested and verdict is not None else ""
-        columns.append((without_seeds(gain), p))
-    write_columns(axes, list(zip(*columns, strict=True)))
+    write_columns(axes, sentences.gain_columns(comparison, list(styles)))
     names = [fill(style.short, NAME_LETTERS) for style in styles.values()]
     axes.set_yticks(range(len(styles)), names)
     axes.tick_params(axis="y", length=0, pad=32)
@@ -393,26 +387,6 @@ def _draw_gains(axes: Axes, comparison: Comparison, styles: Mapping[str, ArmStyl
     best = " or ".join(comparison.best_opponents)
     axes.set_title("gain over the best opponent", loc="right")  # columns of text begin there
     axes.set_xlabel(fill(f"mean return, minus that of {best}", 40))
-
-
-def _caption_of(comparison: Comparison) -> str:
-    how, sure = "One seed, which allows neither intervals nor tests.", ""
-    if comparison.seeds > 1:
-        how = (
-            f"{comparison.seeds} seeds; bands and bars are nominal 95 % intervals over seeds, "
-            "Student's for means and Wilson's for shares, pointwise for curves and profiles."
-        )
-        n = len(comparison.verdicts)
-        tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
-        sure = f"p values of a sign-flip test of the paired differences, {tests}; filled where "
-        sure = f"; {comparison.withheld or f'{sure}p < {SIGNIFICANT:g}'}"
-    controls = any(arm.control for arm in comparison.arms.values())
-    return (
-        f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
-        "return; circle, where the first seed begins the target. Middle: final is the mean over "
-        "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
-        f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
-    )
 
 
 # -- grids: mazes, values and potentials as heat maps ----------------------------------------------

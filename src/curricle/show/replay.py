@@ -23,14 +23,12 @@ from curricle.show.style import (
     SHADES,
     TINTS,
     digits_of,
-    minus,
-    rounded,
     shades_of,
     value_scale,
 )
 from curricle.study.record import Analysis, CurriculaRecord, EpisodePair, EpisodeRecord
 from curricle.tasks.layout import LETTERS
-from curricle.text import counted
+from curricle.text import counted, minus, rounded
 
 MOST_MOMENTS = 48  # moments of one training at most
 MOST_CELLS = 16_000  # of all replays, each printed at three moments: under four megabytes

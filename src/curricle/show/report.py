@@ -31,12 +31,12 @@ from matplotlib.scale import SymmetricalLogTransform
 
 from curricle.arrays import FloatArray
 from curricle.checks import listed
+from curricle.comparison import sentences
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.errors import SettingError, StoreError, in_words
 from curricle.files import Place, place_at, write_whole
 from curricle.learning.result import GREEDY_RETURN
-from curricle.show import findings
 from curricle.show.graph import graphs
 from curricle.show.plots import (
     MOST_BANDS,
@@ -47,14 +47,15 @@ from curricle.show.plots import (
     shown_curve,
 )
 from curricle.show.replay import replays
-from curricle.show.style import STYLE, ArmStyle, arm_styles, minus, rounded, shades_of
+from curricle.show.style import STYLE, ArmStyle, arm_styles, shades_of
 from curricle.statistics.curves import SCRATCH
 from curricle.study.auditing import Audit
-from curricle.study.record import Analysis, SectionRecord, StudyRecord
+from curricle.study.record import Analysis, SectionRecord, StudyRecord, TunedRecord
 from curricle.study.results import StudyResults
 from curricle.study.store import ANALYSIS, in_use
-from curricle.study.tuning import effects_of, short
-from curricle.text import counted, visible
+from curricle.study.tuning import Level, effects_of, short
+from curricle.study_file.vary import value_text
+from curricle.text import counted, minus, rounded, visible
 
 # -- templates -------------------------------------------------------------------------------------
 
@@ -84,7 +85,8 @@ def render(template: str, **values: Any) -> str:
         finalize=_visible,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
-    environment.globals.update(shades=shades_of, asset=asset, digest=_digest, findings=findings)
+    environment.globals.update(shades=shades_of, asset=asset, digest=_digest)
+    environment.globals.update(sentences=sentences, forest=forest)
     # A sentence's negative numbers with a minus sign in place of the hyphen.
     environment.filters["signs"] = partial(re.sub, r"(?<![\w)\]])-(?=\d)", "−")
     environment.filters.update(evidence=_evidence, numbered_seeds=numbered_seeds)
@@ -182,7 +184,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         empty: Any = {"certificates": (), "left_out": (why,)}
         analysis = Analysis(of="", sections=tuple(SectionRecord(arms=a, **empty) for a in groups))
     styles = arm_styles(comparison)
-    columns = findings.COLUMNS
+    columns = sentences.COLUMNS
     films, not_shown = replays(curricula.only(styles), learnt, analysis)
     # The replay to begin with: the first curriculum in the target.
     in_target = [film for film in films if film.task == comparison.target]
@@ -228,8 +230,8 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         most_seeds=MOST_SEEDS,
         most_bands=MOST_BANDS,
         kinds={kind: [*keys] for kind, keys in groupby(columns, lambda key: columns[key].transfer)},
-        swept=findings.effects_rows(effects_of(study)),
-        best=findings.tuning_rows(study.record.tuned),
+        swept=effects_rows(effects_of(study)),
+        best=tuning_rows(study.record.tuned),
         tuned=study.record.tuned,
         sections=[part for part in analysis.sections if {*part.arms} <= curricula.arms.keys()],
         replays=films,
@@ -526,3 +528,53 @@ def _remark(record: StudyRecord, failed: Iterable[str], arms: Sequence[str]) -> 
     later = [arm for arm in record.arms if arm not in {*arms, *failed}]
     come = f" is of {listed(arms)}; to come: {listed(later)}" if later else " is of all arms"
     return f"The report so far{come}. There is no verdict before all seeds are there."
+
+
+# -- gains on one axis; what was swept or tuned: what was best, main effects -----------------------
+
+
+def forest(answers: Sequence[sentences.Finding]) -> tuple[float, dict[str, list[float]]]:
+    """Return the positions of 0 and each gain's low, estimate and high, in percent of an axis."""
+    gains = [finding.gain for finding in answers]
+    low, middle, high = np.array([(g.low, g.estimate, g.high) for g in gains], float).T
+    # One seed has no interval.
+    ends = np.stack([np.where(np.isnan(low), middle, low), middle, np.fmax(middle, high)], axis=1)
+    least = min(0.0, float(ends.min()))
+    width = (max(0.0, float(ends.max())) - least) or 1.0
+    percent = (100 * (ends - least) / width).tolist()
+    arms = [finding.arm for finding in answers]
+    return 100 * (0.0 - least) / width, dict(zip(arms, percent, strict=True))
+
+
+Texts = list[tuple[str, ...]]
+
+
+def effects_rows(effects: Sequence[Level]) -> Texts:
+    """Return the rows of the table of a sweep."""
+    rows: Texts = []
+    for name, key, text, number, *ends in effects:
+        mean, low, high = (minus(short(end)) for end in ends)
+        both = "" if np.isnan(ends[1]) else Markup("<small>[{}, {}]</small>").format(low, high)
+        with_ends = Markup("{}{}").format(mean, both)
+        rows.append((name, key, text, f"{number}", with_ends))
+    return rows
+
+
+def tuning_rows(tuned: TunedRecord | None) -> list[Sequence[str]]:
+    """Return the heads and the rows of the table of the best trials; none without a tuning."""
+    if tuned is None:
+        return []
+    keys = dict.fromkeys(key for arm in tuned.arms.values() for key in arm.values)
+    rows: list[Sequence[str]] = [("best of", "trials", "tuning steps", "mean return", *keys)]
+    for name, arm in tuned.arms.items():
+        spent = f"{arm.trials}", f"{tuned.steps(name):,}"
+        rows.append((name, *spent, *map(_value, (arm.score, *map(arm.values.get, keys)))))
+    return rows
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return minus(f"{value:,}")
+    return minus(short(value)) if isinstance(value, float) else value_text(value)

@@ -1,4 +1,4 @@
-"""One style for all figures: colours, how arms look, numbers as text, axes."""
+"""One style for all figures: colours, how arms look, axes."""
 
 import io
 import math
@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 
 from curricle.comparison.comparison import Comparison
 from curricle.display import COLOURS as PALETTE, OWN_COLOURS
-from curricle.statistics.intervals import Interval
+from curricle.text import minus
 
 COLOURS = PALETTE
 """The palette of Okabe and Ito, which colour-blind readers can tell apart: name -> colour."""
@@ -115,26 +115,6 @@ def arm_styles(comparison: Comparison) -> dict[str, ArmStyle]:
             colour = COLOURS[key]
             styles[name] = ArmStyle(name, colour, dashes, False)
     return styles
-
-
-# -- numbers as text -------------------------------------------------------------------------------
-
-
-def minus(number: str) -> str:
-    """Return a printed number with a minus sign in place of the hyphen."""
-    return number.replace("-", "−")
-
-
-def rounded(number: float) -> str:
-    """Return a number in three significant digits, trailing zeros too, or as a whole number."""
-    if number == 0:
-        return "0"
-    return minus(f"{number:,.0f}" if abs(number) >= 99.95 else f"{number:#.3g}")
-
-
-def without_seeds(interval: Interval) -> str:
-    """Return an interval as text, without its number of seeds."""
-    return minus(str(interval).rsplit(",", 1)[0])
 
 
 # -- figures and the text around them --------------------------------------------------------------

@@ -8,7 +8,7 @@ import numpy as np
 
 from curricle.arrays import frozen
 from curricle.certificate.certification import certify
-from curricle.comparison.comparison import STATED, Reference
+from curricle.comparison.measures import STATED, Reference
 from curricle.comparison.plan import PlannedArm
 from curricle.comparison.task_differences import task_summary
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum

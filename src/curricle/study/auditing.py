@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from curricle.checks import listed, whole_number
-from curricle.comparison.comparison import short
 from curricle.comparison.opponents import OPPONENTS, starts_anywhere
+from curricle.comparison.sentences import short
 from curricle.errors import ConfigError, SettingError
 from curricle.planning.solution import evaluate, solve
 from curricle.statistics.curves import SCRATCH

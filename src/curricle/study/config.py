@@ -24,14 +24,14 @@ from pydantic import (
     model_validator,
 )
 
+from curricle.candidates.candidates import candidate_named
 from curricle.checks import listed, unfit_name
+from curricle.comparison.choice import FIRST_SEED
 from curricle.comparison.comparison import compare as compare_curricula
 from curricle.comparison.controls import Control
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.comparison.opponents import OPPONENTS, Opponent, from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
-from curricle.design.candidates import candidate_named
-from curricle.design.choice import FIRST_SEED
 from curricle.display import printed
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.files import results_folder

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from curricle.arrays import FloatArray, IntArray
-from curricle.comparison.comparison import Reference
+from curricle.comparison.measures import Reference
 from curricle.comparison.task_differences import TaskSummary
 from curricle.pictures.views import MOST_CELLS, GridView, Marker
 from curricle.statistics.curves import SCRATCH

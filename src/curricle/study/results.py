@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import one_of
-from curricle.comparison.comparison import Arm, Comparison
+from curricle.comparison.comparison import Comparison
+from curricle.comparison.measures import Arm
 from curricle.comparison.plan import Failures, arms_of
 from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum

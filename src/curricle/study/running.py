@@ -21,9 +21,9 @@ from time import monotonic
 from typing import Any
 
 from curricle.checks import BEYOND_64_BITS, whole_number
+from curricle.comparison.choice import chosen
 from curricle.comparison.plan import Failures, Plan, Unit, numbered_seeds
 from curricle.curriculum.result import SourceValues, sources_read
-from curricle.design.choice import chosen
 from curricle.errors import LostStoreError, SettingError, StoreError
 from curricle.files import Place, place_at
 from curricle.interop.trackers import Tracker, Trackers, to_stderr, trackers_of

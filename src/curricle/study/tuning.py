@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from curricle.candidates.candidates import source_candidates
+from curricle.comparison.choice import MOST, Choice, choose as choose_curriculum, options_of
 from curricle.comparison.opponents import OPPONENTS
-from curricle.design.candidates import source_candidates
-from curricle.design.choice import MOST, Choice, choose as choose_curriculum, options_of
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import RunTable, StudyConfig, configured, of_studies

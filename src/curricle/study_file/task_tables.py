@@ -17,8 +17,8 @@ from pydantic import (
 )
 
 from curricle import tasks
+from curricle.candidates.candidates import KINDS
 from curricle.deep.miniature import miniatures
-from curricle.design.candidates import KINDS
 from curricle.errors import ConfigError, TaskError
 from curricle.files import read_bounded
 from curricle.interop.gymnasium import from_gymnasium, observation_task

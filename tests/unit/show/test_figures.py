@@ -11,7 +11,8 @@ from matplotlib.collections import FillBetweenPolyCollection, LineCollection
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.comparison import Arm, Comparison, Reference, _lines
+from curricle.comparison.comparison import Comparison, _lines
+from curricle.comparison.measures import Arm, Reference
 from curricle.errors import SettingError, TaskError
 from curricle.learning.result import ends_of
 from curricle.pictures.views import GridView

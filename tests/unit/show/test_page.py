@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.comparison.comparison import Arm
+from curricle.comparison.measures import Arm
 from curricle.comparison.plan import PlannedArm
 from curricle.errors import SettingError
 from curricle.show.graph import CARD, graphs

@@ -21,9 +21,9 @@ from gymnasium.spaces import Box, Dict, Discrete
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.ndimage import uniform_filter1d
 
+from curricle.candidates.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.comparison.opponents import visited_states
 from curricle.curriculum.curriculum import SOURCES_SHARE
-from curricle.design.candidates import Judged, judged, same_up_to_homomorphism
 from curricle.errors import ConfigError, TaskError
 from curricle.interop.gymnasium import (
     actions_of,

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from curricle.arrays import BoolArray, FloatArray, Frozen
-from curricle.checks import fit_name, one_of, text, whole_number
-from curricle.design.kinds import (
+from curricle.candidates.kinds import (
     DesignTarget,
     Draft,
     aims,
@@ -23,6 +22,7 @@ from curricle.design.kinds import (
     removals,
     start_rings,
 )
+from curricle.checks import fit_name, one_of, text, whole_number
 from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve

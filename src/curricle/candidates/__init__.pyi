@@ -3,4 +3,3 @@ from .candidates import (
     SourceCandidates as SourceCandidates,
     source_candidates as source_candidates,
 )
-from .choice import Choice as Choice, choose as choose

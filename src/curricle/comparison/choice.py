@@ -17,23 +17,22 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from curricle.arrays import FloatArray
+from curricle.candidates.candidates import KINDS, MAKERS, SourceCandidate, source_candidates
+from curricle.candidates.kinds import DesignTarget, Draft, design_target, family_members
 from curricle.checks import whole_number
 from curricle.comparison.comparison import (
-    Arm,
     Comparison,
-    Reference,
     checkpoints,
     comparison_plan,
-    short,
     trained_comparison,
 )
+from curricle.comparison.measures import Arm, Reference
 from curricle.comparison.opponents import OPPONENTS
 from curricle.comparison.plan import Memory, Plan
+from curricle.comparison.sentences import short
 from curricle.comparison.task_differences import differences
 from curricle.comparison.trial import WINDOW, hindrance
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
-from curricle.design.candidates import KINDS, MAKERS, SourceCandidate, source_candidates
-from curricle.design.kinds import DesignTarget, Draft, design_target, family_members
 from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError, SettingError, TaskError, in_words
 from curricle.learning.shaping import QInitialisation

@@ -1,0 +1,509 @@
+"""What is said of compared arms: columns of tables, sentences, findings, and words on figures.
+
+Every fact has its words here and nowhere else. Tables are printed, drawn on the page of a study,
+and returned as data (:meth:`Comparison.rows`); pages and figures put a minus sign for the hyphen.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from curricle.comparison.measures import (
+    MEASURES,
+    NAN,
+    NO_CONTRAST,
+    STATED,
+    UNKNOWN,
+    MeasuredArms,
+)
+from curricle.comparison.verdicts import SIGNIFICANT, Verdict, not_known
+from curricle.statistics.curves import SCRATCH
+from curricle.statistics.intervals import Interval, clusters, interquartile_interval
+from curricle.text import counted, minus, or_dash, rounded
+
+Row = Mapping[str, Any]  # of :func:`table_rows`
+
+
+def short(interval: Interval) -> str:
+    """Return an interval without its number of seeds; a dash if there is none."""
+    return "-" if np.isnan(interval.estimate) else str(interval).rsplit(",", 1)[0]
+
+
+def signed(interval: Interval) -> str:
+    """Return an interval without its seeds, with a sign and no-break spaces."""
+    return "+" * (float(interval.estimate) > 0) + minus(short(interval)).replace(" ", "\xa0")
+
+
+# -- The table of arms -----------------------------------------------------------------------------
+
+STRONG, WEAK = "strong transfer (source steps count)", "weak transfer (target steps only)"
+
+
+class Cell(NamedTuple):
+    """An entry of the page's table: its text, and below that its interval or a note."""
+
+    text: str
+    below: str = ""
+
+
+def _interval(measure: str, arms: MeasuredArms, row: Row) -> Cell:
+    interval = _of(measure, row)
+    if math.isnan(interval.estimate):
+        return Cell("")
+    text, _, bounds = minus(short(interval)).partition(" ")
+    return Cell(text, bounds)
+
+
+def _of(measure: str, row: Row) -> Interval:
+    """Return the interval of a measure in a row."""
+    return Interval(row[measure], row[f"{measure}_low"], row[f"{measure}_high"], 0.95, row["seeds"])
+
+
+def _saved(measure: str, arms: MeasuredArms, row: Row) -> Cell:
+    cell, strong = _interval(measure, arms, row), measure.startswith("strong")
+    both = (row["arm"], row["against"] or SCRATCH)
+    if cell.text and not any(arms.times(arm, strong=strong).reached.any() for arm in both):
+        return Cell("–", "never reached")
+    return cell
+
+
+def _steps(measure: str, arms: MeasuredArms, row: Row) -> Cell:
+    missed = (row["seeds"] - row["reached"]) * (measure == "steps_to_threshold")
+    below = f"{missed} of {row['seeds']} never" if missed else ""
+    return Cell("> " * (missed > 0) + f"{row[measure]:,.0f}", below)
+
+
+def _p(measure: str, arms: MeasuredArms, row: Row) -> Cell:
+    tested = row["arm"] in arms.verdicts and not arms.withheld
+    return Cell(f"{row[measure]:.2g}" if tested else "")
+
+
+class Column(NamedTuple):
+    """A column of the table of arms; a new one is a row of `COLUMNS`."""
+
+    head: str  # on the page
+    meaning: str  # below the page's table; with {threshold} and {window} of the comparison
+    cell: Callable[[str, MeasuredArms, Row], Cell]  # on the page, of the column's key
+    transfer: str = STRONG  # the kind that it belongs to; empty where it is neither
+    printed: str = ""  # head in the printed table; empty if it is not there
+    explained: str = ""  # what the commands say of that head
+    # The measure of the arm with a name, for columns that no contrast has.
+    of: Callable[[MeasuredArms, str], Interval] | None = None
+
+
+TIME = (
+    "total steps to a return of {threshold}, smoothed over {window} checkpoints; a seed that never "
+    "reaches it counts with all its steps, hence >; so it does in steps saved"
+)
+CHANCE = "probability that a run has a higher mean return than a run of the best opponent"
+SAVED = "steps to the threshold within the budget, fewer than by the best opponent"
+ABOVE = "above that of the best opponent"
+HEIGHT = "the mean height of the learning curve: its area, divided by all steps"
+COLUMNS = {
+    "strong_gain": Column(
+        "gain",
+        f"mean return over all steps, {ABOVE}",
+        _interval,
+        printed="strong gain",
+        explained="mean return above the best opponent's, source steps charged (strong transfer)",
+    ),
+    "adjusted_p": Column("p", "two-sided, of no gain, adjusted for the number of curricula", _p),
+    "probability_of_improvement": Column("P(improve&shy;ment)", CHANCE, _interval),
+    "asymptotic_gain": Column(
+        "asymp&shy;totic gain", f"return at the end of all steps, {ABOVE}", _interval
+    ),
+    "mean_return": Column(
+        "mean return",
+        HEIGHT,
+        _interval,
+        printed="mean return",
+        explained=HEIGHT,
+        of=MeasuredArms.mean_return,
+    ),
+    "steps_to_threshold": Column(
+        "steps to threshold",
+        TIME,
+        _steps,
+        printed="steps to threshold",
+        explained="steps until the greedy return, smoothed, reaches the threshold, sources "
+        'included; "> 1,000 (2 never)": 2 seeds do not get there, so the mean is more',
+    ),
+    "strong_steps_saved": Column("steps saved", SAVED, _saved),
+    "weak_gain": Column(
+        "gain",
+        f"mean return over target steps, {ABOVE}",
+        _interval,
+        WEAK,
+        printed="weak gain",
+        explained="the same with the source steps free (weak transfer)",
+    ),
+    "jumpstart": Column("jumpstart", f"return at the first target step, {ABOVE}", _interval, WEAK),
+    "weak_steps_saved": Column("steps saved", f"target {SAVED}", _saved, WEAK),
+    "source_steps": Column("source steps", "steps in the sources, mean over seeds", _steps, ""),
+}
+"""Key in :func:`table_rows` -> its column, in the page's order."""
+FIRST, LAST = ("steps_to_threshold",), ("strong_gain", "weak_gain")
+"""The columns that begin and that end the printed table, before the verdict."""
+PRINTED = (
+    *FIRST,
+    *(key for key, column in COLUMNS.items() if column.printed and key not in (*FIRST, *LAST)),
+    *LAST,
+)
+VERDICT = "verdict"
+HEADS = ("", *(COLUMNS[key].printed for key in PRINTED), VERDICT)
+INTERVAL = "[low, high]"
+EXPLAINED = {
+    **{COLUMNS[key].printed: COLUMNS[key].explained for key in FIRST},
+    "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
+    "random policy's to the optimum",
+    **{COLUMNS[key].printed: COLUMNS[key].explained for key in PRINTED if key not in LAST},
+    INTERVAL: "after a number: its interval of 95 % confidence over seeds",
+    **{COLUMNS[key].printed: COLUMNS[key].explained for key in LAST},
+    VERDICT: "whether the arm gains more than each opponent, by a test over the seeds",
+    "p =": "the probability of such a difference by chance, corrected for the number of arms",
+}
+"""Words of the printed table -> what the commands say of them."""
+
+
+def table_rows(arms: MeasuredArms) -> list[dict[str, Any]]:
+    """Return the table as data, as :meth:`Comparison.rows`."""
+    table = list[dict[str, Any]]()
+    for name, arm in arms.arms.items():
+        times, contrast = arms.times(name), arms.contrasts.get(name, NO_CONTRAST)
+        over, by_knowledge = arms.control_verdicts.get(name), arms.knowledge_verdicts.get(name)
+        intervals = {
+            "steps_to_threshold": times.restricted_mean(),
+            **{key: column.of(arms, name) for key, column in COLUMNS.items() if column.of},
+            **{measure: getattr(contrast, measure) for measure in MEASURES},
+            "gain_over_controls": UNKNOWN if over is None else over.gain,
+            "gain_by_knowledge": UNKNOWN if by_knowledge is None else by_knowledge.gain,
+        }
+        row: dict[str, Any] = {
+            "arm": name,
+            "control": arm.control,
+            "seeds": arms.seeds,
+            "source_steps": float(arm.curve.source_steps.mean()),
+            "reached": int(times.reached.sum()),
+        }
+        for measure, interval in intervals.items():
+            row[measure] = interval.estimate
+            row[f"{measure}_low"], row[f"{measure}_high"] = interval.low, interval.high
+        for part in ("p", "adjusted_p", "verdict", "reason"):
+            row[part] = getattr(contrast, part)
+        row["unlearnt"] = unlearnt(arms, name)
+        row["against"] = arms.best_opponent(name) if name in arms.contrasts else ""
+        row["strongest_control"] = "" if over is None else over.rival
+        row["beats_controls"] = "" if over is None else over.answer
+        row["beats_controls_p"] = NAN if over is None else over.adjusted_p
+        row["initial_value"] = NAN
+        if arm.initial_values is not None:
+            row["initial_value"] = float(arm.initial_values.mean())
+        table.append(row)
+    return table
+
+
+def printed_rows(arms: MeasuredArms) -> list[tuple[str, ...]]:
+    """Return the rows of the printed table: as many texts as `HEADS` has."""
+    return [
+        (
+            f"{row['arm']}{_started(arms, row['arm'])}",
+            *(_printed(key, arms, row) for key in PRINTED),
+            _verdict(arms, row),
+        )
+        for row in table_rows(arms)
+        if row["arm"] in arms.shown
+    ]
+
+
+def _printed(key: str, arms: MeasuredArms, row: Row) -> str:
+    if key == "steps_to_threshold":
+        missed = row["seeds"] - row["reached"]
+        return _steps(key, arms, row).text + (f" ({missed} never)" if missed else "")
+    return short(_of(key, row)) if COLUMNS[key].of or row["arm"] in arms.contrasts else ""
+
+
+def _verdict(arms: MeasuredArms, row: Row) -> str:
+    """Return an arm's verdict with its p-value and reason; or that it is the best opponent."""
+    name, sure = row["arm"], _p("adjusted_p", arms, row).text
+    if name in arms.contrasts:
+        verdict = row["verdict"] + (f" (p = {sure})" if sure else "")
+        return f"{verdict}, {row['reason']}" if row["reason"] else verdict
+    if name not in arms.best_opponents or len(arms.scratches) == 1:
+        return ""
+    over = [arm for arm in arms.controls if arms.best_opponent(arm) == name]
+    of = "" if len(over) == len(arms.controls) else f" of {', '.join(over)}"
+    return f"the best opponent{of}: gains are over it"
+
+
+def page_table(arms: MeasuredArms) -> dict[str, dict[str, Cell]]:
+    """Return the entries of the page's table: arm -> column -> entry."""
+    return {
+        row["arm"]: {key: column.cell(key, arms, row) for key, column in COLUMNS.items()}
+        for row in table_rows(arms)
+    }
+
+
+def meanings(arms: MeasuredArms) -> list[tuple[str, str]]:
+    """Return the name and the meaning of each column of the page's table."""
+    why = f" ({arms.threshold_from})" * bool(arms.threshold_from)
+    terms = {"threshold": rounded(arms.threshold) + why, "window": arms.window}
+    weak = {key: " (weak)" * (column.transfer == WEAK) for key, column in COLUMNS.items()}
+    return [
+        (column.head.replace("&shy;", "") + weak[key], column.meaning.format(**terms))
+        for key, column in COLUMNS.items()
+    ]
+
+
+# -- Sentences -------------------------------------------------------------------------------------
+
+
+def title(arms: MeasuredArms) -> str:
+    """Return the title of the printed table: target, total of steps, seeds and threshold."""
+    return (
+        f"{arms.target!r} in {arms.total:,} steps, sources charged, evaluations free; "
+        f"{counted(arms.seeds, 'seed')}; threshold {or_dash(arms.threshold, '.4g')}"
+        f"{arms.threshold_from and f' ({arms.threshold_from})'}"
+    )
+
+
+def lines_below(arms: MeasuredArms) -> list[str]:
+    """Return what stands below the table: what was not learnt, controls, and clusters of seeds."""
+    lines = [nothing_learnt(arms), _other_opponents(arms)]
+    lines += [cluster_sentence(arms, name) for name in arms.shown]
+    lines += [
+        _gains_more(name, verdict, "controls") for name, verdict in arms.control_verdicts.items()
+    ]
+    lines += [
+        _gains_more(name, verdict, "placebos and constants")
+        for name, verdict in arms.knowledge_verdicts.items()
+        if arms.verdicts[name].direction > 0
+    ]
+    lines += [unlearnt(arms, name) or _level_sentence(arms, name) for name in arms.controls]
+    return [line for line in (*lines, not_known(list(arms.reasons.values()))) if line]
+
+
+def nothing_learnt(arms: MeasuredArms) -> str:
+    """Return a sentence on a threshold that no arm reaches in any seed; empty if an arm does."""
+    reached = any(arms.times(name).reached.any() for name in arms.arms)
+    if np.isnan(arms.threshold) or reached or arms.reference.nothing_to_learn:
+        return ""
+    lower = ", or a lower threshold" * (arms.threshold_from == STATED)
+    return (
+        f"no arm reaches the threshold of {arms.threshold:.4g} in any seed, so that the gains "
+        f"are between arms that did not learn: all may need a larger budget{lower}"
+    )
+
+
+def _other_opponents(arms: MeasuredArms) -> str:
+    """Return a sentence on the constants that are not shown; empty if there are none."""
+    others = [
+        f"{name}{_started(arms, name)} {arms.returns[name].mean():.4g}"
+        for name in arms.scratches
+        if name not in arms.shown
+    ]
+    return f"mean return of other constants: {'; '.join(others)}" if others else ""
+
+
+def _started(arms: MeasuredArms, name: str) -> str:
+    """Return the initial value of an opponent that starts at a constant, as text."""
+    values = arms[name].initial_values
+    return "" if values is None else f" (initial_value={values.mean():.4g})"
+
+
+def _level_sentence(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on a potential that is constant where learning goes; empty if it varies."""
+    of_name = (arm for arm in arms.arms.values() if arm.curriculum == name)
+    levels = [arm.initial_values for arm in of_name if arm.initial_values is not None]
+    if len(levels) < 2 or not np.allclose(levels, levels[0], rtol=1e-12, atol=0):
+        return ""
+    return f"{name} has one value in all pairs that learning can visit: check its mapping"
+
+
+def cluster_sentence(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on two clusters of an arm's seeds; empty if there are none."""
+    values = arms.returns[name]
+    if (groups := clusters(values)) is None:
+        return ""
+    high, low = (f"{some.mean():.4g}" for some in reversed(groups))
+    if high == low:  # apart by less than is printed
+        return ""
+    sentence = (
+        f"the seeds of {name} are in two clusters, mean return of {len(groups[1])} near {high} "
+        f"and of {len(groups[0])} near {low}"
+    )
+    if min(map(len, groups)) > arms.seeds // 4:
+        return sentence
+    middle = interquartile_interval(values)
+    return f"{sentence}; interquartile mean, without the few: {short(middle)}"
+
+
+def unlearnt(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on sources that did not learn their tasks; empty if all did."""
+    shares = {source: seeds for source, seeds in arms[name].unlearnt.items() if seeds.any()}
+    parts = [f"{source} in {n.sum()} of {counted(n.size, 'seed')}" for source, n in shares.items()]
+    return f"sources of {name} that did NOT learn: {', '.join(parts)}" if parts else ""
+
+
+def _gains_more(name: str, verdict: Verdict, controls: str) -> str:
+    """Return a sentence on whether an arm gains more than its rivals, called `controls`."""
+    strongest = verdict.rival.removeprefix(f"{name}, ")
+    if verdict.rivals == 1:
+        return f"{name} gains more than its {strongest}: {verdict}"
+    several = f"each of its {verdict.rivals} {controls}"
+    return f"{name} gains more than {several}: {verdict}; the strongest is {strongest}"
+
+
+# -- What a page says: a headline, and a finding about each arm ------------------------------------
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The finding about an arm."""
+
+    arm: str
+    control: bool
+    tone: str  # "pays", "costs" or "open"
+    verdict: str
+    sentences: tuple[str, ...]
+    gain: Interval  # of strong transfer, in return
+
+
+def headline(arms: MeasuredArms) -> str:
+    """Return sentences on which curricula paid, or why there is no verdict."""
+    warning = nothing_learnt(arms)
+    return _paid(arms) + (warning and f" {_sentence(warning)}")
+
+
+def _paid(arms: MeasuredArms) -> str:
+    verdicts = arms.verdicts
+    if arms.withheld:
+        return _sentence(arms.withheld)
+    paid = [name for name, verdict in verdicts.items() if verdict.direction > 0]
+    harmed = [name for name, verdict in verdicts.items() if verdict.direction < 0]
+    undecided = len(verdicts) - len(paid) - len(harmed)
+    if undecided and not paid and not harmed:
+        return "No curriculum is shown to differ from its opponents."
+    counts = [
+        f"{_count(names, len(verdicts))} {verbs[len(names) > 1]}"
+        for names, verbs in (
+            (paid, ("pays for itself", "pay for themselves")),
+            (harmed, ("costs more than it brings", "cost more than they bring")),
+        )
+        if names
+    ]
+    if undecided:
+        counts.append(f"{undecided} show{'s' * (undecided == 1)} no difference")
+    gains = {name: arms.contrasts[name].strong_gain for name in paid or harmed}
+    most = max(gains, key=lambda name: abs(float(gains[name].estimate)))
+    leading = f"{most} most, " * (len(gains) > 1) or f"{most}, " * (len(verdicts) > 1)
+    rival = f"the best opponent, {arms.best_opponent(most)}"
+    if arms.best_opponent(most) == SCRATCH:
+        rival = "learning from scratch"
+    # Why curricula pay, where controls tell: a sentence for each reason.
+    reasons: dict[str, list[str]] = {}
+    for name, reason in arms.reasons.items():
+        if reason.words:
+            reasons.setdefault(reason.words, []).append(name)
+    why = [" " + _sentence(f"{reason}: {', '.join(names)}") for reason, names in reasons.items()]
+    if len(verdicts) == 1:
+        why = [f" It pays {reason}." for reason in reasons]
+    return (
+        f"{_sentence(', '.join(counts), ':')} {leading}{signed(gains[most])} mean return against "
+        f"{rival}, source steps counted, over {counted(arms.seeds, 'seed')}.{''.join(why)}"
+    )
+
+
+def _sentence(text: str, end: str = ".") -> str:
+    return f"{text[0].upper()}{text[1:]}{end}"
+
+
+def _count(names: list[str], all_: int) -> str:
+    if all_ == 1:
+        return "the curriculum"
+    if len(names) == all_ == 2:
+        return "both curricula"
+    return f"all {all_} curricula" if len(names) == all_ else f"{len(names)} of {all_}"
+
+
+def findings(arms: MeasuredArms) -> tuple[Finding, ...]:
+    """Return the finding about each arm that does not learn from scratch, in order."""
+    by_arm = {row["arm"]: row for row in table_rows(arms)}
+    return tuple(_finding(arms, by_arm[name], by_arm) for name in arms.contrasts)
+
+
+def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding:
+    name, rival = row["arm"], by_arm[row["against"]]
+    contrast, sure = arms.contrasts[name], _p("adjusted_p", arms, row).text
+    tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
+    of_p = f" (p\xa0=\xa0{sure})" if sure else ""
+    lines = [
+        f"{signed(contrast.strong_gain)} mean return over all {arms.total:,} steps, its "
+        f"{row['source_steps']:,.0f} source steps counted{of_p}.",
+        f"Over target steps only: {signed(contrast.weak_gain)}.",
+        _reached(arms, row, rival),
+    ]
+    remarks = [cluster_sentence(arms, name), cluster_sentence(arms, rival["arm"])]
+    if name in arms.control_verdicts:
+        remark = _gains_more(name, arms.control_verdicts[name], "controls")
+        remarks.append(remark.removeprefix(f"{name} "))
+    if name in arms.verdicts:
+        remarks.append(not_known([arms.reasons[name]]))
+    lines += map(_sentence, filter(None, (*remarks, row["unlearnt"])))
+    control, gain = arms[name].control, contrast.strong_gain
+    return Finding(name, control, tone, contrast.answer, tuple(lines), gain)
+
+
+def _reached(arms: MeasuredArms, row: Row, rival: Row) -> str:
+    threshold, seeds = rounded(arms.threshold), arms.seeds
+    if not row["reached"] and not rival["reached"]:
+        return f"Neither it nor {rival['arm']} reaches {threshold} in any seed."
+
+    def when(row: Row) -> str:
+        if not row["reached"]:
+            return "in no seed"
+        some = f" in {row['reached']} of {counted(seeds, 'seed')}" if row["reached"] < seeds else ""
+        bound = "at least " if some else ""
+        return f"after {bound}{row['steps_to_threshold']:,.0f} steps on average{some}"
+
+    return f"Reaches {threshold} {when(row)}; {rival['arm']} {when(rival)}."
+
+
+# -- Words on figures ------------------------------------------------------------------------------
+
+
+def gain_columns(arms: MeasuredArms, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the texts beside a figure's gains, heads first: each arm's gain and p-value."""
+    tested = not arms.withheld
+    columns = [("gain" + " [95 %]" * (arms.seeds > 1), "p (Holm)" * tested)]
+    for name in names:
+        if name in arms.scratches:
+            columns.append(("reference" * (name in arms.best_opponents), ""))
+            continue
+        verdict = arms.verdicts.get(name)
+        p = f"{verdict.adjusted_p:.2g}" if tested and verdict is not None else ""
+        columns.append((minus(short(arms.contrasts[name].strong_gain)), p))
+    return list(zip(*columns, strict=True))
+
+
+def caption(arms: MeasuredArms) -> str:
+    """Return the caption of a comparison's figure."""
+    how, sure = "One seed, which allows neither intervals nor tests.", ""
+    if arms.seeds > 1:
+        how = (
+            f"{arms.seeds} seeds; bands and bars are nominal 95 % intervals over seeds, "
+            "Student's for means and Wilson's for shares, pointwise for curves and profiles."
+        )
+        n = len(arms.verdicts)
+        tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
+        sure = f"p values of a sign-flip test of the paired differences, {tests}; filled where "
+        sure = f"; {arms.withheld or f'{sure}p < {SIGNIFICANT:g}'}"
+    controls = any(arm.control for arm in arms.arms.values())
+    return (
+        f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
+        "return; circle, where the first seed begins the target. Middle: final is the mean over "
+        "the last tenth of the checkpoints. Right: the mean return is the mean height of the left "
+        f"curve{sure}.{' Dashed and greyer: controls.' * controls}"
+    )
