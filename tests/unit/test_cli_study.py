@@ -12,7 +12,6 @@ import pytest
 
 from curricle.study import StudyResults, StudyStore, read_study
 from curricle.study.templates import KINDS
-from tests.unit.test_cli import interruptible
 from tests.unit.test_config_sweeps import MAZES
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -208,6 +207,11 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
 def test_a_command_line_that_makes_no_sense(refused, study_file, tmp_path, arguments, fragment):
     refused(2, fragment, "run", study_file, *arguments, "--dry-run")
     assert not list(tmp_path.iterdir())
+
+
+def interruptible():
+    """Make SIGINT interrupt a child, even where the suite itself ignores it (``nohup ... &``)."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")

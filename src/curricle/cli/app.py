@@ -321,22 +321,6 @@ def audit(
 
 
 @app.command()
-def watch(
-    folder: Folder,
-    out: Annotated[Path | None, Option(help="The page; in a temporary folder by default.")] = None,
-) -> None:
-    """Open a study's report, and write it anew while units are stored, until the run is over.
-
-    It only reads the folder, so the study may run anywhere. Ctrl-C ends it, but not the run.
-    """
-    from curricle.cli.progress_bars import watch_results
-    from curricle.study import StudyResults
-
-    StudyResults(folder)  # refused before a page is opened
-    watch_results(folder, out)
-
-
-@app.command()
 def merge(
     out: Annotated[str, Argument(help="Folder or URL of the merged study.", show_default=False)],
     parts: Annotated[list[str], Argument(help="Folders of the parts.", show_default=False)],

@@ -16,8 +16,7 @@ from functools import partial
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
-from secrets import token_hex
-from time import monotonic, sleep
+from time import monotonic
 from typing import Any
 from xml.etree import ElementTree
 
@@ -36,7 +35,6 @@ from curricle.comparison.comparison import Comparison
 from curricle.comparison.plan import numbered_seeds, seed_ranges
 from curricle.errors import SettingError, StoreError, in_words
 from curricle.files import Place, place_at, write_whole
-from curricle.learning.result import GREEDY_RETURN
 from curricle.show.graph import graphs
 from curricle.show.plots import (
     MOST_BANDS,
@@ -52,7 +50,6 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.auditing import Audit
 from curricle.study.record import Analysis, SectionRecord, StudyRecord, TunedRecord
 from curricle.study.results import StudyResults
-from curricle.study.store import ANALYSIS, in_use
 from curricle.study.tuning import Level, effects_of, short
 from curricle.study_file.vary import value_text
 from curricle.text import counted, minus, rounded, visible
@@ -159,6 +156,7 @@ def default_page(place: Place) -> Path:
     return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
 
 
+UPLOT = "vendor/uplot-1.6.32.min.js"
 WIDTHS = {"wide": (8.6, 4.0, 300), "narrow": (3.4, 3.1, 120)}
 """Size of the curves on a desktop and on a phone, in inches, and the checkpoints drawn at most."""
 
@@ -215,7 +213,7 @@ def page_of(study: StudyResults, banner: str = "", audit: Audit | None = None) -
         facts |= {"file": last.file, "started": last.started, "seeds": seed_ranges(study.seeds)}
         facts |= {"commit": last.commit or "none", "Python": last.python, "machine": last.machine}
         facts |= last.versions
-    scripts = ["study.js", "curves.js", *["reload.js"] * bool(banner)]
+    scripts = ["study.js", UPLOT, "curves.js", *["reload.js"] * bool(banner)]
     return render(
         "study.html",
         name=study.record.name,
@@ -329,9 +327,9 @@ def curve_data(
     """Return the data for JSON from which the script of a page draws curves."""
     scale, symlog = panels["strong"].yaxis.get_transform(), None
     if isinstance(scale, SymmetricalLogTransform):
-        symlog = [float(scale.linthresh), float(scale.linscale)]
+        symlog = 10.0 ** math.floor(math.log10(scale.linthresh))  # a round number to print
     low, high = panels["strong"].get_ylim()
-    seen = symlog[0] / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
+    seen = symlog / SEEN_NEAR_ZERO if symlog else (high - low) / SEEN
     digits = max(0, math.ceil(-math.log10(seen)))
     steps, seeds = comparison.scratch.curve.steps, min(comparison.seeds, MOST_SEEDS)
     # The checkpoints of means that are kept, and those of seeds.
@@ -341,39 +339,34 @@ def curve_data(
     most = max(2, MOST_SEED_VALUES // (seeds * len(styles)))
     kept_of_seeds = places(len(steps), min(most, MOST_CHECKPOINTS))
 
-    def row(values: FloatArray) -> Any:
-        """Return the first number, then the difference of each from the number before."""
-        known, differences = ~np.isnan(values), np.full(len(values), None)
-        whole = np.round(values[known] * 10**digits).astype(np.int64)
-        differences[known] = np.diff(whole, prepend=0).tolist()
-        return differences.tolist()
+    def row(values: FloatArray) -> list[float | None]:
+        """Return rounded numbers; None for NaN."""
+        return [None if np.isnan(value) else round(value, digits) for value in values.tolist()]
 
-    def band(name: str, panel: str) -> dict[str, Any]:
+    def band(name: str, panel: str) -> dict[str, list[float | None]]:
+        """Return the bounds and the mean at the kept checkpoints, None before they begin."""
         curve, begin = shown_curve(comparison, name, strong=panel == "strong")
         inside = kept[(kept >= begin) & (kept < begin + len(curve.steps))]
         mean = comparison.interval(curve.filled()[:, inside - begin])
-        return {
-            "first": int(np.searchsorted(kept, begin)),
-            **{end: row(np.asarray(getattr(mean, end))) for end in ("low", "high")},
-            "mean": row(np.asarray(mean.estimate)),
-        }
+        before = np.full(int(np.searchsorted(kept, begin)), np.nan)
+        rows = {"low": mean.low, "high": mean.high, "mean": mean.estimate}
+        return {part: row(np.append(before, values)) for part, values in rows.items()}
 
     return {
         "digits": digits,
-        "unit": GREEDY_RETURN,
         "most_bands": MOST_BANDS,
         "threshold": comparison.threshold,
         "threshold_words": minus(f"{comparison.threshold:.4g}"),
         "random": random_level(comparison),  # the return while sources are trained
         "symlog": symlog,
-        "panels": {k: {"x": [*a.get_xlim()], "y": [*a.get_ylim()]} for k, a in panels.items()},
-        "steps": np.diff(steps[kept], prepend=0).tolist(),
-        "seed_steps": np.diff(steps[kept_of_seeds], prepend=0).tolist(),
+        "heights": [low, high],
+        "steps": steps[kept].tolist(),
+        "seed_steps": steps[kept_of_seeds].tolist(),
         "arms": [
             {
                 "name": name,
                 "colour": style.colour,
-                "dashes": style.svg_dashes,
+                "dashes": [float(dash) for dash in style.svg_dashes.split()],
                 "control": style.control,
                 **{panel: band(name, panel) for panel in panels},
                 "source_steps": comparison[name].curve.source_steps[:seeds].tolist(),
@@ -386,107 +379,46 @@ def curve_data(
 
 # -- while units are stored ------------------------------------------------------------------------
 
-BETWEEN, BETWEEN_AT_URL = 2.0, 10.0  # seconds between two interim reports at least
+BETWEEN = 2.0  # seconds between two interim reports at least
 REST = 10.0  # after an interim report that took t seconds no other is begun for REST * t
-ATTEMPTS = 3  # a file that a listing names may have been merged into another before it is read
-NO_LONGER = "The command that followed the run was ended; the run goes on by itself."
 
 
 class InterimReport:
-    """Writes the report of a folder anew as a run elsewhere stores units, until it is over."""
+    """The report of a run, which that run writes anew as it stores units."""
 
-    def __init__(
-        self,
-        folder: str | Place,
-        line: Callable[[int, int], str],  # how far it is, from the stored units and all units
-        say: Callable[[str], Any],  # told why the page cannot be written, once with the same
-        opened: Callable[[Path], Any],  # called when the page is there
-        path: Path,
-    ):
-        self.folder, self.path, self.over = place_at(folder), path, False
-        self._line, self._say, self._opened = line, say, opened
-        self._between = BETWEEN if isinstance(self.folder, Path) else BETWEEN_AT_URL
-        self._place = token_hex(16)  # of the banner in the page
-        self._page, self._was_running, self._said = "", False, set[str]()
-        self._seen: Any = None
+    def __init__(self, folder: str | Place, path: Path, say: Callable[[str], Any]):
+        self.folder, self.path = place_at(folder), path
+        self._say, self._said = say, set[str]()  # told why the page is old, once with the same
+        self._pause, self._due = BETWEEN, 0.0
 
-    def watch(self) -> None:
-        """Write the page until the run is over; StoreError if the last page cannot be written."""
-        try:
-            pause = self.refresh()
-            while not self.over:
-                sleep(pause)
-                pause = self.refresh()
-        except KeyboardInterrupt:
-            if self._page:
-                self._write(NO_LONGER, 0)
-            raise
-
-    def refresh(self) -> float:
-        """Write the page if something is new; return the least seconds until the next refresh."""
+    def refresh(self, so_far: str, *, over: bool = False) -> None:
+        """Write the page if one is due, with a line on how far the run is; no error stops a run."""
         begun = monotonic()
-        for attempt in range(ATTEMPTS):
-            try:
-                self._read(begun)
-                break
-            except Exception as error:  # whatever it is, the run goes on
-                text = " ".join(in_words(error).split())
-                sentence = f"the page of the run is not up to date. {text}"
-                if attempt == ATTEMPTS - 1 and self.over:
-                    raise StoreError(sentence) from error
-                if attempt == ATTEMPTS - 1 and sentence not in self._said:
-                    self._said.add(sentence)
-                    self._say(sentence)
-        return max(self._between, REST * (monotonic() - begun))
-
-    def _read(self, begun: float) -> None:
-        """Read the folder, and write the page if something is new or the run is over."""
-        study = StudyResults(self.folder)
-        per_unit = study.store.description.get("configuration", {}).get("seeds_per_unit", 1)
-        seeds, keys, kept = study.record.seeds, set(study.record.keys.values()), study.stored
-        # A unit is stored when all its seeds are.
-        missing = {(k, s // per_unit) for k in keys for s in seeds if s not in kept.get(k, {})}
-        units = len(keys) * len({seed // per_unit for seed in seeds})
-        stored_units, running = units - len(missing), in_use(self.folder)
-        self.over = over = self._ended(study, not missing, running)
-        stored = {key: len(done) for key, done in kept.items()}
-        seen = stored, study.record.seeds, study.failed, study.store.has(ANALYSIS), running
-        if seen == self._seen and not over:
+        if begun < self._due and not over:
             return
+        try:
+            self._write(so_far, 0.0 if over else self._pause)
+        except Exception as error:
+            sentence = f"the page of the run is not up to date. {' '.join(in_words(error).split())}"
+            if sentence not in self._said:
+                self._said.add(sentence)
+                self._say(sentence)
+        self._pause = max(BETWEEN, REST * (monotonic() - begun))
+        self._due = monotonic() + self._pause
+
+    def _write(self, so_far: str, seconds: float) -> None:
+        """Write the page, which a browser reads again after some seconds, unless these are 0."""
+        study = StudyResults(self.folder)
         arms = arms_so_far(study)
-        if over and stored_units == units and arms:
-            page = page_of(study)
-        elif arms:
-            part = StudyResults(study.store, study.record.only({*arms, *study.failed}))
-            page = page_of(part, self._place)
-        else:
-            page = render("waiting.html", name=study.record.name, banner=self._place)
-        if over:
-            sentence = f"The run is over: {stored_units:,} of {counted(units, 'unit')} are stored."
-        else:
-            idle = " No process is at work now." * (running is False)
-            sentence = f"{self._line(stored_units, units)}.{idle}"
-        is_first, self._page = not self._page, page
-        remark = _remark(study.record, study.failed, arms)
-        pause = max(self._between, REST * (monotonic() - begun))
-        self._write(f"{sentence} {remark}", 0 if over else pause)
-        self._seen = seen
-        if is_first:
-            self._opened(self.path)
-
-    def _ended(self, study: StudyResults, whole: bool, running: bool | None) -> bool:
-        """Return whether another process's run is over: its lock is gone, or all is stored."""
-        self._was_running |= running is True
-        let_go = self._was_running and running is False
-        done = whole or bool(study.failed and running is False)
-        return let_go or (
-            done and not running and (study.store.has(ANALYSIS) or not study.has_baseline)
-        )
-
-    def _write(self, sentence: str, seconds: float) -> None:
+        sentence = f"{so_far}. {_remark(study.record, study.failed, arms)}"
         time, seconds = f"{datetime.now():%X}", round(seconds, 1)
-        banner = render("banner.html", sentence=sentence, time=time, seconds=seconds)
-        write_page(self._page.replace(self._place, banner), self.path)
+        banner = Markup(render("banner.html", sentence=sentence, time=time, seconds=seconds))
+        if arms:
+            part = StudyResults(study.store, study.record.only({*arms, *study.failed}))
+            page = page_of(part, banner)
+        else:
+            page = render("waiting.html", name=study.record.name, banner=banner)
+        write_page(page, self.path)
 
 
 def arms_so_far(study: StudyResults) -> list[str]:

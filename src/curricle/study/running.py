@@ -113,13 +113,6 @@ class Pace:
         if progress.stored is None:  # units of a study may follow the units of its tuning
             self._begun = self.clock(), 0
 
-    def line_of(self, stored: int, units: int) -> str:
-        """Return the line for the number of units that another process has stored."""
-        if not self.units:
-            self._begun = self.clock(), stored
-        self.stored, self.units = stored, units
-        return self.line()
-
     def line(self) -> str:
         """Return a line on the progress of the run, and the time left at its pace so far."""
         parts = [f"{self.stored:,} of {counted(self.units, 'unit')}"] if self.units else []

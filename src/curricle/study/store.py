@@ -141,21 +141,6 @@ def _lock_of(path: Path) -> FileLock:
     return FileLock(path / LOCK)
 
 
-def in_use(path: Place) -> bool | None:
-    """Return whether a run holds a folder's lock; None if that is unknown, as at a URL."""
-    if not isinstance(path, Path):
-        return None
-    if not (path / LOCK).exists():
-        return False
-    try:
-        with _lock_of(path).acquire(timeout=0):
-            return False
-    except Timeout:
-        return True
-    except OSError:  # the folder is read-only, or its lock is a link
-        return None
-
-
 @contextmanager
 def read_errors(path: Place) -> Iterator[None]:
     """Turn a failure to read into a StoreError."""
