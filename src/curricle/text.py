@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from html import escape
 from itertools import zip_longest
 from textwrap import fill, wrap
 from typing import Any
@@ -18,6 +19,11 @@ LONGEST, LONGEST_VALUE, MOST_ELEMENTS = 900, 60, 5  # of a ``repr``, a value, an
 def counted(n: int, noun: str) -> str:
     """Return a number and its noun, in the singular for 1."""
     return f"{n:,} {noun}{'s' * bool(n != 1)}"
+
+
+def printed(result: Any) -> str:
+    """Return the printed lines of a result as HTML; serves a class as ``_repr_html_``."""
+    return f"<pre>{escape(str(result))}</pre>"
 
 
 def or_dash(value: float, form: str = ".3g") -> str:

@@ -11,7 +11,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[2] / "src" / "curricle"
 LAYERS = [
-    *["errors", "arrays", "checks", "text", "display", "progress", "files"],
+    *["errors", "arrays", "checks", "text", "progress", "files"],
     *["tasks", "statistics", "planning", "pictures"],
     *["learning", "transfer", "certificate"],
     *["interop", "deep", "curriculum", "candidates", "comparison", "study_file", "study"],

@@ -52,7 +52,7 @@ def test_seeds_to_come_withhold_every_verdict():
     assert rows[1]["verdict"] == rows[1]["beats_controls"] == comparison.interim
     assert comparison.reasons["mine"].why == ""
     assert "p =" in whole.text() + repr(whole)
-    assert "p =" not in comparison.text() + repr(comparison) + comparison._repr_html_()
+    assert "p =" not in comparison.text() + repr(comparison)
     assert rows[1]["strong_gain"] == whole.rows()[1]["strong_gain"]
 
 

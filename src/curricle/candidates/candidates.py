@@ -23,13 +23,12 @@ from curricle.candidates.kinds import (
     start_rings,
 )
 from curricle.checks import fit_name, one_of, text, whole_number
-from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import FiniteMDP, generative_model, reachable_states, same_task, tables
 from curricle.tasks.start_states import goal_distance
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr, counted, printed
 from curricle.transfer.bisimulation import model_for_refinement, refined
 from curricle.transfer.mapping import TaskMapping
 

@@ -21,7 +21,6 @@ from curricle.certificate.shaped_task import (
     origin,
 )
 from curricle.checks import number, one_of
-from curricle.display import block, printed, table
 from curricle.errors import CurricleError, SettingError
 from curricle.learning.potential import StatePotential
 from curricle.learning.shaping import Shaping
@@ -37,7 +36,7 @@ from curricle.tasks.mdp import (
     tables,
 )
 from curricle.tasks.spaces import action_name, state_name, values_of
-from curricle.text import brief_repr
+from curricle.text import brief_repr, printed
 from curricle.transfer.bisimulation import numbered_rows
 
 LARGEST_EXACT = 20_000_000
@@ -162,20 +161,7 @@ class Certificate(Frozen):
     def __str__(self) -> str:
         return _as_text([f"{self._verdict()} ({self._limits()})", *self.findings])
 
-    def _repr_html_(self) -> str:
-        answer = {True: "Safe", False: "Not the same", None: "Not decided"}[self.holds]
-        worst = self.counterexample
-        return block(
-            f"Certificate of {self.shaping}: {answer}",
-            self._verdict(),
-            worst is not None
-            and table(
-                [worst.place, "value in the task", "value under shaping"],
-                zip(worst.actions, worst.values, worst.shaped_values, strict=True),
-            ),
-            *self.findings,
-            self._limits(),
-        )
+    _repr_html_ = printed
 
     def _verdict(self) -> str:
         if self.holds:

@@ -33,7 +33,6 @@ from curricle.comparison.sentences import short
 from curricle.comparison.task_differences import differences
 from curricle.comparison.trial import WINDOW, hindrance
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
-from curricle.display import printed
 from curricle.errors import CurricleError, CurriculumError, SettingError, TaskError, in_words
 from curricle.learning.shaping import QInitialisation
 from curricle.learning.stopping import StoppingRule
@@ -43,7 +42,7 @@ from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval, mean_interval
 from curricle.tasks.family import FamilyMember
 from curricle.tasks.mdp import has_tables
-from curricle.text import UNBOUNDED, brief_repr, folded, text_table
+from curricle.text import UNBOUNDED, brief_repr, folded, printed, text_table
 from curricle.transfer.aggregate import minimum
 from curricle.transfer.transfer import Transfer, numbered
 

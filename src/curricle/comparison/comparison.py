@@ -31,15 +31,12 @@ from curricle.comparison.plan import (
 )
 from curricle.comparison.sentences import HEADS, lines_below, printed_rows, table_rows, title
 from curricle.curriculum.curriculum import Curriculum
-from curricle.display import COLOURS, OWN_COLOURS, block, curves, table
 from curricle.errors import CurriculumError, SettingError, in_words
-from curricle.learning.result import GREEDY_RETURN
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import SCRATCH
-from curricle.statistics.intervals import seed_line
-from curricle.text import UNBOUNDED, counted, folded, shortened, text_table
+from curricle.text import UNBOUNDED, counted, folded, printed, shortened, text_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,40 +99,7 @@ class Comparison(MeasuredArms):
             f"{counted(self.seeds, 'seed')}; {'; '.join(verdicts)})"
         )
 
-    def _repr_html_(self) -> str:
-        """Return the charged curves, the table, and sentences below it."""
-        return block(
-            title(self),
-            curves(_lines(self), "target and source steps", GREEDY_RETURN),
-            table(HEADS, printed_rows(self), wide=[HEADS[-1]]),
-            *self._below,
-        )
-
-
-def _lines(comparison: Comparison) -> list[Any]:
-    """Return the charged curve of each arm; a control has the colour of its curriculum, dashed."""
-    curricula = list(comparison.controls)
-    lines = []
-    for name in comparison.drawn:
-        arm, colour = comparison[name], "currentColor"
-        if not arm.scratch and name != SCRATCH:
-            number = curricula.index(arm.curriculum or name)
-            colour = COLOURS[OWN_COLOURS[number % len(OWN_COLOURS)]]
-        curve = arm.charged(comparison.scratch)
-        lines.append(
-            seed_line(
-                name,
-                curve.steps,
-                curve.filled(),
-                colour,
-                dashed=arm.control or (arm.scratch and name != SCRATCH),
-                within=comparison.within,
-            )
-        )
-    return lines
-
-
-# -- Comparing arms -------------------------------------------------------------------------------
+    _repr_html_ = printed
 
 
 def compare(

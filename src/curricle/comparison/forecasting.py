@@ -29,7 +29,6 @@ from curricle.curriculum.curriculum import Curriculum, Node
 from curricle.curriculum.result import Learnt, SourceValues
 from curricle.deep.learning import policy_return
 from curricle.deep.miniature import Miniatures
-from curricle.display import block, printed, table
 from curricle.errors import CurricleError, CurriculumError, in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.planning.greedy import Values, VisitedValues
@@ -43,9 +42,9 @@ from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import is_observation_task, made_by
-from curricle.text import brief_repr, counted, folded, shortened, text_table
+from curricle.text import brief_repr, counted, folded, printed, shortened, text_table
 from curricle.transfer.aggregate import Aggregate
-from curricle.transfer.mapping import Coverage, coverage_table
+from curricle.transfer.mapping import Coverage
 from curricle.transfer.rollouts import ObservationTarget, potential_return, target_of
 from curricle.transfer.transfer import FOUND, transfer_names
 
@@ -342,13 +341,7 @@ class Forecast:
         names = ", ".join(row.name for row in self.rows)
         return shortened(f"Forecast({self.target!r}: {self.answer}; potentials: {names})")
 
-    def _repr_html_(self) -> str:
-        """Return the sentences, the table and coverage."""
-        gains = table(["potential", "gain"], self._cells) if self.trial else ""
-        of_used = "* the one that the curriculum uses" if self.trial else ""
-        return block(
-            *self._sentences, gains, of_used, self.coverage and coverage_table(self.coverage)
-        )
+    _repr_html_ = printed
 
     @property
     def _cells(self) -> list[tuple[str, str]]:

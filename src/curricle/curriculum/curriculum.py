@@ -14,7 +14,6 @@ from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.learner import DeepLearner, WeightTransfer, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
-from curricle.display import block, table
 from curricle.errors import CurriculumError, SettingError
 from curricle.files import Place, file_name, place_at
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
@@ -41,13 +40,13 @@ from curricle.planning.policy_evaluation import GreedyEvaluation, RolloutEvaluat
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.mdp import Task, generative_model, same_task
 from curricle.tasks.observation_task import is_observation_task
-from curricle.text import brief_repr, brief_value, counted, shortened
+from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.aggregate import Aggregate, mean
 from curricle.transfer.mapping import TableValues, ValueSource
 from curricle.transfer.potential import AnyPotential, ObservationPotential, combined_potential
 from curricle.transfer.rollouts import target_of
 from curricle.transfer.search import with_mapping
-from curricle.transfer.transfer import Transfer, transfer_words
+from curricle.transfer.transfer import Transfer
 
 SETTINGS: dict[str, Any] = {
     "aggregate": mean,
@@ -476,26 +475,6 @@ class Curriculum:
         distilled, freq = isinstance(self.tasks[name], Miniatures), settings["eval_freq"]
         settings["eval_freq"] = 1 if distilled else spacing(freq, settings["budget"])
         return Node(name, self.tasks[name], **settings)
-
-    def _repr_html_(self) -> str:
-        tasks = [
-            (
-                node.name,
-                brief_value(node.task)
-                if node.deep
-                else ", ".join([type(node.task).__name__, *node.sizes]),
-                type(node.learner).__name__,
-                node.budget_text,
-            )
-            for node in map(self.node, self.order)
-        ]
-        transfers = [(edge.source, edge.target, transfer_words(edge)) for edge in self.transfers]
-        head = ["source", "target", "how"]
-        return block(
-            f"Curriculum: {counted(len(tasks), 'task')}, {counted(len(transfers), 'transfer')}",
-            table(["task", "", "learner", "budget"], tasks, wide=["budget"]),
-            transfers and table(head, transfers, wide=["how"]),
-        )
 
     def replace(self, name: str, **settings: Any) -> "Curriculum":
         """Return the curriculum with other settings, such as ``budget=``, for one task.

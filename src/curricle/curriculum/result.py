@@ -12,16 +12,13 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, IntArray, frozen
 from curricle.checks import one_of
 from curricle.deep.learning import DeepResult
-from curricle.display import beside, block
-from curricle.errors import CurricleError, CurriculumError, SettingError
+from curricle.errors import CurriculumError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.result import (
     LearningResult,
     arrays_of,
     curve_columns,
     data_frame,
-    learnt_curve,
-    learnt_table,
 )
 from curricle.learning.stopping import Decisions
 from curricle.learning.tabular_policy import (
@@ -118,25 +115,6 @@ class CurriculumResult:
         listed = ", ".join(f"{name} {value:.4g}" for name, value in last.items())
         returns = f"last greedy returns: {listed}" if last else "nothing was trained"
         return shortened(f"CurriculumResult({counted(seeds, 'seed')}; {returns})")
-
-    def _repr_html_(self) -> str:
-        shown = [*self.nodes.items()][-MOST_CURVES:]
-        before = [name for name in self.given if name not in self.nodes]
-        return block(
-            f"Training of {' -> '.join(self.curriculum.order)}",
-            beside({name: learnt_curve(node) for name, node in shown}),
-            learnt_table(self.nodes, {name: self._ended(name) for name in self.nodes}),
-            before and f"learnt before: {', '.join(before)}",
-        )
-
-    def _ended(self, name: str) -> str:
-        """Return a sentence on how a rule ended a task's training; empty without a rule."""
-        if name not in self.curriculum.tasks:
-            return ""
-        try:
-            return self.decisions(name).in_words
-        except CurricleError:  # the rule's decisions cannot be recomputed
-            return ""
 
     def __getitem__(self, name: str) -> LearningResult:
         one_of("a task", name, self.nodes, CurriculumError)

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
-from curricle.display import pictured
 from curricle.errors import SettingError, TaskError
 from curricle.files import read_saved, write_saved
 from curricle.learning.tabular_policy import as_saved
@@ -387,8 +386,6 @@ class TabulatedTask(Frozen):
                 f"{self.record.environment} are of saved states"
             )
         return self.observations
-
-    _repr_html_ = pictured
 
     def __repr__(self) -> str:
         record, kinds = self.record, list[str]()

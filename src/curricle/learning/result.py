@@ -9,10 +9,8 @@ from typing import Annotated, Any, NamedTuple, Self, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, FloatTable, Frozen, IntArray, frozen
-from curricle.display import Line, block, curves, table
 from curricle.errors import CurricleError, SettingError
 from curricle.files import SavedFile, read_saved, write_saved
 from curricle.learning.learners import (
@@ -38,7 +36,7 @@ from curricle.learning.tabular_policy import (
 )
 from curricle.pictures.episode import Episode
 from curricle.planning.policy_evaluation import possible_returns
-from curricle.statistics.intervals import extremes, mean_interval, seed_line
+from curricle.statistics.intervals import extremes
 from curricle.tasks.mdp import Task, generative_model
 from curricle.text import counted
 
@@ -253,10 +251,6 @@ class LearningResult(Frozen):
             f"{counted(int(self.steps_used.mean()), 'step')} and "
             f"{counted(int(self.episodes_used.mean()), 'episode')} a seed{evaluated})"
         )
-
-    def _repr_html_(self) -> str:
-        name = "" if self.task is None else type(self.task).__name__
-        return block(type(self).__name__, learnt_curve(self), learnt_table({name: self}, {}))
 
 
 FIELDS: dict[str, ResultField] = {
@@ -479,26 +473,6 @@ def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
     return frame
 
 
-# -- as a table ------------------------------------------------------------------------------------
-
-
-def learnt_table(results: Mapping[str, Any], ended: Mapping[str, str]) -> Markup:
-    """Return a row for each task's LearningResult, with the criterion that ended its learning."""
-    rows = []
-    for name, result in results.items():
-        learner = "" if result.learner is None else type(result.learner).__name__
-        steps, episodes = f"{result.steps_used.mean():,.0f}", f"{result.episodes_used.mean():,.0f}"
-        curve, ends = result.greedy_return, ends_of(result)
-        means = [mean_interval(curve[:, i]).within(ends) for i in (0, -1)]
-        first, last = (str(mean).rsplit(",", 1)[0] for mean in means)
-        seeds = len(result.seeds)
-        rows.append((name, learner, seeds, steps, episodes, first, last, ended.get(name, "")))
-    last_column = ["ended by"] * any(ended.values())
-    shown = [row if last_column else row[:-1] for row in rows]
-    head = ["task", "learner", "seeds", "steps a seed", "episodes a seed"]
-    return table([*head, "first return", "last return", *last_column], shown, wide=last_column)
-
-
 GREEDY_RETURN = "mean return of greedy episodes"
 """On axes; a return has the unit of the task's rewards."""
 
@@ -518,15 +492,3 @@ def ends_of(result: Any) -> tuple[float, float]:
         known.append(possible_returns(result.task, generative_model(result.task).discount))
     ends = [end for pair in known if pair is not None for end in pair]
     return (min(ends), max(ends)) if None not in known else extremes([shown_returns(result)[1]])
-
-
-def shown_line(name: str, result: Any) -> tuple[str, Line]:
-    """Return what :func:`shown_returns` are, and their curve over steps, mean over seeds."""
-    named, values = shown_returns(result)
-    return named, seed_line(name, result.steps, values, within=ends_of(result))
-
-
-def learnt_curve(result: Any) -> Markup:
-    """Return the curve of :func:`shown_returns` over steps, mean over seeds."""
-    named, line = shown_line("", result)
-    return curves([line], "steps", named)

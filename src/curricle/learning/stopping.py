@@ -12,7 +12,6 @@ from numba.extending import register_jitable
 
 from curricle.arrays import FloatArray
 from curricle.checks import number, whole_number
-from curricle.display import block, table
 from curricle.errors import SettingError
 from curricle.planning.policy_evaluation import BATCHES, GreedyEvaluation, Target
 from curricle.tasks.kernel import INLINED, compiled_as
@@ -366,13 +365,6 @@ class Decisions(list[list[Decision]]):
     def __repr__(self) -> str:
         ends = self.in_words or "no stopping rule"
         return f"Decisions({counted(len(self), 'seed')}: {ends})"
-
-    def _repr_html_(self) -> str:
-        of_seeds = zip(self.seeds, self, strict=True)
-        last = [(seed, decisions[-1]) for seed, decisions in of_seeds if decisions]
-        rows = [(seed, f"{decision.step:,}", str(decision)) for seed, decision in last]
-        head = ["seed", "step", "last decision"]
-        return block(repr(self), rows and table(head, rows, wide=head[-1:]))
 
 
 # -- budgets ---------------------------------------------------------------------------------------

@@ -19,7 +19,6 @@ from markupsafe import Markup
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from curricle.arrays import IntArray, frozen
-from curricle.display import COLOURS, block
 from curricle.pictures.layout import layout_of
 from curricle.pictures.views import GridView, marker_letters, stacked
 from curricle.tasks.domain import MOVES
@@ -32,6 +31,17 @@ from curricle.tasks.spaces import Space, parts_of
 from curricle.tasks.start_states import TaskWithStart
 from curricle.text import counted
 
+COLOURS = {
+    "black": "#000000",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "green": "#009E73",
+    "blue": "#0072B2",
+    "vermillion": "#D55E00",
+    "purple": "#CC79A7",
+    "grey": "#777777",
+}
+"""The palette of Okabe and Ito, which colour-blind readers can tell apart."""
 FINER = 4  # figures are drawn this many times larger and then reduced, which smooths their edges
 FLOOR, DARK, INK, WHITE = "#f7f5f0", "#4d5366", "#22242c", "#ffffff"
 MIDDLE = (0.5, 0.57)  # of a number that is written over a figure
@@ -318,10 +328,13 @@ def in_a_notebook(task: Any) -> str | None:
     content, image = io.BytesIO(), Image.fromarray(scene.image(state))
     image.save(content, "PNG")
     sizes = f"{generative.states.size:,} states, {counted(generative.actions.size, 'action')}"
-    drawn = '<img alt="{}" style="max-width:100%;width:{}px" src="data:image/png;base64,{}">'
-    code = b64encode(content.getvalue()).decode()
-    alt, width = scene.text(state), min(image.width, SHOWN)
-    return block(f"{type(task).__name__}: {sizes}", Markup(drawn).format(alt, width, code))
+    drawn = (
+        "<div>{}: {}</div>"
+        '<img alt="{}" style="max-width:100%;width:{}px" src="data:image/png;base64,{}">'
+    )
+    code, width = b64encode(content.getvalue()).decode(), min(image.width, SHOWN)
+    alt = scene.text(state)
+    return str(Markup(drawn).format(type(task).__name__, sizes, alt, width, code))
 
 
 def scene_of_view(view: GridView) -> GridScene:

@@ -24,7 +24,7 @@ from curricle.comparison.comparison import Comparison
 from curricle.curriculum.result import MOST_CURVES, CurriculumResult
 from curricle.errors import SettingError
 from curricle.files import write_whole
-from curricle.learning.result import GREEDY_RETURN, LearningResult, shown_line
+from curricle.learning.result import GREEDY_RETURN, LearningResult, ends_of, shown_returns
 from curricle.pictures.views import At, GridView, stacked
 from curricle.show.style import (
     COLOURS,
@@ -246,9 +246,10 @@ def draw_results(results: Mapping[str, LearningResult]) -> Figure:
     shown = [*results.items()][-MOST_CURVES:]
     figure, grid = new_figure(1, len(shown), width=1 + 4.2 * len(shown), height=3.4)
     for axes, (name, result) in zip(grid[0], shown, strict=True):
-        named, line = shown_line(name, result)
-        axes.plot(line.steps, line.values, color=COLOURS["blue"], lw=1.5)
-        axes.fill_between(line.steps, line.low, line.high, color=COLOURS["blue"], alpha=0.2, lw=0)
+        named, values = shown_returns(result)
+        band, shade = mean_interval(values).within(ends_of(result)), COLOURS["blue"]
+        axes.plot(result.steps, band.estimate, color=shade, lw=1.5)
+        axes.fill_between(result.steps, band.low, band.high, color=shade, alpha=0.2, lw=0)
         axes.set_title(name)
         steps_scale(axes, int(result.steps[-1]))
         drawn = axes.dataLim

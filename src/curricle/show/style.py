@@ -16,11 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from curricle.comparison.comparison import Comparison
-from curricle.display import COLOURS as PALETTE, OWN_COLOURS
+from curricle.pictures.scenes import COLOURS as PALETTE
 from curricle.text import minus
 
 COLOURS = PALETTE
 """The palette of Okabe and Ito, which colour-blind readers can tell apart: name -> colour."""
+OWN_COLOURS = ("blue", "vermillion", "green", "orange", "purple", "sky")  # of curricula
 STYLE: Any = {
     "font.size": 9,
     "axes.titlesize": 9.5,

@@ -32,7 +32,6 @@ from curricle.comparison.controls import Control
 from curricle.comparison.forecasting import forecast as forecast_curriculum
 from curricle.comparison.opponents import OPPONENTS, Opponent, from_scratch, scratch_curricula
 from curricle.curriculum.curriculum import DEFAULT_STEPS, Curriculum
-from curricle.display import printed
 from curricle.errors import ConfigError, CurricleError, SettingError
 from curricle.files import results_folder
 from curricle.learning.stopping import limits, spacing
@@ -79,7 +78,7 @@ from curricle.study_file.vary import (
     wrong_sweep,
     wrong_tuning,
 )
-from curricle.text import counted, shortened
+from curricle.text import counted, printed, shortened
 from curricle.transfer.by_components import member_mappings
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms

@@ -19,7 +19,6 @@ from curricle.comparison.task_differences import summary_differences
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues, source_values, sources_read
 from curricle.deep.learning import policies_of
-from curricle.display import block
 from curricle.errors import (
     CurricleError,
     CurriculumError,
@@ -182,15 +181,6 @@ class StudyResults:
 
     def __repr__(self) -> str:
         return shortened(f"StudyResults({self.record.name!r}, {self._so_far()})")
-
-    def _repr_html_(self) -> str:
-        """Return the comparison of the arms, or why there is none yet, and the failures."""
-        title = f"Study {self.record.name!r}: {self._so_far()}"
-        try:
-            return block(title) + self.comparison._repr_html_()  # which names failed arms itself
-        except CurricleError as error:
-            failed = [f"arm {arm} failed: {error}" for arm, error in self.failed.items()]
-            return block(title, str(error), *failed)
 
     def _so_far(self) -> str:
         arms, whole = counted(len(self.record.arms), "arm"), counted(len(self.record.seeds), "seed")

@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, Frozen, IntArray, frozen
 from curricle.checks import indices
-from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
 from curricle.tasks.layout import Cell, GridLayout
@@ -40,8 +39,6 @@ class Domain(Frozen):
     states: Any
     discount: float
     time_limit: int | None
-
-    _repr_html_ = pictured
 
     def __post_init__(self) -> None:
         domain: Any = type(self)

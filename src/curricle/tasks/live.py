@@ -14,7 +14,6 @@ from numba.core import cgutils
 
 from curricle.arrays import BoolArray, FloatTable
 from curricle.checks import brief, instance
-from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.kernel import inlined, lowered, splitmix64
 from curricle.tasks.mdp import number_of
@@ -183,8 +182,6 @@ class LiveMDP:
     discount: float = 0.99
     time_limit: int | None = 200
     action_masks: bool = False
-
-    _repr_html_ = pictured
 
     def __post_init__(self) -> None:
         instance("action_masks", self.action_masks, bool, TaskError)

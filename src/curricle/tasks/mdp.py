@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted, frozen
 from curricle.checks import brief, indices, instance, numbers
-from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.models import (
     LARGEST_REWARD,
@@ -96,8 +95,6 @@ class FiniteMDP(Frozen):
     discount: float
     time_limit: int | None = None
     available: BoolArray | None = None
-
-    _repr_html_ = pictured
 
     def __post_init__(self) -> None:
         instance("states", self.states, Space, TaskError)

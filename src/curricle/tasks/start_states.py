@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
-from curricle.display import pictured
 from curricle.errors import TaskError
 from curricle.tasks.mdp import FiniteMDP, reachable_states, rows_in_use, steps_to, tables
 from curricle.tasks.spaces import MISSING, Space
@@ -60,8 +59,6 @@ class TaskWithStart(Frozen):
 
     task: Any
     start: FloatArray  # (S,) the probability of starting in each state
-
-    _repr_html_ = pictured
 
     def __post_init__(self) -> None:
         numbers("start", self.start, TaskError)

@@ -5,7 +5,7 @@ A mapping maps batches: numbers of states by an index array, observations by fun
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
@@ -13,11 +13,9 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector.utils import batch_space, iterate
-from markupsafe import Markup
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, frozen
 from curricle.checks import brief, instance, number, numbers
-from curricle.display import block, printed, table
 from curricle.errors import MappingError, PotentialError
 from curricle.tasks.mdp import (
     Task,
@@ -34,7 +32,7 @@ from curricle.tasks.observation_task import (
     shapes_of,
 )
 from curricle.tasks.spaces import MISSING, Decoded
-from curricle.text import brief_repr, counted
+from curricle.text import brief_repr, counted, printed
 
 PairFunction = Callable[[Decoded, Decoded], tuple[Decoded, Decoded]]
 
@@ -192,9 +190,6 @@ class TaskMapping(ABC):
         """Whether the pairs of both tasks are numbered and few enough to count."""
         return False
 
-    def _repr_html_(self) -> str:
-        return block(repr(self))
-
 
 class PairMapping(Frozen, TaskMapping):
     """A mapping of target pairs (s, a) to source pairs: each reads the pair of its `index`."""
@@ -257,9 +252,6 @@ class PairMapping(Frozen, TaskMapping):
     def mapped_states(self) -> BoolArray:
         """Return which target states have at least one mapped pair, (S,) bool."""
         return np.asarray((self.index >= 0).any(axis=1))
-
-    def _repr_html_(self) -> str:
-        return block(repr(self), self.countable and coverage_table({"": self.coverage()}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -807,15 +799,3 @@ class Coverage:
         if math.isnan(self.outside):
             return text
         return f"{text}; {self.outside:.1%} of the counterparts outside the source's space"
-
-
-def coverage_table(covers: Mapping[str, Coverage]) -> Markup:
-    """Return a table of coverages by name."""
-    rows, counts = [], "pairs"
-    for name, cover in covers.items():
-        shares = (f"{share:.1%}" for share in (cover.mapped, cover.ended, cover.unmapped))
-        rows.append((name, cover.size, *shares))
-        counts = "observations" if cover.source_pairs is None else "pairs"
-    head = ["mapping", counts, "mapped", "at the source's end", "unmapped"]
-    named = int(not any(covers))  # the column of names is left out if all are empty
-    return table(head[named:], [row[named:] for row in rows])

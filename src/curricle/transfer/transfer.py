@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from curricle.arrays import FloatArray
 from curricle.checks import number
-from curricle.display import block
 from curricle.errors import CurriculumError
 from curricle.learning.potential import LARGEST_POTENTIAL
 from curricle.text import brief_repr
@@ -54,10 +53,6 @@ class Transfer:
     shift: float = 0.0
 
     __repr__ = brief_repr
-
-    def _repr_html_(self) -> str:
-        title = f"{self.source} -> {self.target}, scale {self.scale:g}, shift {self.shift:g}"
-        return block(title) + ("" if self.mapping is None else self.mapping._repr_html_())
 
     def __post_init__(self) -> None:
         edge = f"{self.source} -> {self.target}"

@@ -11,7 +11,7 @@ from matplotlib.collections import FillBetweenPolyCollection, LineCollection
 from matplotlib.figure import Figure
 
 import curricle as cr
-from curricle.comparison.comparison import Comparison, _lines
+from curricle.comparison.comparison import Comparison
 from curricle.comparison.measures import Arm, Reference
 from curricle.errors import SettingError, TaskError
 from curricle.learning.result import ends_of
@@ -147,8 +147,6 @@ def test_bands_stay_within_possible_returns():
         mean = compared.mean_return("a")
         assert (mean.low, mean.high) == ends
         assert mean.estimate == pytest.approx(1 / 3)
-        for line in _lines(compared):
-            assert (line.low.min(), line.high.max()) == ends
 
 
 def test_discounted_returns_of_a_tabulated_task_are_possible():

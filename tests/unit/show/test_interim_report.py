@@ -27,6 +27,11 @@ class Followed:
         self.said = []
         self.report = InterimReport(self.folder, self.path, self.said.append)
 
+    def refresh(self, so_far, **how):
+        """Write the page now, however long the last one took."""
+        self.report._due = 0.0
+        self.report.refresh(so_far, **how)
+
     def store(self, arm, *tasks):
         """Store the units of some tasks of an arm."""
         for task in tasks:
@@ -49,29 +54,22 @@ def live(finished, tmp_path):
     return Followed(finished, tmp_path)
 
 
-@pytest.fixture
-def hasty(monkeypatch):
-    monkeypatch.setattr(module, "BETWEEN", 0.0)
-    monkeypatch.setattr(module, "REST", 0.0)
-
-
-@pytest.mark.usefixtures("hasty")
 def test_the_page_follows_the_folder(live):
-    live.report.refresh("0 of 16 units")
+    live.refresh("0 of 16 units")
     text, seconds = live.banner
     assert re.match(r"Interim report, written at [\d:]+( [AP]M)?\. 0 of 16 units\.", text)
     assert "begins when scratch and another arm have finished a seed" in text
     assert seconds == 2
     live.store("scratch", "maze")
-    live.report.refresh("2 of 16 units")
+    live.refresh("2 of 16 units")
     assert "2 of 16 units. The report begins" in live.banner[0]
     live.store("chain", "corner", "easy", "maze")
-    live.report.refresh("8 of 16 units")
+    live.refresh("8 of 16 units")
     assert re.search(
         "8 of 16 units.* is of scratch, chain; to come: state, .*. There", live.banner[0]
     )
     assert re.search(r">\s*chain\s*<.*reload|reload.*>\s*chain\s*<", live.page, re.DOTALL)
-    live.report.refresh("The run is over: 8 of 16 units", over=True)
+    live.refresh("The run is over: 8 of 16 units", over=True)
     text, seconds = live.banner
     assert (text.startswith("Part of a report"), seconds) == (True, 0)
 
@@ -90,23 +88,22 @@ def test_a_page_that_took_long_is_not_written_for_long(live, monkeypatch):
     assert len(written) == 3
 
 
-@pytest.mark.usefixtures("hasty")
 def test_an_error_is_said_once_and_the_last_page_stays(live, monkeypatch):
-    live.report.refresh("0 of 16 units")
+    live.refresh("0 of 16 units")
     page = live.page
     with monkeypatch.context() as broken:
         broken.setattr(module, "arms_so_far", lambda _: {}["a\nkey"])
-        live.report.refresh("1 of 16 units")
-        live.report.refresh("1 of 16 units")
+        live.refresh("1 of 16 units")
+        live.refresh("1 of 16 units")
     assert live.said == [r"the page of the run is not up to date. KeyError: 'a\nkey'"]
     assert live.page == page
-    live.report.refresh("2 of 16 units")
+    live.refresh("2 of 16 units")
     assert "2 of 16" in live.banner[0]
 
 
 def test_a_page_that_cannot_be_written_is_told(live):
     live.path.mkdir()
-    live.report.refresh("0 of 16 units")
+    live.refresh("0 of 16 units")
     (complaint,) = live.said
     assert "cannot be written" in complaint
 
@@ -116,7 +113,7 @@ def test_a_study_without_scratch_has_no_report(live):
         f'[{{"key": "{live.keys["scratch", "maze"]}", "seeds": [0], "error": "lost"}}]'
     )
     live.store("chain", "corner")
-    live.report.refresh("2 of 16 units")
+    live.refresh("2 of 16 units")
     assert "There is no report: " in live.banner[0]
 
 
@@ -126,7 +123,7 @@ def test_a_study_whose_curricula_have_all_failed_has_no_report(live):
     failures = [{"key": live.keys[name, "maze"], "seeds": [0], "error": "lost"} for name in names]
     (live.folder / "failures.json").write_text(json.dumps(failures))
     live.store("scratch", "maze")
-    live.report.refresh("2 of 16 units")
+    live.refresh("2 of 16 units")
     assert f"There is no report: {listed(names)} failed. curricle show says" in live.banner[0]
 
 

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
+from IPython.core.formatters import HTMLFormatter
 from PIL import Image
 
 import curricle as cr
@@ -16,7 +17,16 @@ from curricle import Pursuit, tasks
 from curricle.errors import SettingError
 from curricle.interop.gymnasium import to_gymnasium
 from curricle.pictures.layout import layout_of
-from curricle.pictures.scenes import AGENT, FIGURES, PREY, painted, predator, scene_of
+from curricle.pictures.notebook import register_with
+from curricle.pictures.scenes import (
+    AGENT,
+    FIGURES,
+    PREY,
+    in_a_notebook,
+    painted,
+    predator,
+    scene_of,
+)
 from curricle.pictures.views import GridView
 from tests.unit.interop.environments import TASKS, WALLED
 
@@ -157,15 +167,17 @@ def test_ends_are_read_off_tables_and_keys_off_names():
 
 @pytest.mark.parametrize("task", [*GRIDS.values(), LIVE, cr.Pursuit(3, 2)], ids=repr)
 def test_a_grid_task_is_a_picture_in_a_notebook(task):
-    html = task._repr_html_()
+    formatter = HTMLFormatter()
+    register_with(formatter)
+    html = formatter(task)
     content = base64.b64decode(re.search('base64,([^"]+)"', html)[1])
     with Image.open(io.BytesIO(content)) as picture:
         assert picture.format == "PNG"
         assert np.ptp(np.asarray(picture), axis=(0, 1)).max() > 100
-    assert html == task._repr_html_()
+    assert html == formatter(task)
     assert "http" not in html
 
 
 def test_a_task_without_a_grid_is_printed_in_a_notebook():
     numbered = cr.FiniteMDP.from_outcomes([[[(1.0, 0, 0.0, False)]]], start=0, discount=0.9)
-    assert numbered._repr_html_() is None
+    assert in_a_notebook(numbered) is None
