@@ -73,24 +73,15 @@ class Comparison(MeasuredArms):
 
     def text(self, width: int = UNBOUNDED) -> str:
         """Return the table and the sentences below it, in lines of at most `width` characters."""
-        return "\n".join(
-            [
-                folded(title(self), width),
-                *text_table(HEADS, printed_rows(self), width, prose=True),
-                *(folded(line, width) for line in self._below),
-            ]
-        )
+        failed = (f"{name} failed: {in_words(error)}" for name, error in self.failed.items())
+        lines = [folded(line, width) for line in (title(self), *self.sentences, *failed)]
+        lines[1:1] = text_table(HEADS, printed_rows(self), width, prose=True)
+        return "\n".join(lines)
 
     @property
     def sentences(self) -> list[str]:
         """Sentences on what was not learnt, other opponents, controls and clusters of seeds."""
         return lines_below(self)
-
-    @property
-    def _below(self) -> list[str]:
-        """The sentences below the table, and the errors of arms that failed."""
-        failed = (f"{name} failed: {in_words(error)}" for name, error in self.failed.items())
-        return [*self.sentences, *failed]
 
     def __repr__(self) -> str:
         verdicts = [f"{name}: {answer.against_scratch}" for name, answer in self.verdicts.items()]
@@ -100,6 +91,9 @@ class Comparison(MeasuredArms):
         )
 
     _repr_html_ = printed
+
+
+# -- Comparing arms -------------------------------------------------------------------------------
 
 
 def compare(
@@ -216,8 +210,7 @@ def comparison_plan(
     for name, arm in arms.items():
         check_fit(controls, name, arm)
     scratches = {SCRATCH: from_scratch(first), **scratch_curricula(scratch, first)}
-    how: Any = {"controls": controls, "opponents": opponents}
-    return Plan.made(arms, scratches, memory.keys_of, **how)
+    return Plan.made(arms, scratches, memory.keys_of, controls=controls, opponents=opponents)
 
 
 def checkpoints(plan: Plan) -> int:
@@ -266,7 +259,9 @@ def trained_comparison(
     return Comparison(plan.target, arms, *plan.steps, reference, window, failed)
 
 
-def _arm(planned: PlannedArm, results: Mapping[str, Trained], plan: Plan, seeds: Any) -> Arm:
+def _arm(
+    planned: PlannedArm, results: Mapping[str, Trained], plan: Plan, seeds: Sequence[int]
+) -> Arm:
     """Return the arm that the results of its tasks make, with its seeds in the caller's order."""
     last, curriculum = results[plan.target], planned.curriculum
     return Arm.of(

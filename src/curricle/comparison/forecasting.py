@@ -485,21 +485,31 @@ def forecast(
     learnt, start, played = dict[str, Any](), None, None
     with shown(progress) as bars:
         before = curriculum.ancestors(name)
-        how: Any = {"workers": workers, "progress": bars.within()}
-        sources = curriculum.train(numbers, only=before, trained=trained, **how).sources
+        inner = bars.within()
+        sources = curriculum.train(
+            numbers, only=before, trained=trained, workers=workers, progress=inner
+        ).sources
         if is_observation_task(task) or is_live(task):
             start = _start(curriculum, name, sources, any_target, reads_values=reads_values)
         if tried:
             reference = Reference.of(any_target, threshold)
-            against: Any = {"opponents": opponents, "scratch": scratch, "memory": memory}
             try:
-                played = run_trial(tried, seeds=trial_seeds, reference=reference, **against, **how)
+                played = run_trial(
+                    tried,
+                    opponents=opponents,
+                    scratch=scratch,
+                    seeds=trial_seeds,
+                    reference=reference,
+                    memory=memory,
+                    workers=workers,
+                    progress=inner,
+                )
                 bars.tell("trial")
             except CurricleError as error:  # the sources can be examined without the trial
                 if trial is not None:
                     raise
                 no_trial = f"it failed: {error}"
-        learnt |= source_learning(curriculum, sources, **how)
+        learnt |= source_learning(curriculum, sources, workers=workers, progress=inner)
         learnt |= distilled_sources(curriculum.tasks, sources)
         for source in learnt:
             bars.tell(source)

@@ -158,9 +158,11 @@ class Arm:
         *,
         unlearnt: Mapping[str, BoolArray],
         initial_values: FloatArray | None,
-        **kind: Any,
+        scratch: bool = False,
+        curriculum: str = "",
+        knows_target: bool = False,
     ) -> Self:
-        """Return the arm of some of a learning result's seeds; `kind` holds its other fields.
+        """Return the arm of some of a learning result's seeds.
 
         `steps` are the total and those between checkpoints. Seed k learns for total - spent_k
         steps, after which its last value is repeated.
@@ -178,7 +180,9 @@ class Arm:
             Curve(at, greedy, spent[rows]),
             initial_values=None if initial_values is None else initial_values[rows],
             unlearnt={source: of_seeds[rows] for source, of_seeds in unlearnt.items()},
-            **kind,
+            scratch=scratch,
+            curriculum=curriculum,
+            knows_target=knows_target,
         )
 
     @property

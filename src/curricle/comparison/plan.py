@@ -48,11 +48,11 @@ class Unit:
 
     # Units with equal keys have equal results for equal seeds. In a study the key is a hash of
     # `dependencies`.
-    key: Any
+    key: str
     arm: str  # the first arm that needs the unit
     task: str
     seeds: tuple[int, ...]  # ascending
-    sources: Mapping[str, Any] = field(hash=False)  # task trained for these seeds before -> its key
+    sources: Mapping[str, str] = field(hash=False)  # task trained for these seeds before -> its key
     dependencies: Dependencies = field(hash=False, repr=False)  # what the key hashes
     snapshots: int  # number of value tables of the first seed to keep during training
 
@@ -82,7 +82,7 @@ class PlannedArm:
     """An arm that is to be trained."""
 
     curriculum: Curriculum  # its target's budget is the plan's total, if the plan has a total
-    keys: Mapping[str, Any]  # of each task
+    keys: Mapping[str, str]  # of each task
     dependencies: Mapping[str, Dependencies] = field(default_factory=dict)  # of each task
     scratch: bool = False  # whether it learns the target without sources, for all steps
     # The label of a control or constant, which changes another arm; empty for other arms.
@@ -90,7 +90,7 @@ class PlannedArm:
     of: str = ""  # the arm that it changes
 
 
-KeysOf = Callable[[str, Curriculum, str], tuple[Mapping[str, Any], Mapping[str, Dependencies]]]
+KeysOf = Callable[[str, Curriculum, str], tuple[Mapping[str, str], Mapping[str, Dependencies]]]
 """(arm without its change, curriculum, change) -> the keys and the dependencies of its tasks."""
 
 
@@ -176,7 +176,7 @@ class Plan:
         return {name: arm.curriculum for name, arm in self.arms.items()}
 
     @cached_property
-    def keys(self) -> dict[tuple[str, str], Any]:
+    def keys(self) -> dict[tuple[str, str], str]:
         """The key of each task of each arm."""
         return self._by_task("keys")
 
@@ -190,7 +190,7 @@ class Plan:
         return {(name, task): x for name, arm in arms for task, x in getattr(arm, mapping).items()}
 
     @cached_property
-    def needs(self) -> dict[tuple[str, str], Any]:
+    def needs(self) -> dict[tuple[str, str], str]:
         """The keys that each arm needs: its keys, and the target's key of the arm it changes."""
         controls = {name: arm.of for name, arm in self.arms.items() if arm.of}
         beside = {(name, f"/{of}"): self.keys[of, self.target] for name, of in controls.items()}
@@ -212,14 +212,14 @@ class Plan:
             for task in curriculum.tasks.values()
         )
 
-    def changed(self, unit: Unit) -> Any:
-        """Return the target's key of the arm that a unit changes; None if it changes no arm."""
+    def changed(self, unit: Unit) -> str:
+        """Return the target's key of the arm that a unit changes; empty if it changes no arm."""
         of = self.arms[unit.arm].of
-        return self.arms[of].keys[unit.task] if of and unit.task == self.target else None
+        return self.arms[of].keys[unit.task] if of and unit.task == self.target else ""
 
-    def read_by(self, unit: Unit) -> set[Any]:
+    def read_by(self, unit: Unit) -> set[str]:
         """Return the keys whose results a unit reads: its sources', and that of the changed arm."""
-        return {*unit.sources.values(), self.changed(unit)} - {None}
+        return {*unit.sources.values(), self.changed(unit)} - {""}
 
     def without(self, arms: Collection[str]) -> Self:
         """Return the plan without some arms, their controls and constants."""
@@ -229,7 +229,7 @@ class Plan:
     def units(
         self,
         seeds: Collection[int],
-        done: Mapping[Any, Collection[int]],
+        done: Mapping[str, Collection[int]],
         *,
         seeds_per_unit: int | None = None,
         snapshots: int = 0,
@@ -237,7 +237,7 @@ class Plan:
     ) -> list[Unit]:
         """Return the units that are still to be trained, sources first."""
         # `done` maps keys to trained seeds; only units whose first seed is `first` keep snapshots.
-        units: dict[tuple[Any, tuple[int, ...]], Unit] = {}
+        units: dict[tuple[str, tuple[int, ...]], Unit] = {}
         for name, arm in self.arms.items():
             for task in arm.curriculum.order:
                 key = arm.keys[task]
@@ -341,10 +341,10 @@ def train(
 class Failures:
     """The failed units of a run; arms that need a failed unit are given up, others are trained."""
 
-    needs: Mapping[tuple[str, str], Any]  # the keys that each arm needs (`Plan.needs`)
+    needs: Mapping[tuple[str, str], str]  # the keys that each arm needs (`Plan.needs`)
     errors: list[tuple[Unit, BaseException]] = field(default_factory=list)  # in this order
     executor_failed: bool = False  # whether a unit was never trained because the executor failed
-    _kept: set[Any] = field(default_factory=set, init=False)  # keys of arms without a failure
+    _kept: set[str] = field(default_factory=set, init=False)  # keys of arms without a failure
 
     def __bool__(self) -> bool:
         return bool(self.errors)
@@ -363,7 +363,7 @@ class Failures:
         return not self.errors or unit.key in self._kept
 
 
-def arms_of(keys: Mapping[tuple[str, str], Any], some: Collection[Any]) -> set[str]:
+def arms_of(keys: Mapping[tuple[str, str], str], some: Collection[str]) -> set[str]:
     """Return the arms that need a key among `some`."""
     return {arm for (arm, _), key in keys.items() if key in some}
 
@@ -378,7 +378,7 @@ class _Learning(NamedTuple):
 
     node: Node
     transfers: tuple[Transfer, ...]
-    sources: tuple[int, ...]  # the keys of all tasks trained before the task
+    sources: tuple[str, ...]  # the keys of all tasks trained before the task
     change: str
 
     def equals(self, other: "_Learning") -> bool:
@@ -398,21 +398,22 @@ class Memory:
 
     def __init__(self) -> None:
         self._learnings = list[_Learning]()
-        self.trained = dict[tuple[int, tuple[int, ...]], Trained]()  # without the values of targets
+        self.trained = dict[tuple[str, tuple[int, ...]], Trained]()  # without the values of targets
 
     def keys_of(
         self, name: str, curriculum: Curriculum, change: str
-    ) -> tuple[dict[str, int], dict[str, Any]]:
+    ) -> tuple[dict[str, str], dict[str, Any]]:
         """Return the keys of an arm's tasks, and no dependencies, as :meth:`Plan.made` needs."""
-        keys = dict[str, int]()
+        keys = dict[str, str]()
         for task in curriculum.order:
             before = tuple(keys[source] for source in curriculum.ancestors(task))
             changed = change if task == curriculum.target else ""
             new = _Learning(curriculum.node(task), curriculum.in_edges(task), before, changed)
             equal = (k for k, learning in enumerate(self._learnings) if learning.equals(new))
-            keys[task] = next(equal, len(self._learnings))
-            if keys[task] == len(self._learnings):
+            number = next(equal, len(self._learnings))
+            if number == len(self._learnings):
                 self._learnings.append(new)
+            keys[task] = f"{number}"
         return keys, {}
 
     def train(
@@ -426,7 +427,7 @@ class Memory:
         """Train the units of a plan that have no result yet; yield after each unit."""
         # Units of a plan are in an order in which sources come first.
         units, missing = plan.units(seeds, {}), list[Unit]()
-        readers = Counter[Any]()  # key -> number of units that will still read its results
+        readers = Counter[str]()  # key -> number of units that will still read its results
         for unit in reversed(units):  # units that read a source come before it in this order
             trained = self.trained.get((unit.key, seeds))
             if trained is None or (trained.result.values is None and readers[unit.key]):
@@ -438,10 +439,14 @@ class Memory:
                     read = unit.sources.items()
                     results = {name: self.trained[key, seeds].result for name, key in read}
                     sources = {name: SourceValues.of(result) for name, result in results.items()}
-                    how: Any = {"unchanged": self.trained.get((plan.changed(unit), seeds))}
-                    how |= {"workers": workers, "progress": bars.within(unit.arm)}
-                    trained = train(plan.arms[unit.arm], unit, sources, **how)
-                    self.trained[unit.key, seeds] = trained
+                    self.trained[unit.key, seeds] = train(
+                        plan.arms[unit.arm],
+                        unit,
+                        sources,
+                        unchanged=self.trained.get((plan.changed(unit), seeds)),
+                        workers=workers,
+                        progress=bars.within(unit.arm),
+                    )
                 except Exception as error:  # of any kind: a task may be the user's own code
                     failures.add(unit, error)
                 else:
@@ -454,7 +459,7 @@ class Memory:
             for unit in units:
                 self._forget(plan, unit.key, seeds)
 
-    def _forget(self, plan: Plan, key: Any, seeds: tuple[int, ...]) -> None:
+    def _forget(self, plan: Plan, key: str, seeds: tuple[int, ...]) -> None:
         """Drop results that no unit will read, except small tables, which later plans may read."""
         if (trained := self.trained.get((key, seeds))) is None:
             return

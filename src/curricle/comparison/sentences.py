@@ -4,7 +4,7 @@ Every fact has its words here and nowhere else. Tables are printed, drawn on the
 and returned as data (:meth:`Comparison.rows`); pages and figures put a minus sign for the hyphen.
 """
 
-import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -42,103 +42,83 @@ def signed(interval: Interval) -> str:
 STRONG, WEAK = "strong transfer (source steps count)", "weak transfer (target steps only)"
 
 
-class Cell(NamedTuple):
-    """An entry of the page's table: its text, and below that its interval or a note."""
-
-    text: str
-    below: str = ""
-
-
-def _interval(measure: str, arms: MeasuredArms, row: Row) -> Cell:
-    interval = _of(measure, row)
-    if math.isnan(interval.estimate):
-        return Cell("")
-    text, _, bounds = minus(short(interval)).partition(" ")
-    return Cell(text, bounds)
-
-
-def _of(measure: str, row: Row) -> Interval:
-    """Return the interval of a measure in a row."""
-    return Interval(row[measure], row[f"{measure}_low"], row[f"{measure}_high"], 0.95, row["seeds"])
-
-
-def _saved(measure: str, arms: MeasuredArms, row: Row) -> Cell:
-    cell, strong = _interval(measure, arms, row), measure.startswith("strong")
-    both = (row["arm"], row["against"] or SCRATCH)
-    if cell.text and not any(arms.times(arm, strong=strong).reached.any() for arm in both):
-        return Cell("–", "never reached")
-    return cell
-
-
-def _steps(measure: str, arms: MeasuredArms, row: Row) -> Cell:
-    missed = (row["seeds"] - row["reached"]) * (measure == "steps_to_threshold")
-    below = f"{missed} of {row['seeds']} never" if missed else ""
-    return Cell("> " * (missed > 0) + f"{row[measure]:,.0f}", below)
-
-
-def _p(measure: str, arms: MeasuredArms, row: Row) -> Cell:
-    tested = row["arm"] in arms.verdicts and not arms.withheld
-    return Cell(f"{row[measure]:.2g}" if tested else "")
-
-
 class Column(NamedTuple):
     """A column of the table of arms; a new one is a row of `COLUMNS`."""
 
     head: str  # on the page
-    meaning: str  # below the page's table; with {threshold} and {window} of the comparison
-    cell: Callable[[str, MeasuredArms, Row], Cell]  # on the page, of the column's key
+    meaning: str
+    text: Callable[[str, MeasuredArms, Row], str]  # of the column's key
     transfer: str = STRONG  # the kind that it belongs to; empty where it is neither
     printed: str = ""  # head in the printed table; empty if it is not there
-    explained: str = ""  # what the commands say of that head
     # The measure of the arm with a name, for columns that no contrast has.
     of: Callable[[MeasuredArms, str], Interval] | None = None
 
 
-TIME = (
-    "total steps to a return of {threshold}, smoothed over {window} checkpoints; a seed that never "
-    "reaches it counts with all its steps, hence >; so it does in steps saved"
-)
-CHANCE = "probability that a run has a higher mean return than a run of the best opponent"
-SAVED = "steps to the threshold within the budget, fewer than by the best opponent"
-ABOVE = "above that of the best opponent"
-HEIGHT = "the mean height of the learning curve: its area, divided by all steps"
+def _interval(key: str, arms: MeasuredArms, row: Row) -> str:
+    if COLUMNS[key].of is None and row["arm"] not in arms.contrasts:
+        return ""
+    return short(Interval(row[key], row[f"{key}_low"], row[f"{key}_high"], 0.95, row["seeds"]))
+
+
+def _saved(key: str, arms: MeasuredArms, row: Row) -> str:
+    text, both = _interval(key, arms, row), (row["arm"], row["against"])
+    strong = key.startswith("strong")
+    if text and not any(arms.times(arm, strong=strong).reached.any() for arm in both):
+        return "never reached"
+    return text
+
+
+def _time(key: str, arms: MeasuredArms, row: Row) -> str:
+    missed = row["seeds"] - row["reached"]
+    return f"> {row[key]:,.0f} ({missed} never)" if missed else _steps(key, arms, row)
+
+
+def _steps(key: str, arms: MeasuredArms, row: Row) -> str:
+    return f"{row[key]:,.0f}"
+
+
+def _p(key: str, arms: MeasuredArms, row: Row) -> str:
+    tested = row["arm"] in arms.verdicts and not arms.withheld
+    return f"{row[key]:.2g}" if tested else ""
+
+
+ABOVE, SAVED = "above the best opponent's", "steps to the threshold, fewer than the best opponent's"
 COLUMNS = {
     "strong_gain": Column(
         "gain",
-        f"mean return over all steps, {ABOVE}",
+        f"mean return over all steps, sources charged, {ABOVE}",
         _interval,
-        printed="strong gain",
-        explained="mean return above the best opponent's, source steps charged (strong transfer)",
+        STRONG,
+        "strong gain",
     ),
     "adjusted_p": Column("p", "two-sided, of no gain, adjusted for the number of curricula", _p),
-    "probability_of_improvement": Column("P(improve&shy;ment)", CHANCE, _interval),
+    "probability_of_improvement": Column(
+        "P(improve&shy;ment)", f"probability that a run has a mean return {ABOVE}", _interval
+    ),
     "asymptotic_gain": Column(
         "asymp&shy;totic gain", f"return at the end of all steps, {ABOVE}", _interval
     ),
     "mean_return": Column(
         "mean return",
-        HEIGHT,
+        "the mean height of the learning curve: its area, divided by all steps",
         _interval,
         printed="mean return",
-        explained=HEIGHT,
         of=MeasuredArms.mean_return,
     ),
     "steps_to_threshold": Column(
         "steps to threshold",
-        TIME,
-        _steps,
+        "steps until the greedy return, smoothed, reaches the threshold, sources included; "
+        '"> 1,000 (2 never)": 2 seeds do not get there and count with all their steps',
+        _time,
         printed="steps to threshold",
-        explained="steps until the greedy return, smoothed, reaches the threshold, sources "
-        'included; "> 1,000 (2 never)": 2 seeds do not get there, so the mean is more',
     ),
-    "strong_steps_saved": Column("steps saved", SAVED, _saved),
+    "strong_steps_saved": Column("steps saved", f"{SAVED}, sources charged", _saved),
     "weak_gain": Column(
         "gain",
-        f"mean return over target steps, {ABOVE}",
+        f"mean return over target steps, sources free, {ABOVE}",
         _interval,
         WEAK,
-        printed="weak gain",
-        explained="the same with the source steps free (weak transfer)",
+        "weak gain",
     ),
     "jumpstart": Column("jumpstart", f"return at the first target step, {ABOVE}", _interval, WEAK),
     "weak_steps_saved": Column("steps saved", f"target {SAVED}", _saved, WEAK),
@@ -152,20 +132,19 @@ PRINTED = (
     *(key for key, column in COLUMNS.items() if column.printed and key not in (*FIRST, *LAST)),
     *LAST,
 )
-VERDICT = "verdict"
+VERDICT, INTERVAL = "verdict", "[low, high]"
 HEADS = ("", *(COLUMNS[key].printed for key in PRINTED), VERDICT)
-INTERVAL = "[low, high]"
 EXPLAINED = {
-    **{COLUMNS[key].printed: COLUMNS[key].explained for key in FIRST},
+    **{COLUMNS[key].printed: COLUMNS[key].meaning for key in FIRST},
     "threshold": "the return that counts as learnt; by default nine tenths of the way from the "
     "random policy's to the optimum",
-    **{COLUMNS[key].printed: COLUMNS[key].explained for key in PRINTED if key not in LAST},
+    **{COLUMNS[key].printed: COLUMNS[key].meaning for key in PRINTED if key not in LAST},
     INTERVAL: "after a number: its interval of 95 % confidence over seeds",
-    **{COLUMNS[key].printed: COLUMNS[key].explained for key in LAST},
+    **{COLUMNS[key].printed: COLUMNS[key].meaning for key in LAST},
     VERDICT: "whether the arm gains more than each opponent, by a test over the seeds",
     "p =": "the probability of such a difference by chance, corrected for the number of arms",
 }
-"""Words of the printed table -> what the commands say of them."""
+"""Words of the printed table, and what each means."""
 
 
 def table_rows(arms: MeasuredArms) -> list[dict[str, Any]]:
@@ -210,7 +189,7 @@ def printed_rows(arms: MeasuredArms) -> list[tuple[str, ...]]:
     return [
         (
             f"{row['arm']}{_started(arms, row['arm'])}",
-            *(_printed(key, arms, row) for key in PRINTED),
+            *(COLUMNS[key].text(key, arms, row) for key in PRINTED),
             _verdict(arms, row),
         )
         for row in table_rows(arms)
@@ -218,16 +197,9 @@ def printed_rows(arms: MeasuredArms) -> list[tuple[str, ...]]:
     ]
 
 
-def _printed(key: str, arms: MeasuredArms, row: Row) -> str:
-    if key == "steps_to_threshold":
-        missed = row["seeds"] - row["reached"]
-        return _steps(key, arms, row).text + (f" ({missed} never)" if missed else "")
-    return short(_of(key, row)) if COLUMNS[key].of or row["arm"] in arms.contrasts else ""
-
-
 def _verdict(arms: MeasuredArms, row: Row) -> str:
     """Return an arm's verdict with its p-value and reason; or that it is the best opponent."""
-    name, sure = row["arm"], _p("adjusted_p", arms, row).text
+    name, sure = row["arm"], _p("adjusted_p", arms, row)
     if name in arms.contrasts:
         verdict = row["verdict"] + (f" (p = {sure})" if sure else "")
         return f"{verdict}, {row['reason']}" if row["reason"] else verdict
@@ -238,23 +210,32 @@ def _verdict(arms: MeasuredArms, row: Row) -> str:
     return f"the best opponent{of}: gains are over it"
 
 
+class Cell(NamedTuple):
+    """An entry of the page's table: its text, and below that its interval or a note."""
+
+    text: str
+    below: str = ""
+
+
 def page_table(arms: MeasuredArms) -> dict[str, dict[str, Cell]]:
     """Return the entries of the page's table: arm -> column -> entry."""
-    return {
-        row["arm"]: {key: column.cell(key, arms, row) for key, column in COLUMNS.items()}
-        for row in table_rows(arms)
-    }
+    table = dict[str, dict[str, Cell]]()
+    for row in table_rows(arms):
+        texts = {key: minus(column.text(key, arms, row)) for key, column in COLUMNS.items()}
+        parts = {key: re.split(r" (?=[\[(])", text, maxsplit=1) for key, text in texts.items()}
+        table[row["arm"]] = {key: Cell(*part) for key, part in parts.items()}
+    return table
 
 
 def meanings(arms: MeasuredArms) -> list[tuple[str, str]]:
-    """Return the name and the meaning of each column of the page's table."""
+    """Return what the page says of its table: of the threshold, and of each column."""
     why = f" ({arms.threshold_from})" * bool(arms.threshold_from)
-    terms = {"threshold": rounded(arms.threshold) + why, "window": arms.window}
-    weak = {key: " (weak)" * (column.transfer == WEAK) for key, column in COLUMNS.items()}
-    return [
-        (column.head.replace("&shy;", "") + weak[key], column.meaning.format(**terms))
-        for key, column in COLUMNS.items()
+    smoothed = f"curves are smoothed over {counted(arms.window, 'checkpoint')} to find it"
+    columns = [
+        (column.head.replace("&shy;", "") + " (weak)" * (column.transfer == WEAK), column.meaning)
+        for column in COLUMNS.values()
     ]
+    return [("threshold", f"{rounded(arms.threshold)}{why}; {smoothed}"), *columns]
 
 
 # -- Sentences -------------------------------------------------------------------------------------
@@ -436,7 +417,7 @@ def findings(arms: MeasuredArms) -> tuple[Finding, ...]:
 
 def _finding(arms: MeasuredArms, row: Row, by_arm: Mapping[str, Row]) -> Finding:
     name, rival = row["arm"], by_arm[row["against"]]
-    contrast, sure = arms.contrasts[name], _p("adjusted_p", arms, row).text
+    contrast, sure = arms.contrasts[name], _p("adjusted_p", arms, row)
     tone = {"pays": "pays", "costs more than it brings": "costs"}.get(contrast.verdict, "open")
     of_p = f" (p\xa0=\xa0{sure})" if sure else ""
     lines = [
@@ -476,16 +457,15 @@ def _reached(arms: MeasuredArms, row: Row, rival: Row) -> str:
 
 def gain_columns(arms: MeasuredArms, names: Sequence[str]) -> list[tuple[str, ...]]:
     """Return the texts beside a figure's gains, heads first: each arm's gain and p-value."""
-    tested = not arms.withheld
-    columns = [("gain" + " [95 %]" * (arms.seeds > 1), "p (Holm)" * tested)]
-    for name in names:
-        if name in arms.scratches:
-            columns.append(("reference" * (name in arms.best_opponents), ""))
-            continue
-        verdict = arms.verdicts.get(name)
-        p = f"{verdict.adjusted_p:.2g}" if tested and verdict is not None else ""
-        columns.append((minus(short(arms.contrasts[name].strong_gain)), p))
-    return list(zip(*columns, strict=True))
+    by_arm = {row["arm"]: row for row in table_rows(arms)}
+
+    def texts(key: str) -> list[str]:
+        return [minus(COLUMNS[key].text(key, arms, by_arm[name])) for name in names]
+
+    references = ["reference" * (name in arms.best_opponents) for name in names]
+    gains = [gain or other for gain, other in zip(texts("strong_gain"), references, strict=True)]
+    head, p_head = "gain" + " [95 %]" * (arms.seeds > 1), "p (Holm)" * (not arms.withheld)
+    return [(head, *gains), (p_head, *texts("adjusted_p"))]
 
 
 def caption(arms: MeasuredArms) -> str:
