@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from curricle.tasks.mdp import steps_to
+from curricle.tasks.graph import steps_to
 
 CLOSE = 1e-5
 """Well above the error of a certificate's values of the sizes drawn."""

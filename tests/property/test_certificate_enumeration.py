@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import check_shaping
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.graph import reachable_states
 from tests.certificates import difference
 from tests.enumeration import (
     CLOSE,

@@ -18,7 +18,8 @@ from curricle.candidates.kinds import (
 from curricle.errors import CurriculumError, TaskError
 from curricle.planning import visit_distribution
 from curricle.tasks import frozen_lake_family, maze_family, random_maze
-from curricle.tasks.mdp import reachable_states, same_task
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import same_task
 from curricle.transfer.bisimulation import model_for_refinement, refined
 from tests.tasks import mdps
 

@@ -9,7 +9,7 @@ import curricle as cr
 from curricle.errors import TaskError
 from curricle.pictures.views import GridView
 from curricle.planning import visit_distribution
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.graph import reachable_states
 from curricle.tasks.start_states import TaskWithStart, goal_states
 
 MAZE = cr.GridWorld(["S..P", ".#.T", "...."])

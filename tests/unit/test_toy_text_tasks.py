@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import floyd_warshall
 
 import curricle as cr
 from curricle import from_gymnasium, solve
-from curricle.tasks.mdp import reachable_states
+from curricle.tasks.graph import reachable_states
 
 
 def dense(mdp):

@@ -26,7 +26,8 @@ from curricle.checks import fit_name, one_of, text, whole_number
 from curricle.errors import CurricleError, CurriculumError
 from curricle.planning.solution import evaluate, solve
 from curricle.tasks.family import FamilyMember
-from curricle.tasks.mdp import FiniteMDP, generative_model, reachable_states, same_task, tables
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import FiniteMDP, generative_model, same_task, tables
 from curricle.tasks.start_states import goal_distance
 from curricle.text import brief_repr, counted, printed
 from curricle.transfer.bisimulation import model_for_refinement, refined

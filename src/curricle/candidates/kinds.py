@@ -20,8 +20,9 @@ from curricle.arrays import BoolArray, IntArray
 from curricle.errors import TaskError
 from curricle.tasks.exploration import DeepSea
 from curricle.tasks.family import FamilyMember
+from curricle.tasks.graph import reachable_states
 from curricle.tasks.gridworld import OBJECTS, GridWorld
-from curricle.tasks.mdp import FiniteMDP, reachable_states, tables
+from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.pursuit import Pursuit
 from curricle.tasks.rooms import FourRooms, KeyLockPit
 from curricle.tasks.spaces import Component, Space

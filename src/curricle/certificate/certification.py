@@ -26,15 +26,8 @@ from curricle.learning.potential import StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
 from curricle.progress import Progress, check_progress, shown
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    closed,
-    generative_model,
-    has_tables,
-    improper_states,
-    tables,
-)
+from curricle.tasks.graph import improper_states
+from curricle.tasks.mdp import FiniteMDP, Task, closed, generative_model, has_tables, tables
 from curricle.tasks.spaces import action_name, state_name, values_of
 from curricle.text import brief_repr, printed
 from curricle.transfer.bisimulation import numbered_rows

@@ -19,14 +19,8 @@ from curricle.errors import PotentialError, SettingError
 from curricle.learning.potential import LARGEST_POTENTIAL, PairPotential, StatePotential
 from curricle.learning.shaping import Shaping
 from curricle.planning.solution import EPSILON, Solution, solve
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    generative_model,
-    live_pairs,
-    reachable_states,
-    tables,
-)
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import FiniteMDP, Task, generative_model, live_pairs, tables
 from curricle.tasks.spaces import action_name, state_name
 
 RewardFunction = Callable[..., Any]

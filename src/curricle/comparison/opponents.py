@@ -28,7 +28,8 @@ from curricle.learning.result import LearningResult
 from curricle.learning.shaping import QInitialisation
 from curricle.planning.rollouts import random_rollouts
 from curricle.statistics.curves import SCRATCH
-from curricle.tasks.mdp import generative_model, has_tables, reachable_states, tables
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.potential import AnyPotential
 

@@ -15,7 +15,7 @@ from curricle.errors import TaskError
 from curricle.interop.tabulated_task import TabulatedTask, assembled, parts_of
 from curricle.interop.tabulation import tabulate
 from curricle.planning.solution import Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import edges_of
+from curricle.tasks.graph import edges_of
 from curricle.tasks.observation_task import ObservationTask, made_by
 from curricle.text import brief_repr
 

@@ -28,7 +28,8 @@ from curricle.checks import number
 from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import same_observation
 from curricle.tasks.live import RETURNED, action_mask, seeded_reset, wrong_parts
-from curricle.tasks.mdp import SINGLE_PRECISION, number_of
+from curricle.tasks.mdp import SINGLE_PRECISION
+from curricle.tasks.models import number_of
 from curricle.tasks.observation_task import layers_of
 
 TOY_TEXT = BlackjackEnv, CliffWalkingEnv, FrozenLakeEnv, TaxiEnv

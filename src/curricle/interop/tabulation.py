@@ -60,7 +60,8 @@ from curricle.interop.tabulated_task import (
 )
 from curricle.learning.seeds import seed_tuple
 from curricle.progress import check_progress, shown
-from curricle.tasks.mdp import FiniteMDP, number_of
+from curricle.tasks.mdp import FiniteMDP
+from curricle.tasks.models import number_of
 from curricle.tasks.observation_task import layers_of
 from curricle.tasks.spaces import Component, Space, values_of
 from curricle.transfer.bisimulation import merged_outcomes, numbered_rows

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray
+from curricle.tasks.graph import improper_states, rows_in_use, steps_to
 from curricle.tasks.kernel import Overloaded, compiled_once
-from curricle.tasks.mdp import FiniteMDP, Task, improper_states, rows_in_use, steps_to, tables
+from curricle.tasks.mdp import FiniteMDP, Task, tables
 from curricle.tasks.models import FactoredModel, joint_landing, predators_on_prey
 
 RowArray = npt.NDArray[np.uint32]

@@ -20,17 +20,10 @@ from curricle.planning.rollouts import GreedyPolicy, ReturnRecord, simulate_epis
 from curricle.planning.solution import Solution, limited_optimum, solve
 from curricle.progress import HALTED
 from curricle.statistics.curves import ROUNDING, fraction_of_optimum
+from curricle.tasks.graph import improper_states
 from curricle.tasks.kernel import Overloaded, compiled, draw, inlined, stream_start
 from curricle.tasks.live import is_live, open_model
-from curricle.tasks.mdp import (
-    NO_LIMIT,
-    Task,
-    closed,
-    generative_model,
-    has_tables,
-    improper_states,
-    tables,
-)
+from curricle.tasks.mdp import NO_LIMIT, Task, closed, generative_model, has_tables, tables
 from curricle.tasks.models import (
     Tables,
     evaluation_model,

@@ -23,15 +23,8 @@ from curricle.planning.models import (
     model_of,
 )
 from curricle.progress import Bars, Progress, shown
-from curricle.tasks.mdp import (
-    PROBABILITY_TOLERANCE,
-    FiniteMDP,
-    Task,
-    closed,
-    normalised,
-    steps_to,
-    tables,
-)
+from curricle.tasks.graph import steps_to
+from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task, closed, normalised, tables
 from curricle.tasks.spaces import state_name
 from curricle.text import brief_repr
 

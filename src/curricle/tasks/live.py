@@ -16,7 +16,6 @@ from curricle.arrays import BoolArray, FloatTable
 from curricle.checks import brief, instance
 from curricle.errors import TaskError
 from curricle.tasks.kernel import inlined, lowered, splitmix64
-from curricle.tasks.mdp import number_of
 from curricle.tasks.models import (
     LARGEST_REWARD,
     REWARD_RULE,
@@ -28,6 +27,7 @@ from curricle.tasks.models import (
     evaluation_models,
     failures,
     first_states,
+    number_of,
     opened,
     permissions,
     transitions,

@@ -35,6 +35,15 @@ REWARD_RULE = f"rewards must be finite, at most {LARGEST_REWARD:g} in size"
 LONGEST = 10**12  # steps that a time limit may have at most
 
 
+def number_of(reward: Any) -> float:
+    """Return a reward, alone or in an array, as a float; NaN where it is no number."""
+    try:
+        plain = reward.item() if isinstance(reward, np.ndarray) else reward
+        return np.nan if isinstance(plain, str | bytes) else float(plain)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
 def check_horizon(task: Any) -> None:
     """Check a frozen task's discount and time limit, and make them a float and an int."""
     discount = number("discount", task.discount, TaskError, low=0, high=1)

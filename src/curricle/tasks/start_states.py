@@ -15,7 +15,8 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
-from curricle.tasks.mdp import FiniteMDP, reachable_states, rows_in_use, steps_to, tables
+from curricle.tasks.graph import reachable_states, rows_in_use, steps_to
+from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.spaces import MISSING, Space
 from curricle.text import counted
 

@@ -9,15 +9,8 @@ import numpy as np
 from curricle.arrays import BoolArray, FloatArray, IntArray
 from curricle.errors import SettingError
 from curricle.planning.solution import EPSILON, Solution, evaluate, greedy_policy, solve
-from curricle.tasks.mdp import (
-    FiniteMDP,
-    Task,
-    closed,
-    duplicated,
-    live_pairs,
-    reachable_states,
-    tables,
-)
+from curricle.tasks.graph import reachable_states
+from curricle.tasks.mdp import FiniteMDP, Task, closed, duplicated, live_pairs, tables
 from curricle.text import brief_repr
 from curricle.transfer.mapping import UNMAPPED, PairMapping, StateActionMapping
 

@@ -20,7 +20,8 @@ from curricle.checks import brief, whole_number
 from curricle.errors import CurriculumError, MappingError, SettingError
 from curricle.planning.solution import evaluate, greedy_policy
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.mdp import FiniteMDP, Task, closed, has_tables, same_task, steps_to
+from curricle.tasks.graph import steps_to
+from curricle.tasks.mdp import FiniteMDP, Task, closed, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, printed, shortened
 from curricle.transfer.bisimulation import (
