@@ -141,7 +141,7 @@ ARGUMENTS = {  # with which public names work
     "GreedyEvaluation": lambda: {"method": "auto", "episodes": 3},
     "evaluate": lambda: {"task": MAZE, "policy": np.ones(6, int)},
     "solve": lambda: {"task": MAZE, "tolerance": 1e-6},
-    "plot": lambda: {"subject": cr.forecast(curriculum(), seeds=1), "path": None},
+    "plot": lambda: {"subject": cr.learn(**LEARN), "path": None},
     "read_study": lambda: {"path": "nowhere.toml"},
     "run_study": lambda: {"study": None, "path": "nowhere"},
     "ComputedMDP": lambda: dict(FUNCTIONS),

@@ -10,8 +10,7 @@ import pytest
 from curricle import GridWorld, Pursuit
 from curricle.cli.output import total_words
 from curricle.comparison.plan import numbered_seeds, seed_ranges
-from curricle.comparison.sentences import short as with_dash, signed
-from curricle.comparison.trial import in_brief, verdict_words
+from curricle.comparison.sentences import in_brief, likely, short as with_dash, signed
 from curricle.errors import StoreError
 from curricle.statistics import Interval
 from curricle.study.results import parquet_of
@@ -36,7 +35,7 @@ LOSS = Interval(-1.5, -2.0, 1.0, 0.95, 30)
         (with_dash(Interval(11.04, 10.0, 12.0, 0.95, 5)), "11.0 [10.0, 12.0]"),
         (with_dash(Interval(NONE, NONE, NONE, 0.95, 5)), "-"),
         (signed(LOSS), "−1.50\xa0[−2.00,\xa01.00]"),
-        (verdict_words(LOSS), "whether it pays is open"),
+        (likely(LOSS), "whether it pays is open"),
         ([*map(rounded, (-19.0, 0.5, -3215.4))], ["−19.0", "0.500", "−3,215"]),
         ([*map(short, (0.12345, 1234.5))], ["0.123", "1,234"]),
         ([*map(duration, (0.2, 75, 5000))], ["1 s", "75 s", "83 min"]),

@@ -166,9 +166,9 @@ class Plan:
     @property
     def steps(self) -> tuple[int, int]:
         """The target's budget and the total, where arms are compared."""
-        steps: Any = self.budget, self.total
-        assert None not in steps, "arms are compared at a number of steps"
-        return steps[0], steps[1]
+        assert self.budget is not None, "arms are compared at a number of steps"
+        assert self.total is not None, "arms are compared at a number of steps"
+        return self.budget, self.total
 
     @cached_property
     def curricula(self) -> dict[str, Curriculum]:

@@ -6,7 +6,7 @@ and returned as data (:meth:`Comparison.rows`); pages and figures put a minus si
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -450,6 +450,65 @@ def _reached(arms: MeasuredArms, row: Row, rival: Row) -> str:
         return f"after {bound}{row['steps_to_threshold']:,.0f} steps on average{some}"
 
     return f"Reaches {threshold} {when(row)}; {rival['arm']} {when(rival)}."
+
+
+# -- What a forecast says of its trial -------------------------------------------------------------
+
+
+def likely(gain: Interval) -> str:
+    """Return in a few words whether a gain with this interval pays."""
+    if gain.low > 0:
+        return "likely pays"
+    return "likely costs more than it brings" if gain.high < 0 else "whether it pays is open"
+
+
+def in_brief(interval: Interval) -> str:
+    """Return an interval as text without its number of seeds, with commas in thousands."""
+    bounds = (float(x) for x in (interval.estimate, interval.low, interval.high))
+    rounded_bounds = [float(f"{bound:.3g}") for bound in bounds]
+    estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded_bounds)
+    return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
+
+
+def steps_and_gain(arms: MeasuredArms, name: str) -> str:
+    """Return a sentence on an arm's steps to the threshold, its best opponent's, and its gain."""
+    gained = f"gain in mean return {in_brief(arms.contrasts[name].strong_gain)}"
+    if arms.reference.nothing_to_learn:
+        return f"nothing to learn, as the random policy is optimal; {gained}"
+    best = arms.best_opponent(name)
+    by = f"by {best}" if best != SCRATCH else "from scratch"
+    times, alone = arms.times(name), arms.times(best)
+    if not (times.reached.any() or alone.reached.any()):
+        return (
+            f"the threshold {arms.threshold:.4g} is never reached within {arms.total:,} steps, "
+            f"with sources or {by}; {gained}"
+        )
+    # If only the slower side misses the threshold, the true difference in steps is larger.
+    saved = arms.contrasts[name].strong_steps_saved
+    slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
+    bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
+    if saved.estimate >= 0:
+        change = f"saves {bound}{in_brief(saved)}"
+    else:
+        n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
+        more = in_brief(replace(saved, estimate=n, low=low, high=high))
+        change = f"takes {bound}{more} more"
+    spent = arms[name].curve.source_steps.mean()
+    return (
+        f"expected steps to the threshold {arms.threshold:.4g}: {_expected(arms, name)} with "
+        f"sources (their {spent:,.0f} steps included), {_expected(arms, best)} {by}; "
+        f"{change}; {gained}"
+    )
+
+
+def _expected(arms: MeasuredArms, name: str) -> str:
+    times = arms.times(name)
+    missed = int((~times.reached).sum())
+    if missed == len(times.reached):
+        return f"never within {arms.total:,} steps"
+    text = in_brief(times.restricted_mean(float(arms.scratch.curve.steps[-1])))
+    seeds = counted(len(times.reached), "seed")
+    return f"at least {text} ({missed} of {seeds} never)" if missed else text
 
 
 # -- Words on figures ------------------------------------------------------------------------------

@@ -19,12 +19,12 @@ from curricle.comparison.cost import NOMINAL, node_seconds
 from curricle.comparison.measures import Reference
 from curricle.comparison.opponents import CONSTANTS, OPPONENTS, Learners, Opponent
 from curricle.comparison.plan import Memory, most_source_steps
+from curricle.comparison.sentences import likely, steps_and_gain
 from curricle.curriculum.curriculum import SETTINGS, Curriculum
 from curricle.errors import in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.learning.stopping import Episodes, StoppingRule, limits
 from curricle.progress import Progress, shown
-from curricle.statistics.curves import SCRATCH
 from curricle.statistics.intervals import Interval
 from curricle.tasks.live import is_live
 from curricle.tasks.observation_task import is_observation_task
@@ -134,64 +134,13 @@ class Trial:
     def verdict(self, name: str) -> str:
         """Return in a few words whether a row pays, by the interval of its gain."""
         gain = self.gain(name)
-        return "it failed in the trial" if gain is None else verdict_words(gain)
+        return "it failed in the trial" if gain is None else likely(gain)
 
     def numbers(self, name: str) -> str:
         """Return a sentence on a row's gain, its steps and its best opponent's steps."""
-        comparison, gain = self.comparison, self.gain(name)
-        if gain is None:
-            return in_words(comparison.failed[name])
-        gained = f"gain in mean return {in_brief(gain)}"
-        if comparison.reference.nothing_to_learn:
-            return f"nothing to learn, as the random policy is optimal; {gained}"
-        best = comparison.best_opponent(name)
-        by = f"by {best}" if best != SCRATCH else "from scratch"
-        times, alone = comparison.times(name), comparison.times(best)
-        if not (times.reached.any() or alone.reached.any()):
-            return (
-                f"the threshold {comparison.threshold:.4g} is never reached within "
-                f"{comparison.total:,} steps, with sources or {by}; {gained}"
-            )
-        # If only the slower side misses the threshold, the true difference in steps is larger.
-        saved = comparison.contrasts[name].strong_steps_saved
-        slower, faster = (alone, times) if saved.estimate >= 0 else (times, alone)
-        bound = "at least " * bool(not slower.reached.all() and faster.reached.all())
-        if saved.estimate >= 0:
-            change = f"saves {bound}{in_brief(saved)}"
-        else:
-            n, low, high = (-float(value) for value in (saved.estimate, saved.high, saved.low))
-            more = in_brief(replace(saved, estimate=n, low=low, high=high))
-            change = f"takes {bound}{more} more"
-        spent = comparison[name].curve.source_steps.mean()
-        return (
-            f"expected steps to the threshold {comparison.threshold:.4g}: {self._steps(name)} with "
-            f"sources (their {spent:,.0f} steps included), {self._steps(best)} {by}; "
-            f"{change}; {gained}"
-        )
-
-    def _steps(self, name: str) -> str:
-        times = self.comparison.times(name)
-        missed = int((~times.reached).sum())
-        if missed == len(times.reached):
-            return f"never within {self.comparison.total:,} steps"
-        text = in_brief(times.restricted_mean(float(self.comparison.scratch.curve.steps[-1])))
-        seeds = counted(len(times.reached), "seed")
-        return f"at least {text} ({missed} of {seeds} never)" if missed else text
-
-
-def verdict_words(gain: Interval) -> str:
-    """Return in a few words whether a gain with this interval pays."""
-    if gain.low > 0:
-        return "likely pays"
-    return "likely costs more than it brings" if gain.high < 0 else "whether it pays is open"
-
-
-def in_brief(interval: Interval) -> str:
-    """Return an interval as text without its number of seeds, with commas in thousands."""
-    bounds = (float(x) for x in (interval.estimate, interval.low, interval.high))
-    rounded = [float(f"{bound:.3g}") for bound in bounds]
-    estimate, low, high = (f"{x:,.0f}" if abs(x) >= 1000 else f"{x:g}" for x in rounded)
-    return estimate if low == "nan" else f"{estimate} [{low}, {high}]"
+        if self.gain(name) is None:
+            return in_words(self.comparison.failed[name])
+        return steps_and_gain(self.comparison, name)
 
 
 def run_trial(
