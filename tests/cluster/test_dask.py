@@ -1,6 +1,7 @@
 """A study has the same results on threads, processes and Dask, whatever dies meanwhile."""
 
 import os
+import re
 import signal
 
 import psutil
@@ -92,7 +93,7 @@ def test_a_lost_scheduler_is_one_sentence_and_resume_goes_on(study, dask, tmp_pa
     dask.scheduler.kill()
     printed, _ = running.communicate(timeout=120)
     assert running.returncode == 3, printed
-    assert "executor was lost or cancelled it: go on with --resume" in printed
+    assert re.search("was lost( or cancelled it)?: go on with --resume", printed)
     assert "Traceback" not in printed
     assert len(units_in(out)) >= 2
     assert whole(study(LONG), out, "--resume") == wanted

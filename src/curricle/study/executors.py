@@ -80,9 +80,13 @@ class Workers:
             return future
 
     def number(self) -> int:
-        """Return the number of workers; the last number if a cluster does not answer."""
-        with suppress(Exception):  # each cluster has its own
+        """Return the number of workers, or the last one that was known; EngineError if lost."""
+        try:
             self._number = self.count()
+        except EngineError:
+            raise
+        except Exception:  # each cluster has its own
+            return self._number
         return self._number
 
     def lost(self) -> Exception:

@@ -16,7 +16,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from threading import Thread
 from typing import Any, NamedTuple
 
-from curricle.errors import SettingError
+from curricle.errors import EngineError, SettingError
 
 # -- Processes of this machine, which end when the process that started them ends ------------------
 
@@ -204,9 +204,16 @@ def dask_cluster(on: str, workers: int | None = None) -> Iterator[Cluster]:
     for logger in LOGGERS:
         logger.setLevel(logging.CRITICAL)  # futures report a lost scheduler instead
     try:
+        link = None
         with suppress(KeyError):  # a scheduler may have no dashboard
             link = client.dashboard_link or None
-        yield Cluster(client.get_executor(), lambda: sum(client.nthreads().values()), link)
+
+        def threads() -> int:
+            if client.status != "running":  # a call whose result is on its way would not end
+                raise EngineError(f"{on} was lost: go on with --resume")
+            return sum(client.nthreads().values())
+
+        yield Cluster(client.get_executor(pure=False), threads, link)
         for logger, level in zip(LOGGERS, levels, strict=True):
             logger.setLevel(level)  # after an error Dask's threads log for some time
     finally:
