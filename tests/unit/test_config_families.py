@@ -45,13 +45,16 @@ scale = 0.5
 OWN_FAMILY = """
 from curricle import GridWorld
 from curricle.transfer import same_position
-from curricle.tasks import Parameter, task_family
+from typing import Annotated
+from curricle.tasks import Rule, task_family
 
 def by_cells(target, source):
     return [same_position(target.task, source.task)]
 
-@task_family(Parameter("length", low=2, high=9, harder="larger"), mapping=by_cells)
-def corridor(length: int, treasure: float = 200.0, limit: int | None = 50):
+@task_family(mapping=by_cells)
+def corridor(
+    length: Annotated[int, Rule(2, 9, "larger")], treasure: float = 200.0, limit: int | None = 50
+):
     if treasure == 13:
         raise RuntimeError("no luck")
     return GridWorld("S" + "." * (length - 2) + "T", time_limit=limit)

@@ -1,6 +1,7 @@
 """Families that come with the library, and mappings between members: as data or by a function."""
 
 import pickle
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import (
     ComponentsByName,
     FrozenLake,
-    Parameter,
+    Rule,
     deep_sea_family,
     four_rooms_family,
     frozen_lake_family,
@@ -35,7 +36,7 @@ from curricle.transfer import (
 from tests.refusals import check_refusal
 
 
-def line(length: int = 5) -> FiniteMDP:
+def line(length: Annotated[int, Rule(low=2, harder="larger")] = 5) -> FiniteMDP:
     """Return places in a row, the last of them the end."""
     outcomes = [
         [[(1.0, max(s - 1, 0), -1.0)], [(1.0, min(s + 1, length - 1), -1.0)]] for s in range(length)
@@ -50,9 +51,8 @@ def line(length: int = 5) -> FiniteMDP:
     )
 
 
-SIZES = Parameter("length", low=2, harder="larger")
 PLAIN, CLIPPED, SCALED = (
-    task_family(SIZES, name="line", mapping=ComponentsByName(unequal))(line)
+    task_family(name="line", mapping=ComponentsByName(unequal))(line)
     for unequal in ("unmapped", "clip", "scale")
 )
 
@@ -98,17 +98,17 @@ def test_a_family_may_map_by_a_function_of_states_or_make_the_mapping():
     def halved(target, source):
         return lambda state, action: ({"place": state["place"] // 2}, action)
 
-    by_function = task_family(SIZES, name="line", mapping=halved)(line)
+    by_function = task_family(name="line", mapping=halved)(line)
     (mapping,) = family_mappings(by_function(length=6), by_function(length=3))
     assert read(mapping) == [0, 0, 1, 1, ENDED, ENDED]
 
-    mine = task_family(SIZES, mapping=lambda target, source: identity(target.task))(line)
+    mine = task_family(mapping=lambda target, source: identity(target.task))(line)
     member = mine(length=4)
     (mapping,) = family_mappings(member, member)
     assert isinstance(mapping, StateActionMapping)
     assert read(mapping) == [0, 1, 2, ENDED]
 
-    renamed = task_family(SIZES, mapping=ComponentsByName(renaming={"place": "where"}))(line)
+    renamed = task_family(mapping=ComponentsByName(renaming={"place": "where"}))(line)
     with pytest.raises(MappingError, match="must be read from a target component"):
         family_mappings(renamed(length=3), renamed(length=3))
 
@@ -147,7 +147,7 @@ def test_members_that_do_not_fit_are_refused(target, source, said):
     ],
 )
 def test_a_function_that_returns_no_mapping_is_refused(returned, said):
-    family = task_family(SIZES, mapping=lambda target, source: returned)(line)
+    family = task_family(mapping=lambda target, source: returned)(line)
     check_refusal(MappingError, lambda: family_mappings(family(length=3), family(length=3)), said)
 
 

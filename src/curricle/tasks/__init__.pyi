@@ -9,6 +9,7 @@ from .family import (
     ComponentsByName as ComponentsByName,
     FamilyMember as FamilyMember,
     Parameter as Parameter,
+    Rule as Rule,
     TaskFamily as TaskFamily,
     task_family as task_family,
 )

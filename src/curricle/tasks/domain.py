@@ -17,7 +17,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, Frozen, IntArray, frozen
 from curricle.checks import indices
 from curricle.errors import TaskError
-from curricle.tasks.family import Parameter, Rule, TaskFamily, complete_parameters, rules_of
+from curricle.tasks.family import Parameter, Rule, TaskFamily, parameters_of, rules_of
 from curricle.tasks.layout import Cell, GridLayout
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.models import LARGEST_REWARD, check_horizon
@@ -85,15 +85,15 @@ def _checks(domain: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Return the checks of fields by annotations; kinds of several types check themselves."""
     checks, rules = list[tuple[str, Callable[[Any], Any]]](), rules_of(domain)
     for name in domain.__dataclass_fields__:
-        kind, (low, high, *_), optional = rules[name]
+        kind, rule, optional = rules[name]
         if name in ("discount", "time_limit"):  # check_horizon has their limits
             continue
-        if kind is float and (low, high) == (None, None):
-            low, high = -LARGEST_REWARD, LARGEST_REWARD
+        if kind is float and (rule.low, rule.high) == (None, None):
+            rule = Rule(-LARGEST_REWARD, LARGEST_REWARD)
         if kind in (int, float, bool):
-            checks.append((name, Parameter(name, kind, low, high, optional=optional).checked))
+            checks.append((name, Parameter(name, kind, rule, optional=optional).checked))
         elif get_origin(kind) is Literal:
-            checks.append((name, Parameter(name, values=get_args(kind)).checked))
+            checks.append((name, Parameter(name, rule=Rule(values=get_args(kind))).checked))
         elif name == "origin":
             checks.append((name, lambda origin: cell_of("origin", origin, "a row and a column")))
     return tuple(checks)
@@ -112,12 +112,12 @@ def family_of(
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> TaskFamily:
     """Return the family of a domain, named after it; a factory's own parameters come first."""
-    name, declared = name_of(domain), tuple[Parameter, ...]()
-    if factory is not None:
-        of_factory = {parameter.name for parameter in complete_parameters((), factory, name)}
-        of_domain = complete_parameters((), domain, name)
-        declared = tuple(parameter for parameter in of_domain if parameter.name not in of_factory)
-    return TaskFamily(name, factory or domain, declared, mapping, constraint)
+    name = name_of(domain)
+    parameters = {of.name: of for of in parameters_of(factory or domain, name)}
+    for of in parameters_of(domain, name):
+        parameters.setdefault(of.name, of)
+    made = factory or domain, mapping, constraint, tuple(parameters.values())
+    return TaskFamily(name, *made)
 
 
 class DomainWithStart(Domain):
