@@ -110,7 +110,8 @@ def test_without_a_model_it_has_to_exceed_random_play_by_more_than_its_noise():
     walk = ring(9)
     floor = Target.of(walk, episodes=1_000).floor
     randoms = [
-        greedy_policy_return(walk, VisitedValues.none(2), EVALUATION, seed=k) for k in range(20)
+        greedy_policy_return(walk, VisitedValues.none(2), EVALUATION, seed=k).value
+        for k in range(20)
     ]
     assert Target.of(walk).solution is None
     # 20 means of 1,000 episodes: the floor lies within their range of 4 standard errors.

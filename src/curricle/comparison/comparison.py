@@ -33,7 +33,7 @@ from curricle.comparison.sentences import HEADS, lines_below, printed_rows, tabl
 from curricle.curriculum.curriculum import Curriculum
 from curricle.errors import CurriculumError, SettingError, in_words
 from curricle.learning.seeds import seed_tuple
-from curricle.learning.stopping import Episodes, StoppingRule
+from curricle.learning.stopping import UNLEARNT, Episodes, StoppingRule
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.statistics.curves import SCRATCH
 from curricle.text import UNBOUNDED, counted, folded, printed, shortened, text_table
@@ -274,7 +274,7 @@ def _arm(
         initial_values=last.initial_values,
         knows_target=curriculum.knows_target(plan.target),
         unlearnt={
-            source: curriculum.node(source).unlearnt(results[source].result)
+            source: results[source].result.ended_by == UNLEARNT
             for source in (curriculum.ancestors(plan.target) if not planned.of else ())
         },
     )

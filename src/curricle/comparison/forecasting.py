@@ -171,12 +171,12 @@ def _learning(
     node: Node, learnt: SourceValues, fresh: bool, workers: int | None, bars: Bars
 ) -> SourceLearning:
     target = Target.of(node.task, node.evaluation)
-    random, random_noise = target.estimated(VisitedValues.none(learnt.values.shape[2]))
+    random, random_noise, _ = target.estimated(VisitedValues.none(learnt.values.shape[2]))
     returns, noise = _returns(target, learnt.values)
     reference, reference_noise, by, steps = float("nan"), 0.0, UNKNOWN, 0
     if target.solution is not None:
         best = Values(target.solution.optimal.astype(np.float64))
-        reference, reference_noise = target.estimated(best)
+        reference, reference_noise, _ = target.estimated(best)
         by = OPTIMUM
     elif fresh and not is_live(node.task):
         steps, by = 2 * int(learnt.steps_used.max()), FRESH

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from curricle.arrays import BoolArray, IntArray
+from curricle.arrays import IntArray
 from curricle.checks import brief, fit_name, instance, number, one_of
 from curricle.curriculum.result import CurriculumResult, Learnt, SourceValues
 from curricle.deep.learner import DeepLearner, WeightTransfer, check_spaces
@@ -24,13 +24,11 @@ from curricle.learning.seeds import seed_tuple
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import (
     SETTLED,
-    UNLEARNT,
     Budget,
     Decision,
     Decisions,
     Episodes,
     StoppingRule,
-    levels,
     limits,
     longest_run,
     spacing,
@@ -44,7 +42,6 @@ from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.aggregate import Aggregate, mean
 from curricle.transfer.mapping import TableValues, ValueSource
 from curricle.transfer.potential import AnyPotential, ObservationPotential, combined_potential
-from curricle.transfer.rollouts import target_of
 from curricle.transfer.search import with_mapping
 from curricle.transfer.transfer import Transfer
 
@@ -187,31 +184,18 @@ class Node:
         common |= {"storage": self.storage, "snapshots": snapshots, "workers": workers}
         return learn(self.task, self.learner, self.budget, **common)
 
-    def unlearnt(self, result: LearningResult) -> BoolArray:
-        """Return the seeds that used all steps and have not learnt the task, (K,) bool."""
-        if not isinstance(self.budget, StoppingRule) or self.distilled:
-            return np.zeros(len(result.seeds), np.bool_)
-        kernel = self.budget.kernel(*levels(self.budget, self.task, self.evaluation, target_of))
-        ended = np.searchsorted(result.steps, result.steps_used, side="right") - 1
-        judge, steps = self.budget.decision, result.steps.tolist()
-        last = [
-            replace(judge(kernel, greedy, checkpoint, steps[checkpoint]), over=not lost)
-            for greedy, checkpoint, lost in zip(
-                result.greedy_return, ended.tolist(), result.out_of_memory, strict=True
-            )
-        ]
-        return np.array([decision.criterion == UNLEARNT for decision in last])
-
     def decisions(self, result: LearningResult) -> Decisions:
-        """Return the stopping rule's decisions at each seed's checkpoints."""
+        """Return the stopping rule's decisions at each seed's checkpoints, as recorded."""
         if not isinstance(self.budget, StoppingRule) or self.distilled:
             return Decisions([[] for _ in result.seeds], result.seeds)
-        level, floor = levels(self.budget, self.task, self.evaluation, target_of)
-        totals = result.steps_used.tolist(), result.evaluation_steps.tolist(), result.out_of_memory
+        names = ("level", "floor", "steps_used", "evaluation_steps", "ended_by")
+        recorded = [getattr(result, name).tolist() for name in names]
         of_seeds, judge = list[list[Decision]](), self.budget.decisions
-        for greedy, used, spent, lost in zip(result.greedy_return, *totals, strict=True):
+        for greedy, level, floor, used, spent, ending in zip(
+            result.greedy_return, *recorded, strict=True
+        ):
             *rest, last = judge(result.steps, greedy, level=level, floor=floor, used=used)
-            of_seeds.append([*rest, replace(last, evaluation_steps=spent, over=not lost)])
+            of_seeds.append([*rest, replace(last, evaluation_steps=spent, ended_by=ending)])
         return Decisions(of_seeds, result.seeds)
 
 

@@ -20,7 +20,7 @@ from curricle.learning.result import (
     curve_columns,
     data_frame,
 )
-from curricle.learning.stopping import Decisions
+from curricle.learning.stopping import UNLEARNT, Decisions
 from curricle.learning.tabular_policy import (
     all_values_of,
     arrays_of_values,
@@ -138,7 +138,7 @@ class CurriculumResult:
     def unlearnt(self, name: str) -> dict[str, BoolArray]:
         """Return source -> the seeds that did not learn it by its stopping rule, (K,) bool."""
         sources = [task for task in self.curriculum.ancestors(name) if task in self.nodes]
-        return {task: self.curriculum.node(task).unlearnt(self[task]) for task in sources}
+        return {task: self[task].ended_by == UNLEARNT for task in sources}
 
     # -- policies, curves and files ------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from curricle.errors import SettingError, TaskError
 from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
 from curricle.learning.result import Outcome, learning_result
+from curricle.learning.stopping import ALL_STEPS, NEVER_STOPS
 from curricle.progress import Progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import ObservationTask
@@ -156,7 +157,7 @@ def learn_miniatures(
                     f"the random policy to the optimum of {task}"
                 )
             # With the steps that it is charged, and no episode.
-            outcomes.append(Outcome(record, network, task.cost, 0, 0))
+            outcomes.append(Outcome(record, network, task.cost, 0, 0, ALL_STEPS, NEVER_STOPS))
             grow()
             bars.tell(seed)
     values: Any = tuple(outcome.values for outcome in outcomes)

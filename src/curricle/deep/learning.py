@@ -24,7 +24,6 @@ from curricle.learning.shaping import QInitialisation, Shaping, StateShaping
 from curricle.learning.stopping import (
     NEVER_STOPS,
     Budget,
-    StoppingKernel,
     StoppingRule,
     levels,
     limits,
@@ -377,26 +376,26 @@ def learn_deep(
     check_evaluation(evaluation)
     if evaluation.method != "off":
         evaluation.horizon(task)  # SettingError without a bound
-    steps, episodes = limits(budget)
     eval_freq = spacing(eval_freq, budget)
     longest = longest_run(task.longest, budget, eval_freq, learner.envs)
     settings = seed_settings(
         seeds,
         learner,
-        steps,
+        limits(budget)[0],
         lambda shaping: _of_observations(task, learner, shaping),
         shaping=shaping,
         charged=charged,
     )
-    stopping: StoppingKernel = NEVER_STOPS
+    stopping, floor_steps = NEVER_STOPS, 0
     if isinstance(budget, StoppingRule):
         if budget.fraction is not None:
             raise not_solved(budget.fraction, task)
-        stopping = budget.kernel(*levels(budget, task, evaluation, target_of))
+        level, floor, floor_steps = levels(budget, task, evaluation, target_of)
+        stopping = budget.kernel(level, floor)
     from curricle.deep.models import DeepRun  # needs Stable-Baselines3
 
-    lengths = steps, episodes, eval_freq, longest
-    run = DeepRun(task, learner, *lengths, evaluation, stopping, stream)
+    lengths = budget, eval_freq, longest
+    run = DeepRun(task, learner, *lengths, evaluation, stopping, floor_steps, stream)
     outcomes = []
     with shown(progress) as bars:
         for of_seed in settings:

@@ -42,7 +42,7 @@ from curricle.interop.tabulated_task import needs_of
 from curricle.learning.record import Record
 from curricle.learning.result import Outcome
 from curricle.learning.shaping import Shaping, StateShaping
-from curricle.learning.stopping import StoppingKernel, stops
+from curricle.learning.stopping import Budget, StoppingKernel, ended_by, limits, stops
 from curricle.planning.policy_evaluation import GreedyEvaluation
 from curricle.progress import nothing
 from curricle.tasks.kernel import splitmix64, stream_start
@@ -226,12 +226,12 @@ class DeepRun:
 
     task: ObservationTask
     learner: DeepLearner
-    steps: int
-    episodes: int
+    budget: Budget
     eval_freq: int
     longest: int
     evaluation: GreedyEvaluation
     stopping: StoppingKernel
+    floor_steps: int  # that it took to estimate the floor of the stopping rule
     stream: str
     reached: Callable[[], None] = field(default=nothing, kw_only=True)  # called at each checkpoint
 
@@ -290,8 +290,28 @@ class DeepRun:
                 model.env.close()  # its processes end
                 if recorder.environments is not None:
                     recorder.environments.close()
-        spent = progress.steps, progress.episodes, progress.evaluation_steps
-        return Outcome(progress.record, values, *spent)  # type: ignore[arg-type]
+        record, checkpoint = progress.record, progress.checkpoint - 1
+        ending = ended_by(
+            self.budget,
+            self.stopping,
+            record.greedy_return,
+            checkpoint,
+            checkpoint * self.eval_freq,
+            stopped=bool(record.stopped[0]),
+        )
+        totals = progress.steps, progress.episodes, progress.evaluation_steps
+        # a network's values are a ValueSource
+        return Outcome(record, values, *totals, ending, self.stopping, self.floor_steps)  # type: ignore[arg-type]
+
+    @property
+    def steps(self) -> int:
+        """The most steps."""
+        return limits(self.budget)[0]
+
+    @property
+    def episodes(self) -> int:
+        """The most episodes."""
+        return limits(self.budget)[1]
 
     def _named(self, start: int, shaping: Shaping | None, spent: str) -> str:
         """Return a seed's run as text, whose checkpoints no other run takes."""
@@ -442,7 +462,10 @@ class Recorder(BaseCallback):
             progress.returns.clear()
         progress.checkpoint += 1
         self.run.reached()
-        return bool(stops(self.run.stopping, record.greedy_return, here, here * self.run.eval_freq))
+        record.stopped[0] = stops(
+            self.run.stopping, record.greedy_return, here, here * self.run.eval_freq
+        )
+        return bool(record.stopped[0])
 
     def end(self) -> None:
         """Record the last checkpoint, and mark the run as over."""

@@ -393,4 +393,5 @@ def note(record, stopping, checkpoint, so_far, q, other):
                 for action in range(q.shape[1]):
                     mean = 0.5 * (q[apart * state, action] + other[apart * state, action])
                     record.snapshots[i, state, action] = mean
-    return 1.0 if stops(stopping, record.greedy_return, checkpoint, step) else 0.0
+    record.stopped[0] = stops(stopping, record.greedy_return, checkpoint, step)
+    return 1.0 if record.stopped[0] else 0.0

@@ -51,6 +51,7 @@ class Record(NamedTuple):
     snapshot_at: IntArray  # (M,) checkpoints whose tables are kept
     snapshots: npt.NDArray[np.float32]  # (M, S, A)
     ends: BoolArray  # (S,) in which episodes have terminated, where only steps tell; else (0,)
+    stopped: BoolArray  # (1,) true once the stopping rule has ended the run
     halted: BoolArray  # (1,) true once nobody waits for the run
 
     @classmethod
@@ -70,7 +71,9 @@ class Record(NamedTuple):
         tables = np.zeros((len(kept), *shape), np.float32)
         ends = np.zeros(shape[0] if unknown_ends else 0, np.bool_)
         episodes = np.zeros(checkpoints, np.int64)
-        return cls(returns, greedy, source_share, episodes, kept, tables, ends, HALTED.get())
+        stopped = np.zeros(1, np.bool_)
+        kinds = kept, tables, ends, stopped, HALTED.get()
+        return cls(returns, greedy, source_share, episodes, *kinds)
 
 
 @inlined

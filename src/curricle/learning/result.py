@@ -23,6 +23,7 @@ from curricle.learning.learners import (
 )
 from curricle.learning.record import Record, Snapshots
 from curricle.learning.schedules import Schedule
+from curricle.learning.stopping import MEMORY_FULL, StoppingKernel
 from curricle.learning.storage import SparseValues
 from curricle.learning.tabular_policy import (
     Arrays,
@@ -81,6 +82,16 @@ class LearningResult(Frozen):
         Totals of each seed.
     evaluation_steps : (K,) int64
         Steps of rollouts of the greedy policy, charged to no budget; 0 where evaluation is exact.
+    floor_steps : (K,) int64
+        Steps of the random policy's rollouts by which the floor of a :class:`StoppingRule` was
+        estimated, once for all seeds that were trained together; 0 where it follows from tables.
+    ended_by : (K,) str
+        What ended each run: all steps used, all episodes done, memory full, or the conditions of a
+        stopping rule that were met; "all steps used, not learnt" where the return stayed below the
+        floor.
+    level, floor : (K,) float64
+        The return that the stopping rule asks for, NaN without one, and the return above which it
+        may have settled, -inf without one.
     out_of_memory : (K,) bool
         Whether a run ended early, at the step for which a sparse table had no row left.
     own_rewards : (K,) bool
@@ -111,6 +122,10 @@ class LearningResult(Frozen):
     steps_used: Annotated[IntArray, ResultField("K", "int64")]
     episodes_used: Annotated[IntArray, ResultField("K", "int64")]
     evaluation_steps: Annotated[IntArray, ResultField("K", "int64")]
+    floor_steps: Annotated[IntArray, ResultField("K", "int64")]
+    ended_by: Annotated[npt.NDArray[np.str_], ResultField("K", "U64")]
+    level: Annotated[FloatArray, ResultField("K", "float64")]
+    floor: Annotated[FloatArray, ResultField("K", "float64")]
     out_of_memory: Annotated[BoolArray, ResultField("K", "bool")]
     source_share: Annotated[FloatArray, ResultField("KT", "float64", "share of turns", held=True)]
     own_rewards: Annotated[BoolArray, ResultField("K", "bool")]
@@ -281,8 +296,25 @@ class Outcome:
     steps_used: int
     episodes_used: int
     evaluation_steps: int
-    out_of_memory: bool = False
+    ended_by: str
+    kernel: StoppingKernel
+    floor_steps: int = 0
     own_rewards: bool = True
+
+    @property
+    def out_of_memory(self) -> bool:
+        """Whether a sparse table had no row left."""
+        return self.ended_by == MEMORY_FULL
+
+    @property
+    def level(self) -> float:
+        """The return that the stopping rule asks for."""
+        return self.kernel.level
+
+    @property
+    def floor(self) -> float:
+        """The return above which the return may have settled."""
+        return self.kernel.floor
 
 
 def learning_result(
@@ -295,7 +327,10 @@ def learning_result(
 ) -> LearningResult:
     """Put the seeds' records on one axis of checkpoints."""
     n = max(outcome.steps_used for outcome in outcomes) // eval_freq + 1
-    arrays = {name: np.array([getattr(outcome, name) for outcome in outcomes]) for name in TOTALS}
+    arrays = {
+        name: np.array([getattr(outcome, name) for outcome in outcomes], FIELDS[name].dtype)
+        for name in TOTALS
+    }
     for name in CURVES:
         curve = np.stack([getattr(outcome.record, name)[:n] for outcome in outcomes])
         for k, end in enumerate(arrays["steps_used"] // eval_freq if FIELDS[name].held else ()):

@@ -1,7 +1,7 @@
 """Training one task over many seeds: :func:`learn`, and the run of each seed."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -28,14 +28,15 @@ from curricle.learning.seeds import SeedSettings, over_seeds, seed_settings, thr
 from curricle.learning.shaping import QInitialisation, Shaping
 from curricle.learning.stopping import (
     NEVER_STOPS,
+    NO_LEVELS,
     Budget,
     StoppingKernel,
     StoppingRule,
+    ended_by,
     levels,
     limits,
     longest_run,
     spacing,
-    stops,
 )
 from curricle.learning.storage import (
     DenseTable,
@@ -158,7 +159,10 @@ def learn(
     )
     kernel = evaluation.kernel(task)
     snapshots = whole_number("snapshots", snapshots, 0, SettingError)
-    stopping = stopping_kernel(budget, task, evaluation)
+    found = levels(budget, task, evaluation) if isinstance(budget, StoppingRule) else NO_LEVELS
+    stopping = NEVER_STOPS
+    if isinstance(budget, StoppingRule):
+        stopping = budget.kernel(found.level, found.floor)
     threads = threads_for(generative, workers, len(settings))
     work = 0  # steps of an evaluation; a sweep of an exact one counts as one a pair
     if isinstance(kernel, RolloutEvaluation):
@@ -184,7 +188,17 @@ def learn(
             f"{type(learner).__name__} and {'sparse' if rows else 'dense'} tables"
         )
     run = Run(
-        generative, learner, most, eval_freq, longest, kernel, stopping, storage, rows, bounds
+        generative,
+        learner,
+        budget,
+        eval_freq,
+        longest,
+        kernel,
+        stopping,
+        storage,
+        rows,
+        bounds,
+        found.steps,
     )
     if rows:
         run.check_sparse(settings)
@@ -192,13 +206,6 @@ def learn(
         values, outcomes = train_all(run, settings, stream, snapshots, threads, bars)
     numbers = tuple(seed.seed for seed in settings)
     return learning_result(task, configured, numbers, values, outcomes, eval_freq)
-
-
-def stopping_kernel(budget: Budget, task: Task, evaluation: GreedyEvaluation) -> StoppingKernel:
-    """Return the stopping rule of a budget for the compiled loops, which may have none."""
-    if not isinstance(budget, StoppingRule):
-        return NEVER_STOPS
-    return budget.kernel(*levels(budget, task, evaluation))
 
 
 def given_or_default(name: str, argument: Any, kind: type, default: type | None = None) -> Any:
@@ -277,7 +284,7 @@ class Run:
 
     task: GenerativeModel
     learner: Learner
-    limits: tuple[int, int]  # the most steps and episodes
+    budget: Budget
     eval_freq: int
     longest: int  # a bound of the steps that both limits allow
     evaluation: EvaluationKernel
@@ -285,6 +292,12 @@ class Run:
     storage: Storage
     rows: int  # that a sparse table may have; 0 for a dense table
     bounds: tuple[float, float] | None  # of values, where portfolios have an optimist
+    floor_steps: int  # that it took to estimate the floor of the stopping rule
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        """The most steps and episodes."""
+        return limits(self.budget)
 
     def train(
         self,
@@ -351,7 +364,7 @@ class Run:
             tables = self._dense(seed, acts), learnt, Beside(highest), None
         steps, episodes = self._loop(train_q_learning, seed, tables, learnt, acts[None, None])
         q[self._only_ends(seed.record, q[None], seed.initial)] = 0.0
-        return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
+        return self._outcome(seed, seed.out, steps, episodes)
 
     def _train_members(self, seed: _Seed) -> Outcome:
         """Train the source's learner, an optimist and its second table, their rows side by side."""
@@ -382,7 +395,7 @@ class Run:
         steps, episodes = self._loop(train_q_learning, seed, tables, learnt, q[None, None])
         if seed.out is not None:
             seed.out[...] = blocks[:, 0 if tally.share[0] > UNDECIDED else 2]
-        return Outcome(seed.record, seed.out, steps, episodes, seed.evaluation.steps)
+        return self._outcome(seed, seed.out, steps, episodes)
 
     def _train_sparsely(self, seed: _Seed) -> Outcome:
         # Pages of np.empty and np.zeros take no memory before they are written to.
@@ -409,8 +422,6 @@ class Run:
         steps, episodes = self._loop(
             train_q_learning, seed, (table, table, None, None), table, table.q[None, None]
         )
-        checkpoint, rest = divmod(steps, self.eval_freq)
-        stopped = not rest and stops(self.stopping, seed.record.greedy_return, checkpoint, steps)
         early = steps < self.limits[0] - seed.settings.charged and episodes < self.limits[1]
         values = None
         if self.storage.save_values:  # of the states that have a row, in their order
@@ -419,8 +430,8 @@ class Run:
             states, q = table.states[used][order].astype(np.int64), table.q[used]
             reorder(q, order)
             values = SparseValues(frozen(states), frozen(q))
-        full = bool(early and not stopped)
-        return Outcome(seed.record, values, steps, episodes, seed.evaluation.steps, full)
+        full = bool(early and not seed.record.stopped[0])
+        return self._outcome(seed, values, steps, episodes, out_of_memory=full)
 
     def _train_learners(self, seed: _Seed) -> Outcome:
         """Train a learner with a shaping; in a portfolio also an optimist or one without it."""
@@ -447,8 +458,25 @@ class Run:
             initial = shaping.potential if shaping.starts_at_potential else None
             seed.out[...] = q[ahead].mean(axis=0) + shaping.offset(steps)
             seed.out[self._only_ends(record, q[ahead], initial)] = 0.0
-        spent = steps, episodes, seed.evaluation.steps
-        return Outcome(record, seed.out, *spent, own_rewards=shaping.own_rewards)
+        outcome = self._outcome(seed, seed.out, steps, episodes)
+        return replace(outcome, own_rewards=shaping.own_rewards)
+
+    def _outcome(
+        self, seed: _Seed, values: Any, steps: int, episodes: int, *, out_of_memory: bool = False
+    ) -> Outcome:
+        """Return the outcome of a seed, with what ended its run."""
+        record, checkpoint = seed.record, steps // self.eval_freq
+        ending = ended_by(
+            self.budget,
+            self.stopping,
+            record.greedy_return,
+            checkpoint,
+            checkpoint * self.eval_freq,
+            stopped=bool(record.stopped[0]),
+            out_of_memory=out_of_memory,
+        )
+        totals = steps, episodes, seed.evaluation.steps
+        return Outcome(record, values, *totals, ending, self.stopping, self.floor_steps)
 
     def _loop(
         self, loop: Callable[..., Any], seed: _Seed, learns: Any, view: Any, q: FloatTable

@@ -283,9 +283,16 @@ class GreedyEvaluation:
         return horizon
 
 
+class Evaluated(NamedTuple):
+    """The expected return of a policy, and the steps that rollouts took for it."""
+
+    value: float
+    steps: int
+
+
 def greedy_policy_return(
     task: Task, view: Any, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
-) -> float:
+) -> Evaluated:
     """Return the expected return of the policy that is greedy on a view (:func:`greedy_action`).
 
     Rollouts draw as :func:`learn` does at step 0 for the same seed and stream.
@@ -293,16 +300,17 @@ def greedy_policy_return(
     start = stream_start(seed, stream)
     kernel = evaluation.kernel(task).for_run(start)
     if isinstance(kernel, NoEvaluation):
-        return np.nan
+        return Evaluated(np.nan, 0)
     if isinstance(kernel, ExactEvaluation):
         if isinstance(view, Values | VisitedValues):  # one type, as of the tables that learn
             values = np.zeros(kernel.tables.outcome_row.shape)
             values[view.states if isinstance(view, VisitedValues) else ...] = view.values
             view = Values(closed(values, tables(task).available))
-        return float(compiled(exact_return, False)(kernel, view))
+        return Evaluated(float(compiled(exact_return, False)(kernel, view)), 0)
     with open_model(generative_model(task), start) as model:
         loop = compiled(rollout_return, has_users_code(model))
-        return float(loop(kernel, model, view))
+        value = float(loop(kernel, model, view))
+    return Evaluated(value, kernel.steps)
 
 
 # -- machine code that loops call at its address ---------------------------------------------------
@@ -530,6 +538,14 @@ STANDARD_ERRORS = 2.0  # within which two returns are called the same
 NOT_LEARNT = 0.5  # share of the way from random to the optimum below which a task was not learnt
 
 
+class Estimated(NamedTuple):
+    """An estimate of a policy's return, its standard error, and the steps that it took."""
+
+    value: float
+    noise: float
+    steps: int
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """A target task in which potentials are measured; solved once, if it can be.
@@ -592,12 +608,12 @@ class Target:
         if self.evaluation.method == "exact" and comparable and model.time_limit is not None:
             return limited_optimum(tables(self.task), model.time_limit)
         best = Values(self.solution.action_values)
-        return greedy_policy_return(self.task, best, self.evaluation)
+        return greedy_policy_return(self.task, best, self.evaluation).value
 
     @cached_property
     def random_return(self) -> float:
         """The expected return of the policy that takes every available action equally often."""
-        return greedy_policy_return(self.task, self._no_values, self.evaluation)
+        return greedy_policy_return(self.task, self._no_values, self.evaluation).value
 
     @property
     def _no_values(self) -> VisitedValues:
@@ -614,19 +630,29 @@ class Target:
             best, worst = self.optimum, self.random_return
             equal = math.isclose(best, worst, rel_tol=ROUNDING)
             return -math.inf if equal else self.level(NOT_LEARNT)
-        random, noise = self.estimated(self._no_values)
-        return random + STANDARD_ERRORS * noise
+        return self._random.value + STANDARD_ERRORS * self._random.noise
 
-    def estimated(self, view: Any) -> tuple[float, float]:
+    @property
+    def floor_steps(self) -> int:
+        """The steps of the rollouts that :attr:`floor` rests on; 0 where it follows from tables."""
+        return 0 if self.solution is not None else self._random.steps
+
+    @cached_property
+    def _random(self) -> Estimated:
+        return self.estimated(self._no_values)
+
+    def estimated(self, view: Any) -> Estimated:
         """Return the expected return of a greedy policy, and its standard error; 0 if exact."""
         if self.evaluation.method == "exact":
-            return greedy_policy_return(self.task, view, self.evaluation), 0.0
+            return Estimated(greedy_policy_return(self.task, view, self.evaluation).value, 0.0, 0)
         part = replace(self.evaluation, episodes=-(-self.evaluation.rollouts(self.task) // BATCHES))
         returns = [
             greedy_policy_return(self.task, view, part, seed=k, stream="source_learning")
             for k in range(BATCHES)
         ]
-        return float(np.mean(returns)), float(np.std(returns, ddof=1) / np.sqrt(BATCHES))
+        values, steps = zip(*returns, strict=True)
+        noise = float(np.std(values, ddof=1) / np.sqrt(BATCHES))
+        return Estimated(float(np.mean(values)), noise, sum(steps))
 
     def level(self, fraction: float) -> float:
         """Return worst + fraction (optimum - worst), worst being the random policy's return.

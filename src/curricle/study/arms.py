@@ -25,7 +25,6 @@ from curricle.curriculum.result import SourceValues, source_values
 from curricle.errors import ConfigError, ForeignError, SettingError
 from curricle.files import Place, short_digest
 from curricle.learning.result import arrays_of
-from curricle.learning.stopping import ended_by
 from curricle.learning.storage import Storage
 from curricle.statistics.curves import SCRATCH
 from curricle.study.config import StudyConfig
@@ -262,18 +261,18 @@ def train_unit(sent: UnitInput) -> UnitResult:
 
 def _decisions(trained: Trained, curriculum: Curriculum, unit: Unit) -> list[DecisionRow]:
     """Return a row for each decision of the stopping rule; without a rule a row for each seed."""
-    result, budget = trained.result, curriculum.setting("budget", unit.task)
+    result = trained.result
     rows = list[DecisionRow]()
     for k, decisions in enumerate(curriculum.node(unit.task).decisions(result)):
         place = unit.task, unit.seeds[k]
         for decision in decisions:
-            ends, kernel = decision.spent or decision.ends, decision.kernel
+            kernel, why = decision.kernel, decision.criterion
             numbers = decision.lowest, kernel.level, decision.share, kernel.settled
-            why = decision.criterion
-            rows.append(DecisionRow(*place, decision.step, ends, why, *numbers, str(decision)))
+            step, ended = decision.step, decision.ended
+            rows.append(DecisionRow(*place, step, ended, why, *numbers, str(decision)))
         if not decisions:
             used = int(result.steps_used[k])
-            why = ended_by(budget, bool(result.out_of_memory[k]))
+            why = str(result.ended_by[k])
             reason = f"ends; {why}: {used:,} steps, {int(result.episodes_used[k]):,} episodes"
             rows.append(DecisionRow(*place, used, True, why, nan, nan, nan, nan, reason))
     return rows

@@ -172,7 +172,8 @@ def _greedy_looked_up(view, state, bits):
 
 def greedy_start(potential: PairPotential, evaluation: GreedyEvaluation, *, seed: int = 0) -> float:
     """Return the greedy policy's return: the first return of :func:`learn` if Q starts at phi."""
-    return greedy_policy_return(potential.task, acting_view(potential), evaluation, seed=seed)
+    played = greedy_policy_return(potential.task, acting_view(potential), evaluation, seed=seed)
+    return played.value
 
 
 def acting_view(potential: PairPotential) -> LookedUp | Values:
@@ -371,9 +372,12 @@ class ObservationTarget:
     optimum: float = float("nan")
 
     @cached_property
+    def _random(self) -> list[Any]:
+        return list(random_episodes(self.task, self.episodes))
+
+    @property
     def _random_returns(self) -> FloatArray:
-        rolled = random_episodes(self.task, self.episodes)
-        return episode_returns(rolled, self.evaluation.discount(self.task))
+        return episode_returns(self._random, self.evaluation.discount(self.task))
 
     @property
     def random_return(self) -> float:
@@ -385,6 +389,11 @@ class ObservationTarget:
         """The random policy's return plus its noise; higher returns show learning."""
         noise = self._random_returns.std(ddof=1) / np.sqrt(self.episodes)
         return self.random_return + STANDARD_ERRORS * float(noise)
+
+    @property
+    def floor_steps(self) -> int:
+        """The steps of the rollouts that :attr:`floor` rests on."""
+        return sum(len(episode.rewards) for episode in self._random)
 
     @property
     def episodes(self) -> int:

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import curricle as cr
 from curricle.comparison.plan import PlannedArm
-from curricle.learning.stopping import ended_by
 from curricle.show import report as module
 from curricle.study.analysis import analysed, curricula_record
 from tests.tasks import predator_edges
@@ -27,9 +26,7 @@ def study_page(name, comparison, results, *, decisions=None, environment=None):
     curricula, learnt, analysis = shown(results)
 
     def reasons(arm, task):
-        node, ended = learnt[arm][task], results[arm].curriculum.node(task)
-        rows = zip(ended.decisions(node), node.out_of_memory, strict=True)
-        default = [r[-1].criterion if r else ended_by(ended.budget, full) for r, full in rows]
+        default = learnt[arm][task].ended_by.tolist()
         return dict(enumerate((decisions or {}).get((arm, task), default)))
 
     run = {"file": "", "started": "", "commit": "", "python": "", "machine": ""}
