@@ -12,12 +12,11 @@ import json
 import math
 import os
 import re
-import shutil
 import stat
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from secrets import token_hex
@@ -136,15 +135,6 @@ def local_file(path: str | Path, ending: str = "") -> Path:
         raise StoreError(f"a file needs a name: got {str(path)!r}")
     file = Path(path)
     return file if not ending or file.suffix == ending else file.with_name(f"{file.name}{ending}")
-
-
-def remove_folder(path: Place) -> None:
-    """Delete a folder and its content as far as possible."""
-    if isinstance(path, Path):
-        shutil.rmtree(path, ignore_errors=True)
-        return
-    with suppress(Exception):  # each store has its own
-        path.fs.rm(path.path, recursive=True)
 
 
 @contextmanager

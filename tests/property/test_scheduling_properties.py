@@ -38,8 +38,6 @@ class Held:
 class Checked:
     """Workers that check what they are sent (`first` says it naively), ending in a drawn order."""
 
-    share_folders = False
-
     def __init__(self, data, units, keys, done, workers, failing):
         self.data, self.units, self.keys, self.done = data, units, keys, done
         self.workers, self.failing = workers, failing

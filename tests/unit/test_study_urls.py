@@ -90,24 +90,6 @@ def test_a_url_of_this_machine_is_its_folder():
     assert place_at("file:///tmp/my%20studies/100%25") == Path("/tmp/my studies/100%")
 
 
-@pytest.mark.parametrize("place", ["folder", "url"])
-def test_checkpoints_end_when_their_unit_is_stored(finished, tmp_path, url_of, place):
-    out = url_of("checkpoints") if place == "url" else tmp_path / "out"
-    units = StudyStore(finished).units()[:2]
-    with StudyStore.opened(out, {}, resume=False) as store:
-        for unit in units:
-            file = store.checkpoints(unit.about) / "seed-0.checkpoint"
-            if place == "folder":
-                file.parent.mkdir(parents=True)
-            write_whole(file, b"saved")
-        store.write_unit(units[0].about, units[0].result(units[0].seeds))
-        left = [*store.path.glob(".checkpoints/*/*/*")]
-        assert [file.parent for file in left] == [store.checkpoints(units[1].about)]
-        store.remove_checkpoints()
-        assert not [*store.path.glob(".checkpoints/*/*/*")]
-        store.remove_checkpoints()
-
-
 @pytest.mark.parametrize("error", [OSError, BUSY])
 @pytest.mark.parametrize(
     ("method", "name"),

@@ -9,7 +9,7 @@ from fsspec.implementations.memory import MemoryFileSystem
 
 import curricle as cr
 from curricle.errors import ConfigError, LostStoreError, StoreError, StudyError
-from curricle.study import StudyResults, StudyStore, merge, read_study, run_study
+from curricle.study import StudyResults, merge, read_study, run_study, running
 from curricle.study.record import plain
 from curricle.study.results import RESULTS
 from curricle.study.store import STUDY
@@ -115,18 +115,18 @@ def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
 
 def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, url_of, monkeypatch):
     study = read_study(tuned_file, set=["tune.trials=2", "tune.seeds=1"])
-    exists, remove = MemoryFileSystem.exists, StudyStore.remove_checkpoints
+    exists, pack = MemoryFileSystem.exists, running.pack
 
     def failing(system, path, **settings):
         if path.endswith(STUDY):
             raise OSError("nothing answers")
         return exists(system, path, **settings)
 
-    def last(store):
-        remove(store)
+    def last(*arguments):
+        pack(*arguments)
         monkeypatch.setattr(MemoryFileSystem, "exists", failing)
 
-    monkeypatch.setattr(StudyStore, "remove_checkpoints", last)
+    monkeypatch.setattr(running, "pack", last)
     with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
         run_study(study, url_of("out"), workers=1)
 

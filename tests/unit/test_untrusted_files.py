@@ -11,7 +11,6 @@ from curricle.errors import LONGEST, ConfigError, LostStoreError, StoreError, Ta
 from curricle.files import opened_archive, place_at, read_npy
 from curricle.study import StudyConfig, read_study, run_study
 from curricle.study.store import (
-    CHECKPOINTS,
     LOCK,
     STUDY,
     UNITS,
@@ -32,7 +31,7 @@ def test_pythons_own_library_is_refused(name, allowed, tmp_path, monkeypatch):
 
 def test_an_installed_package_is_named_where_it_is_allowed(tmp_path, monkeypatch):
     monkeypatch.setenv(ALLOW, "nump,numpy.linal")
-    for name in ("numpy:save", "numpy.linalg:norm", "curricle.files:remove_folder", "__main__:x"):
+    for name in ("numpy:save", "numpy.linalg:norm", "curricle.files:write_whole", "__main__:x"):
         with pytest.raises(ConfigError, match=rf"set {ALLOW}=\w+ if you trust the file with it"):
             load(name, tmp_path)
     monkeypatch.setenv(ALLOW, "mine, numpy.linalg")
@@ -64,7 +63,7 @@ def test_a_lock_that_is_a_link_is_not_followed(tmp_path):
     assert precious.read_text() == "words"
 
 
-@pytest.mark.parametrize("place", [UNITS, f"{UNITS}/maze-1", CHECKPOINTS, TRIALS])
+@pytest.mark.parametrize("place", [UNITS, f"{UNITS}/maze-1", TRIALS])
 def test_a_folder_that_is_a_link_is_not_written_to(place, tmp_path):
     (tmp_path / "precious" / "mine").mkdir(parents=True)
     for name in ("a.npz", "mine/a.npz"):

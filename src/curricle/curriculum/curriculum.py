@@ -15,7 +15,6 @@ from curricle.deep.learner import DeepLearner, WeightTransfer, check_spaces
 from curricle.deep.learning import check_evaluation, learn_deep
 from curricle.deep.miniature import Miniatures
 from curricle.errors import CurriculumError, SettingError
-from curricle.files import Place, file_name, place_at
 from curricle.learning.learners import Learner, OptimisticQLearning, QLearning
 from curricle.learning.portfolio import Portfolio
 from curricle.learning.result import LearningResult
@@ -160,7 +159,6 @@ class Node:
         charged: Sequence[int] | IntArray | None = None,
         snapshots: int = 0,
         workers: int | None = None,
-        saves: Place | None = None,
         progress: Progress = None,
     ) -> LearningResult:
         """Return the result of K seeds in the task, with K potentials or none."""
@@ -179,7 +177,7 @@ class Node:
             "progress": progress,
         }
         if self.deep:
-            result = learn_deep(self.task, self.learner, self.budget, saves=saves, **common)
+            result = learn_deep(self.task, self.learner, self.budget, **common)
             return result if self.storage.save_values else replace(result, values=None)
         common |= {"storage": self.storage, "snapshots": snapshots, "workers": workers}
         return learn(self.task, self.learner, self.budget, **common)
@@ -484,7 +482,6 @@ class Curriculum:
         charge: bool = False,
         snapshots: int = 0,
         workers: int | None = None,
-        saves: str | Place | None = None,
         progress: Progress = None,
     ) -> CurriculumResult:
         """Train all tasks, sources first, and return their results; the K seeds are independent.
@@ -505,8 +502,6 @@ class Curriculum:
             (:class:`Snapshots`).
         workers : int, optional
             Threads over seeds.
-        saves : path, optional
-            Folder or URL for checkpoints of networks, as in :func:`learn_deep`.
         progress : bool or callable, optional
             True shows a bar for each task; a function is called with the name of each learnt task.
         """
@@ -549,7 +544,6 @@ class Curriculum:
                     sources,
                     numbers,
                     charged=spent,
-                    saves=saves,
                     snapshots=snapshots,
                     workers=workers,
                     progress=bars.within(),
@@ -565,7 +559,6 @@ class Curriculum:
         seeds: tuple[int, ...],
         *,
         charged: IntArray | None = None,
-        saves: str | Place | None = None,
         **how: Any,
     ) -> tuple[LearningResult, list[AnyPotential]]:
         """Return a task's result, and its potentials as they entered.
@@ -574,7 +567,6 @@ class Curriculum:
         """
         self._check_network(name)
         potentials = self.potentials(name, sources)
-        how["saves"] = None if saves is None else place_at(saves) / file_name(name)
         return self.node(name).train(seeds, potentials, charged=charged, **how), potentials
 
     def _check_network(self, name: str) -> None:

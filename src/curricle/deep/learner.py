@@ -21,7 +21,6 @@ from curricle.tasks.observation_task import ObservationTask, plain_text, stable_
 
 LIBRARIES = ("stable_baselines3", "sb3_contrib")  # where an algorithm's name is looked up
 EXPLORING = ("DQN", "QRDQN")  # whose exploration falls over a share of the budget
-SAVES = 20  # checkpoints to resume from that a run writes over its budget
 LEAVES = (Box, Discrete, MultiDiscrete, MultiBinary)
 LEAST_SIDE = 36  # cells of a picture's side that the convolutions of ``NatureCNN`` need
 SMALLER = "a features_extractor_class such as SmallCNN in policy_kwargs reads smaller ones"

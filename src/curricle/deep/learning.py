@@ -11,12 +11,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from curricle.arrays import IntArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, whole_number
 from curricle.deep.learner import DeepLearner, check_spaces
 from curricle.deep.miniature import Miniatures, actor_of
 from curricle.errors import CurricleError, SettingError
-from curricle.files import Place, local_file, place_at, read_saved, write_in_folder
+from curricle.files import local_file, read_saved, write_in_folder
 from curricle.interop.tabulated_task import check_sight
 from curricle.learning.result import LearningResult, learning_result
 from curricle.learning.seeds import seed_settings
@@ -34,7 +34,7 @@ from curricle.pictures.episode import Episode, frame_of, played, with_pictures
 from curricle.planning.policy_evaluation import GreedyEvaluation, not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask, stable_text
+from curricle.tasks.observation_task import ObservationTask, stable_text, stack
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import (
     Environments,
@@ -177,10 +177,8 @@ class DeepResult(LearningResult):
         offsets = [getattr(values, "values_offset", None) for values in self.values or ()]
         if all(offset is None for offset in offsets):
             return arrays, about
-        from curricle.deep.models import traits  # needs torch
-
         task: Any = self.task
-        phis = [traits(task, StateShaping(offset)).tolist() for offset in offsets]
+        phis = [_traits(task, offset).tolist() for offset in offsets]
         return arrays, about | {"shaped": phis}
 
     @classmethod
@@ -222,13 +220,13 @@ class DeepResult(LearningResult):
         if len(shapings) != n:
             raise SettingError(f"a shaping for each of {n} seeds is needed: got {len(shapings)}")
         learner.algorithm_class()  # raises ImportError that names what to install
-        from curricle.deep.models import network_values, traits
+        from curricle.deep.models import network_values
 
         shapings = [shaping and _of_observations(task, learner, shaping) for shaping in shapings]
-        offsets = [shaping if isinstance(shaping, StateShaping) else None for shaping in shapings]
+        offsets = [of.potential if isinstance(of, StateShaping) else None for of in shapings]
         trained = saved.about.get("shaped", [[]] * n)
         for offset, saved_traits in zip(offsets, trained, strict=True):
-            phi = traits(task, offset)
+            phi = _traits(task, offset)
             if len(phi) != len(saved_traits) or not np.allclose(phi, saved_traits, rtol=1e-3):
                 raise SettingError(
                     "networks must be loaded with the StateShaping that they were trained with, "
@@ -245,6 +243,15 @@ class DeepResult(LearningResult):
                 f"with: {learner} does not take these parameters, {' '.join(str(error).split())}"
             ) from None
         return replace(result, task=task, values=values)
+
+
+def _traits(task: ObservationTask, phi: ObservationPotential | None) -> FloatArray:
+    """Return numbers by which a Phi is recognised; empty without one."""
+    if phi is None:
+        return np.empty(0)
+    with closing(task.environment()) as environment:
+        begun = [environment.reset(seed=k)[0] for k in range(8)]
+    return np.asarray(phi.v(stack(task.observations, begun)))
 
 
 def policies_of(
@@ -309,7 +316,6 @@ def learn_deep(
     evaluation: GreedyEvaluation | None = None,
     stream: str = "",
     charged: Sequence[int] | IntArray | None = None,
-    saves: str | Place | None = None,
     progress: Progress = None,
 ) -> DeepResult:
     """Train a deep learner in a task, seed after seed, and return the result of all seeds.
@@ -336,9 +342,6 @@ def learn_deep(
         As in :func:`learn`.
     evaluation : GreedyEvaluation, optional
         By rollouts; 5 rollouts by default.
-    saves : path, optional
-        Folder or URL for checkpoints, from which a killed run resumes to the same result; where
-        an environment cannot be pickled, as with processes, a new episode begins.
     progress : bool or callable, optional
         True shows a bar for each seed; a function is called with each seed at its end.
 
@@ -399,10 +402,9 @@ def learn_deep(
     outcomes = []
     with shown(progress) as bars:
         for of_seed in settings:
-            place = None if saves is None else place_at(saves) / f"seed-{of_seed.seed}.checkpoint"
             name = f"{stream or 'learning'}, seed {of_seed.seed}"
             reached = bars.bar(name, longest // eval_freq + 1)
-            outcomes.append(replace(run, reached=reached).train(*of_seed, place))
+            outcomes.append(replace(run, reached=reached).train(*of_seed))
             bars.tell(of_seed.seed)
     numbers = tuple(of_seed.seed for of_seed in settings)
     values: Any = tuple(outcome.values for outcome in outcomes)

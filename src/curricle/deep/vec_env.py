@@ -1,6 +1,5 @@
 """A vector environment of Stable-Baselines3 with shaped rewards: :class:`ShapedVecEnv`."""
 
-import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -25,17 +24,6 @@ try:
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, unwrap_vec_normalize
 except ModuleNotFoundError:  # the extra is not installed: the constructor raises ImportError
     VecEnv = VecEnvWrapper = object
-
-
-def whole_state(wrapper: Any) -> dict[str, Any]:
-    """Return the attributes of a wrapper, with the environments, that can be pickled."""
-    # class_attributes are the class's members, of which some cannot be.
-    return {name: value for name, value in vars(wrapper).items() if name != "class_attributes"}
-
-
-def set_whole_state(wrapper: Any, state: dict[str, Any]) -> None:
-    """Set what :func:`whole_state` returned."""
-    vars(wrapper).update(state, class_attributes=dict(inspect.getmembers(type(wrapper))))
 
 
 class ShapedVecEnv(Shaped, VecEnvWrapper):
@@ -102,8 +90,6 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         self._potential = ShapingPotential(potential, space, **settings)
         self._stacked_space = batch_space(space, venv.num_envs)
         self._episodes = Episodes(self._potential, venv.num_envs)
-
-    __getstate__, __setstate__ = whole_state, set_whole_state
 
     def reset(self) -> Any:
         """Reset all sub-environments and return what they return."""

@@ -226,7 +226,6 @@ class UnitInput(NamedTuple):
     code: str  # JSON of Arms.code, since modules must not change during a run
     unit: Unit
     sources: Mapping[str, SourceValues]  # without their tasks
-    checkpoints: Place | None = None  # a killed unit resumes from them, with the same result
     # Units of sources that the worker reads from the study's folder, and whether it needs values.
     stored: Mapping[str, tuple[Mapping[int, StoredUnit], bool]] = {}
     place: Place | None = None  # the study's folder if the worker writes the result there
@@ -236,7 +235,7 @@ class UnitInput(NamedTuple):
 
 
 def train_unit(sent: UnitInput) -> UnitResult:
-    """Train a unit and return its results, which do not depend on the `checkpoints`."""
+    """Train a unit and return its results."""
     arms = arms_from_json(sent.config, sent.folder, sent.code)
     unit = sent.unit
     arm = arms.arms[unit.arm]
@@ -249,7 +248,7 @@ def train_unit(sent: UnitInput) -> UnitResult:
     sources = source_values(arm.curriculum, sent.sources)
     charge = arms.total is not None
     try:
-        trained = train(arm, unit, sources, charge=charge, workers=1, saves=sent.checkpoints)
+        trained = train(arm, unit, sources, charge=charge, workers=1)
     except SystemExit as error:  # would end the run, with exit code 0, instead of this unit
         raise ForeignError(f"the study's own code called sys.exit({error.code})") from error
     arrays = arrays_of(trained.result)

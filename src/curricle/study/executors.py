@@ -10,7 +10,6 @@ from concurrent.futures import (
     BrokenExecutor,
     Executor,
     Future,
-    ProcessPoolExecutor,
     ThreadPoolExecutor,
 )
 from contextlib import nullcontext, suppress
@@ -23,7 +22,7 @@ from threading import Lock
 from typing import Any
 
 from curricle.errors import CurricleError, EngineError, ForeignError, in_words
-from curricle.files import Place, remove_folder
+from curricle.files import Place
 from curricle.study.arms import Arms, UnitInput, train_unit
 from curricle.study.store import StoredUnit, UnitResult, lost_errors, stored_values, written_unit
 from curricle.study_file.own_code import PACKAGES, own_files
@@ -57,11 +56,6 @@ class Workers:
     def threads(self) -> bool:
         """Whether units are trained in this process."""
         return isinstance(self.executor, ThreadPoolExecutor)
-
-    @property
-    def share_folders(self) -> bool:
-        """Whether all workers are known to see this machine's folders."""
-        return isinstance(self.executor, ThreadPoolExecutor | ProcessPoolExecutor)
 
     def see(self, place: Place) -> bool:
         """Return whether workers read and write the study's large files themselves, at a URL."""
@@ -143,10 +137,7 @@ def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
     if sent.place is None:
         return result
     with lost_errors():
-        stored = written_unit(sent.place, unit, result)
-    if sent.checkpoints is not None:
-        remove_folder(sent.checkpoints)
-    return stored
+        return written_unit(sent.place, unit, result)
 
 
 @cache

@@ -450,10 +450,8 @@ class Training:
                     stored[name] = files, needed
                 else:
                     values[name] = stored_values(packing.arrays, files, unit.seeds, read=needed)
-            kept = curriculum.node(unit.task).deep and (seen or workers.share_folders)
-            checkpoints = store.checkpoints(unit) if kept else None
             place = store.path if seen and packing.is_large(unit.key, unit.seeds) else None
-            return workers.train(UnitInput(*data, unit, values, checkpoints, stored, place))
+            return workers.train(UnitInput(*data, unit, values, stored, place))
 
         scheduler = Scheduler(send, packing, workers, failures)
         self.show(Progress(units, None, scheduler.number(), words))
@@ -467,8 +465,6 @@ class Training:
             self.show(Progress(units, unit, scheduler.number(), words))
         write_failures(store, failure_records(failures))
         pack(store, packing.per_file)
-        if not failures:
-            store.remove_checkpoints()
         store.require_there()  # listing a moved folder raises no error
         StudyResults(store, record).write_tables()
         return failures

@@ -35,7 +35,6 @@ from curricle.files import (
     parsed_json,
     place_at,
     read_bounded,
-    remove_folder,
     results_folder,
     sealed,
     unsealed,
@@ -93,7 +92,6 @@ STUDY, RUNS, LOCK = "study.json", "runs.json", ".lock"
 ANALYSIS = "analysis.json"
 UNITS = "units"
 PATIENCE = 0.3  # seconds to wait for a lock: a process that tests it holds it for a moment
-CHECKPOINTS = ".checkpoints"  # folder where networks are saved during training, to resume it
 
 
 def check_ours(path: Place, resume: bool) -> None:
@@ -636,18 +634,7 @@ class StudyStore:
         stored = written_unit(self.path, unit, result)
         for part in (RUN, DECISIONS):
             self._kept.pop((stored.path, part), None)
-        remove_folder(self.checkpoints(unit))
         return stored
-
-    def checkpoints(self, unit: Unit | UnitRecord) -> Place:
-        """Return the folder for checkpoints of a unit's training, used until the unit is stored."""
-        place = place_of(unit.key, "", seed_ranges(unit.seeds)).removesuffix(ENDING)
-        root = self.path.resolve() if isinstance(self.path, Path) else self.path
-        return root / CHECKPOINTS / place
-
-    def remove_checkpoints(self) -> None:
-        """Remove the checkpoints of all units."""
-        remove_folder(self.path / CHECKPOINTS)
 
     def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
         """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
