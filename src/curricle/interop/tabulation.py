@@ -190,13 +190,13 @@ class Plan:
             transitions=source.transitions,
             drawing=world.drawing,
             checked=checked,
-            explored=len(search.terminal),
+            explored=len(search.states),
             note=world.access.note,
             **{name: getattr(search, name) for name in ("cut", "several", "seconds", "observing")},
         )
         return tables, record
 
-    def _explored(self, source: Any) -> Search:
+    def _explored(self, source: World | ListedOutcomes) -> Search:
         """Return the finished search, and show its progress where `progress` asks for it."""
         line = f"tabulating {source.name}"
         with shown(self.progress, lambda: line) as bars:
@@ -343,10 +343,10 @@ Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
     """Return the tables of explored states; states that are alike are merged."""
-    seen = None
-    if all(observation is not None for observation in search.observations):
-        seen = stacked_observations(search.observations, search.terminal)
-    terminal = np.array(search.terminal, dtype=bool)
+    seen, observations = None, [state.observation for state in search.states]
+    terminal = np.array([state.terminal for state in search.states])
+    if all(observation is not None for observation in observations):
+        seen = stacked_observations(observations, terminal)
     start, n_states = np.zeros(len(terminal)), len(terminal)
     start[list(search.start)] = list(search.start.values())
     space, rows = Space([Component("state", n_states)]), _outcome_rows(search, n_actions, sampled)
@@ -366,7 +366,7 @@ def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> 
             first=blocks[tables.first],
             observations=ObservationTable(parts, seen.terminal[first]),
         )
-    components, vague = words_of_blocks(search.components, blocks)
+    components, vague = words_of_blocks([state.components for state in search.states], blocks)
     return tables._replace(states=named_states(components, tables.terminal, vague))
 
 
@@ -374,8 +374,10 @@ def _outcome_rows(
     search: Search, n_actions: int, sampled: bool
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return probabilities, successors and rewards, (S A, O) each; a terminal state has none."""
-    pair, after = np.array(search.pair, np.int64), np.array(search.next_state, np.int64)
-    chance, reward = np.array(search.probability), np.array(search.reward)
+    found = search.outcomes
+    pair, after, chance, reward = map(
+        np.array, (found.pair, found.next_state, found.probability, found.reward)
+    )
     if sampled:
         key, which = np.unique(np.stack([pair, after]), axis=1, return_inverse=True)
         pair, after = key
@@ -384,7 +386,7 @@ def _outcome_rows(
         reward = earned / chance
     order = np.argsort(pair, kind="stable")
     pair, after, chance, reward = pair[order], after[order], chance[order], reward[order]
-    n_pairs = len(search.terminal) * n_actions
+    n_pairs = len(search.states) * n_actions
     counts = np.bincount(pair, minlength=n_pairs)
     place = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
     shape = n_pairs, max(1, int(counts.max(initial=0)))
