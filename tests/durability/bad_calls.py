@@ -15,7 +15,6 @@ from functools import cache
 import numpy as np
 
 import curricle as cr
-from curricle.transfer.rollouts import greedy_rollouts
 
 NAN, INF = float("nan"), float("inf")
 MEMORY = 24 * 2**30
@@ -219,7 +218,6 @@ CALLS = {name: (getattr(cr, name), good) for name, good in ARGUMENTS.items()} | 
     ),
     "read": (cr.same_position(MAZE, NEAR).read, lambda: {"source_values": np.ones((4, 4))}),
     "rollout": (cr.planning.rollout, lambda: {"task": MAZE, "policy": np.ones(6, int), "start": 0}),
-    "greedy_rollouts": (greedy_rollouts, lambda: {"potential": phi(), "episodes": 2}),
     "LiveMDP": (
         lambda **f: cr.learn(cr.tasks.LiveMDP(*RING, **f), budget=20, evaluation=OFF),
         lambda: {"make": Ring, "encode": None, "act": int, "time_limit": 9},

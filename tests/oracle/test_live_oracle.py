@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import curricle as cr
-from curricle.transfer.rollouts import greedy_rollouts
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
 SHAPINGS = [
@@ -103,14 +102,3 @@ def test_sparse_tables(pair):
 @pytest.mark.parametrize("learner", [cr.QLearning(), cr.DoubleQLearning()])
 def test_budgets_in_episodes(learner, pair):
     learn_both(pair(5, time_limit=9), learner, cr.Episodes(70))
-
-
-def test_greedy_rollouts(pair):
-    mdp, live = pair(6, time_limit=9)
-    phi = np.random.default_rng(0).normal(size=(12, mdp.actions.size))
-    phi[mdp.terminal] = 0.0
-    lively, other = (
-        greedy_rollouts(cr.StateActionPotential(t, phi), episodes=30) for t in (live, mdp)
-    )
-    for name in ("states", "actions", "predicted", "return_to_go", "lengths", "ended", "returns"):
-        np.testing.assert_array_equal(getattr(lively, name), getattr(other, name))

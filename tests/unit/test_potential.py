@@ -123,11 +123,8 @@ def test_a_mapped_potential_is_followed_alike_by_lookup_and_from_an_array(monkey
     kinds = []
     for largest in (0, 10**6):
         monkeypatch.setattr(quality, "LARGEST_ARRAY", largest)
-        rollouts = quality.greedy_rollouts(phi, episodes=20)
-        start = quality.greedy_start(phi, cr.GreedyEvaluation(method="rollouts"))
-        kinds.append((*vars(rollouts).values(), start))
-    for by_lookup, by_array in zip(*kinds, strict=True):
-        np.testing.assert_array_equal(by_lookup, by_array)
+        kinds.append(quality.greedy_start(phi, cr.GreedyEvaluation(method="rollouts")))
+    assert kinds[0] == kinds[1]
 
 
 def test_an_aggregate_without_code_is_named_where_a_target_is_too_large_for_arrays():

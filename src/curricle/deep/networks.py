@@ -191,7 +191,7 @@ def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) ->
     memory: Any = None  # arrays (layers, episodes, size), of those that ran before
     before: Sequence[int] = ()
 
-    def policy(observations: Any, running: Sequence[int]) -> tuple[Any, Any]:
+    def policy(observations: Any, running: Sequence[int]) -> Any:
         nonlocal memory, before
         kept, masks = np.isin(before, running), {}
         if masked:
@@ -201,7 +201,7 @@ def acting(model: Any, environments: Sequence[Any], *, sampled: bool = False) ->
         begins = np.full(len(running), not before)
         actions, memory = model.predict(observations, state, begins, not sampled, **masks)
         before = running
-        return actions, np.zeros(len(running))  # it predicts no values
+        return actions
 
     return policy
 

@@ -9,7 +9,7 @@ import pytest
 from gymnasium import spaces
 
 import curricle as cr
-from curricle.transfer.rollouts import greedy_rollouts
+from curricle.planning.rollouts import random_rollouts
 
 from .environments import OFF, TWO, Ring, Watched, watched
 
@@ -79,9 +79,6 @@ def test_a_guard_and_a_rollout_see_a_cut_too():
     assert learnt.values[0, 0, 0] == pytest.approx(2.0)
     episode = cr.planning.rollout(task, [0])
     assert (len(episode), episode.truncated, episode.terminated) == (1, True, False)
-    met = greedy_rollouts(phi, episodes=3)
-    assert met.lengths.tolist() == [1, 1, 1]
-    assert met.bootstrap_discount.tolist() == [0.5, 0.5, 0.5]
 
 
 def test_a_time_limit_reaches_the_environment():
@@ -192,10 +189,9 @@ def test_failures_anywhere_close_what_was_opened(line, number):
 
 def test_failures_outside_of_learning_surface_too():
     task = watched([], fails_at("step", 4))
-    phi = cr.StateActionPotential(task, np.zeros((2, 2)))
     for work in (
         lambda: [cr.planning.rollout(task, [0, 0], seed=seed) for seed in range(9)],
-        lambda: greedy_rollouts(phi, episodes=100),
+        lambda: random_rollouts(task, episodes=100, length=9),
     ):
         task.make().log.clear()
         with pytest.raises(Trouble):
