@@ -83,7 +83,7 @@ def test_look_ahead_on_open_ends_agrees_with_its_literal_operator(mdp, data):
     shaped = check_shaping(task, cr.LookAheadAdvice(phi), ends="given")
     shaped = replace(shaped, compared=True)
     acted = shaped.looking_ahead(phi)
-    np.testing.assert_array_equal(shaped.met.states, met_states(mdp))
+    np.testing.assert_array_equal(shaped.reachable.states, met_states(mdp))
     np.testing.assert_allclose(acted.values, (q + phi)[met_states(mdp)], atol=acted.bound + 1e-9)
     certificate = certify(task, cr.LookAheadAdvice(phi), ends="given")
     ending = fractions(mdp.discount) * fractions(np.where(mdp.terminal, phi.max(axis=1), 0.0))

@@ -329,7 +329,7 @@ def _findings(shaped: ShapedTask) -> tuple[str, ...]:
 class ActionComparison:
     """The optimal actions of a task and of its shaped version, in N reachable states."""
 
-    met: Reachable
+    reachable: Reachable
     unshaped: Solution
     shaped: ShapedValues
     tolerance: float  # a loss that is allowed
@@ -337,7 +337,9 @@ class ActionComparison:
     @cached_property
     def task(self) -> ActionValues:
         """The action values of the task without shaping."""
-        return ActionValues(self.unshaped.action_values[self.met.states], self.unshaped.error_bound)
+        return ActionValues(
+            self.unshaped.action_values[self.reachable.states], self.unshaped.error_bound
+        )
 
     @property
     def loss(self) -> float:
@@ -370,7 +372,7 @@ class ActionComparison:
 
     def total_loss(self) -> float:
         """Return max_s V*(s) - V(s), V of the worst policy that may be optimal when shaped."""
-        mdp, states, chosen = self.met.mdp, self.met.states, self.shaped.optimal
+        mdp, states, chosen = self.reachable.mdp, self.reachable.states, self.shaped.optimal
         row = mdp.outcome_row.copy()
         first = np.take_along_axis(row[states], chosen.argmax(axis=1)[:, None], axis=1)
         row[states] = np.where(chosen, row[states], first)
@@ -383,7 +385,7 @@ class ActionComparison:
 
     def counterexample(self) -> Counterexample:
         """Return the state of the largest `lost`, or else of the largest `given_up`."""
-        q, acted, mdp = self.task.values, self.shaped.values, self.met.mdp
+        q, acted, mdp = self.task.values, self.shaped.values, self.reachable.mdp
         if self.lost.any():
             row = int(self.lost.argmax())
             best = int(q[row].argmax())
@@ -393,7 +395,7 @@ class ActionComparison:
             row = int(self.given_up.argmax())
             other, lost = int(acted[row].argmax()), 0.0
             best = int(np.where(self.task.optimal[row], self.shaped.short[row], np.inf).argmin())
-        state = int(self.met.states[row])
+        state = int(self.reachable.states[row])
         return Counterexample(
             state=state,
             components=values_of(mdp.states, state),
@@ -408,7 +410,7 @@ class ActionComparison:
 
     def too_close(self) -> str:
         """Return the sentence about the undecided states."""
-        rows, mdp = np.flatnonzero(self.undecided), self.met.mdp
+        rows, mdp = np.flatnonzero(self.undecided), self.reachable.mdp
         row = rows[0]
         q, acted = self.task.values[row], self.shaped.values[row]
         close = np.flatnonzero(self.task.optimal[row] | self.shaped.optimal[row])
@@ -416,9 +418,10 @@ class ActionComparison:
             f"{action_name(mdp.actions, int(a))} is worth {q[a]:.6g}, under shaping {acted[a]:.6g}"
             for a in close[np.argsort(-q[close], kind="stable")[:2]]
         )
+        states = self.reachable.states
         return (
-            f"in {len(rows):,} of {len(self.met.states):,} reachable states the values are too "
-            f"close to tell, first in {state_name(mdp.states, int(self.met.states[row]))}: {values}"
+            f"in {len(rows):,} of {len(states):,} reachable states the values are too close to "
+            f"tell, first in {state_name(mdp.states, int(states[row]))}: {values}"
         )
 
     def decided(
@@ -437,7 +440,7 @@ class ActionComparison:
         # is off by its residual, both twice in a difference of two actions, in every step.
         largest = self.shaped.largest
         off = 3 * EPSILON * largest + (0.0 if behind is None else behind.plain.worst)
-        reach = 2 * off * longest_episode(self.met.mdp)
+        reach = 2 * off * longest_episode(self.reachable.mdp)
         short, error = self.task.short, self.task.error
         vanishing = (short > error) & (short <= reach + error)
         if by_values:
@@ -446,7 +449,7 @@ class ActionComparison:
         if behind is not None and behind.plain.potential.any():
             # Ties stay where F is that of the potential, up to rounding, in every step.
             fits = behind.plain.worst <= 8 * EPSILON * largest
-            if not (fits and tied_exactly(self.met, self.unshaped, self.task.optimal)):
+            if not (fits and tied_exactly(self.reachable, self.unshaped, self.task.optimal)):
                 hidden = max(hidden, error)
         if hidden <= self.tolerance:
             return True, ()
@@ -464,9 +467,9 @@ def longest_episode(mdp: FiniteMDP) -> float:
     return float(steps.values.max()) + steps.error_bound
 
 
-def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
+def tied_exactly(reachable: Reachable, unshaped: Solution, optimal: BoolArray) -> bool:
     """Return whether the actions that may be optimal, (N, A), are proven equal in each state."""
-    mdp, block = met.mdp, np.empty(len(unshaped.values), np.int64)
+    mdp, block = reachable.mdp, np.empty(len(unshaped.values), np.int64)
     order = np.argsort(unshaped.values)
     apart = np.diff(unshaped.values[order]) > 2 * unshaped.error_bound
     block[order] = np.append(0, np.cumsum(apart))
@@ -478,35 +481,35 @@ def tied_exactly(met: Reachable, unshaped: Solution, optimal: BoolArray) -> bool
     for _ in range(MOST_REFINEMENTS):
         after = (block[mdp.next_state] + 1) * len(kinds) + paid.reshape(mdp.reward.shape)
         after = np.sort(np.where(mdp.probability > 0, after, -1), axis=1)
-        alike = np.where(optimal, numbered_rows(after)[mdp.outcome_row[met.states]], -1)
+        alike = np.where(optimal, numbered_rows(after)[mdp.outcome_row[reachable.states]], -1)
         most = alike.max(axis=1)
         if (optimal & (alike != most[:, None])).any():
             return False  # smaller blocks cannot make them equal
-        finer = numbered_rows(np.column_stack([block[met.states], most]))
+        finer = numbered_rows(np.column_stack([block[reachable.states], most]))
         if (refined := int(finer.max(initial=-1)) + 1) == blocks:
             return True
-        block[met.states], blocks = finer, refined
+        block[reachable.states], blocks = finer, refined
     return False
 
 
 def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
-    met, shaping = shaped.met, shaped.shaping
+    reachable, shaping = shaped.reachable, shaped.shaping
     findings, name = _findings(shaped), shaping.name
     behind: Origin | None = None
     if shaping.any_reward:
-        f = met.reward(shaping.reward(shaped))
-        behind = origin(shaped.task, met, f)
-        values = shaped.with_rewards(f, np.zeros(len(met.states)))
+        f = reachable.reward(shaping.reward(shaped))
+        behind = origin(shaped.task, reachable, f)
+        values = shaped.with_rewards(f, np.zeros(len(reachable.states)))
         largest = max(values.largest, float(abs(behind.plain.potential).max()))
         values = replace(values, residual=behind.plain.worst, largest=largest)
         findings += behind.sentences
     else:
         values = shaping.acted_on(shaped)
-    allowed = None if met.mdp.available is None else met.mdp.available[met.states]
+    allowed = None if reachable.mdp.available is None else reachable.mdp.available[reachable.states]
     values = replace(values, values=closed(values.values, allowed))
-    compared = ActionComparison(met, shaped.unshaped, values, tolerance)
+    compared = ActionComparison(reachable, shaped.unshaped, values, tolerance)
     # At discount 1 the sum of F need not be -Phi(s) in an episode that never ends.
-    endless = met.mdp.discount == 1 and improper_states(met.mdp).size > 0
+    endless = reachable.mdp.discount == 1 and improper_states(reachable.mdp).size > 0
     from_potential = behind is None or behind.fitting is behind.plain
     applies = not endless and from_potential and shaping.meets_conditions(shaped)
     theorem = shaping.theorem if applies else None
@@ -517,7 +520,7 @@ def _exact_certificate(shaped: ShapedTask, tolerance: float) -> Certificate:
     return Certificate(
         holds,
         name,
-        states=len(met.states),
+        states=len(reachable.states),
         theorem=theorem if holds else None,
         tolerance=tolerance,
         loss=loss,

@@ -206,10 +206,10 @@ def equivalent_pairs(target: Blocks, source: Blocks) -> IntArray:
 
 def _first_of(keys: IntArray, wanted: IntArray) -> IntArray:
     """Return the first index of each wanted key; `UNMAPPED` if it is missing or negative."""
-    known, first = np.unique(keys, return_index=True)
-    place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    there = (known[place] == wanted) & (wanted >= 0)
-    return np.where(there, first[place], UNMAPPED).astype(np.int64)
+    different, first = np.unique(keys, return_index=True)
+    place = np.minimum(np.searchsorted(different, wanted), len(different) - 1)
+    present = (different[place] == wanted) & (wanted >= 0)
+    return np.where(present, first[place], UNMAPPED).astype(np.int64)
 
 
 # -- the Kantorovich distance ----------------------------------------------------------------------

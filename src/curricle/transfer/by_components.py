@@ -168,8 +168,8 @@ def source_points(
     values, read = target.decode(), {}
     for component in source.components:
         origin = _origin(target, component, renaming)
-        known = _values_of(origin, component, unequal)
-        read[component.name] = known[values[origin.name] - origin.low]
+        counterparts = _values_of(origin, component, unequal)
+        read[component.name] = counterparts[values[origin.name] - origin.low]
     return source.encode(**read)
 
 
@@ -253,18 +253,17 @@ def _difference(kind: str, target: Space, source: Space) -> str:
     names, other_names = ", ".join(target.names), ", ".join(source.names)
     if len(target.components) != len(source.components):
         return f"the target's {kind} have {names}, the source's {other_names}"
-    for ours, theirs in zip(target.components, source.components, strict=True):
+    for part, other in zip(target.components, source.components, strict=True):
         target_range, source_range = (
-            f"{part.name}[{part.size}{f' from {part.low}' if part.low else ''}]"
-            for part in (ours, theirs)
+            f"{of.name}[{of.size}{f' from {of.low}' if of.low else ''}]" for of in (part, other)
         )
-        if (ours.size, ours.low) != (theirs.size, theirs.low):
+        if (part.size, part.low) != (other.size, other.low):
             return f"the target's {kind} have {target_range}, the source's {source_range}"
-        labels, other_labels = ours.labels or (), theirs.labels or ()
+        labels, other_labels = part.labels or (), other.labels or ()
         pairs = zip(labels, other_labels, strict=False)  # either may have none
-        if any(label != other and label in other_labels for label, other in pairs):
+        if any(label != another and label in other_labels for label, another in pairs):
             return (
-                f"values of {ours.name} are {', '.join(labels)} in the target and "
+                f"values of {part.name} are {', '.join(labels)} in the target and "
                 f"{', '.join(other_labels)} in the source"
             )
     if target.is_box and source.is_box:
@@ -472,12 +471,12 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
     >>> [proposal.how for proposal in by_alignment(tasks)]
     ['components by name, last column aligned', 'components by name, last column aligned, clipped']
     """
-    ours, theirs = tasks.target.states, tasks.source.states
-    values = ours.decode()
+    target, source = tasks.target.states, tasks.source.states
+    values = target.decode()
     actions = source_points(tasks.target.actions, tasks.source.actions, {})
     unequal = []
-    for component in theirs.components:
-        origin = _origin(ours, component, {})
+    for component in source.components:
+        origin = _origin(target, component, {})
         same = (origin.size, origin.low) == (component.size, component.low)
         if not same and origin.labels is None:
             unequal.append(component.name)
@@ -486,16 +485,16 @@ def by_alignment(tasks: TaskPair) -> Iterator[Proposal]:
             f"ranges are aligned where 1 to {MOST_UNEQUAL} components differ: got {len(unequal)}"
         )
     for ends in product(("first", "last"), repeat=len(unequal)):
-        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(theirs.names, 0)
+        aligned, offsets = dict(zip(unequal, ends, strict=True)), dict.fromkeys(source.names, 0)
         for name, end in aligned.items():
-            there, here = theirs.component(name), ours.component(name)
-            offsets[name] = there.low - here.low if end == "first" else there.high - here.high
+            part, origin = source.component(name), target.component(name)
+            offsets[name] = part.low - origin.low if end == "first" else part.high - origin.high
         if set(ends) == {"first"} and not any(offsets.values()):
             continue  # :func:`by_name` yields this mapping
         read = {name: values[name] + offset for name, offset in offsets.items()}
-        inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in theirs.components}
+        inside = {c.name: np.clip(read[c.name], c.low, c.high) for c in source.components}
         how = f"components by name, {' and '.join(f'{e} {name}' for name, e in aligned.items())}"
         for points, ending in ((read, "aligned"), (inside, "aligned, clipped")):
-            state = theirs.encode(**points)
+            state = source.encode(**points)
             index = pair_mapping(tasks.target, tasks.source, state[:, None], actions).index
             yield tasks.proposal(index, f"{how} {ending}")

@@ -330,8 +330,8 @@ class StateActionMapping(PairMapping):
             )
         available = available_actions(self.source)
         if available is not None:
-            known = (index < 0) | available.ravel()[np.maximum(index, 0)]
-            index = np.where(known, index, UNMAPPED)
+            readable = (index < 0) | available.ravel()[np.maximum(index, 0)]
+            index = np.where(readable, index, UNMAPPED)
         object.__setattr__(self, "index", frozen(index))
 
     @property
@@ -729,9 +729,9 @@ class ObservationMapping(TaskMapping):
         finite = np.isfinite(values)
         if status is None and finite.all():  # most often, and quick
             return rescale(values, scale, shift)
-        known = finite | np.isneginf(values)  # -inf where an action is not available
-        if not known.all():
-            place = np.argwhere(~known)[0]
+        allowed = finite | np.isneginf(values)  # -inf where an action is not available
+        if not allowed.all():
+            place = np.argwhere(~allowed)[0]
             raise MappingError(
                 f"a source's values must be finite: {name} is {values[tuple(place)]} at the "
                 f"counterpart of observation {place[0]}"

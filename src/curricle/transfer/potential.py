@@ -52,7 +52,7 @@ def combined_potential(
     if mapped is not None:
         return mapped
     pairs = generative_model(task).states.size * generative_model(task).actions.size
-    if pairs > LARGEST_INDEX and ((known := built_in(function)) is None or known.code is None):
+    if pairs > LARGEST_INDEX and ((entry := built_in(function)) is None or entry.code is None):
         raise CurriculumError(
             f"an aggregate must be one of {', '.join(BUILT_IN)} for a target of more than "
             f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "

@@ -113,15 +113,15 @@ def score_mapping(
     phi = mapping.read(tasks.source_solution.action_values)
     inconsistency, unexplained = _bellman_inconsistency(phi, tasks)
     start_value, regained, regained_where_known = _greedy_values(phi, tasks)
-    known = ~np.isnan(phi[tasks.pairs])
+    has_phi = ~np.isnan(phi[tasks.pairs])
     excess = phi[tasks.pairs] - tasks.target_solution.finite_action_values[tasks.pairs]
     error = tasks.target_solution.error_bound + tasks.source_solution.error_bound
     return MappingScores(
         dynamics_error=_dynamics_error(mapping, phi, tasks, seed),
         bellman_inconsistency=inconsistency,
         unexplained=unexplained,
-        coverage=float(known.mean()),
-        optimistic=float((excess[known] > error).mean()) if known.any() else NAN,
+        coverage=float(has_phi.mean()),
+        optimistic=float((excess[has_phi] > error).mean()) if has_phi.any() else NAN,
         start_value=start_value,
         regained=regained,
         regained_where_known=regained_where_known,
@@ -137,10 +137,10 @@ def _bellman_inconsistency(phi: FloatArray, tasks: TaskPair) -> tuple[float, flo
     after = np.where(mdp.probability > 0, mdp.probability * best[mdp.next_state], 0.0)
     expected = (mdp.probability * mdp.reward).sum(axis=1) + mdp.discount * after.sum(axis=1)
     expected, stated = expected[mdp.outcome_row][tasks.pairs], phi[tasks.pairs]
-    known = ~np.isnan(expected - stated)
-    if not known.any():
+    has_phi = ~np.isnan(expected - stated)
+    if not has_phi.any():
         return NAN, NAN
-    expected, stated = expected[known], stated[known]
+    expected, stated = expected[has_phi], stated[has_phi]
     inconsistency = float(abs(expected - stated).mean())
     by_constant = float(abs(expected - np.median(expected)).mean())
     return inconsistency, inconsistency / by_constant if by_constant > 0 else NAN
@@ -178,8 +178,8 @@ def _dynamics_error(mapping: PairMapping, phi: FloatArray, tasks: TaskPair, seed
     if tasks not in _BLOCKS:
         _BLOCKS[tasks] = refined([model_for_refinement(source)])[0].states
     block = np.where(terminal_states(source), 0, 1 + _BLOCKS[tasks])
-    known = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
-    pair = np.take_along_axis(mapping.index, known.argmax(axis=1)[:, None], axis=1)[:, 0]
+    read = np.where((mapping.index == UNMAPPED) | np.isnan(phi), -np.inf, phi)
+    pair = np.take_along_axis(mapping.index, read.argmax(axis=1)[:, None], axis=1)[:, 0]
     stands_for = np.where(pair >= 0, pair // mapping.source.actions.size, pair)  # (S,)
     after = np.where(stands_for >= 0, block[np.maximum(stands_for, 0)], -1)
     after[mdp.terminal | (stands_for == ENDED)] = 0
