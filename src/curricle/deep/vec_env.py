@@ -115,7 +115,7 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         ends = (dones & ~truncated).tolist(), truncated.tolist()
         done = self._episodes.step(rows, rewards.tolist(), *ends, begun, observations)
         sources, shaped_infos = self._potential.sources, []
-        parts = zip(infos, rewards.tolist(), done.shaping, done.there, strict=True)
+        parts = zip(infos, rewards.tolist(), done.shaping, done.phi, strict=True)
         for i, (info, reward, (shaping, *terms), there) in enumerate(parts):
             shown = {"original_reward": reward, "shaping": shaping, "potential": there[0]}
             if len(sources) > 1:

@@ -272,11 +272,11 @@ class MiniGridFullView(_MiniGridEncoder):
         left, top = (self.width - base.width) // 2, (self.height - base.height) // 2
         codes[left : left + base.width, top : top + base.height] = base.grid.encode()
         cells, (x, y) = _one_hot(codes), base.agent_pos
-        here = cells[left + x, top + y]
-        here[AGENT] = 1
+        agent_cell = cells[left + x, top + y]
+        agent_cell[AGENT] = 1
         if base.carrying is not None:
             carried, colour, _ = base.carrying.encode()
-            here[[carried, OBJECTS + colour]] = 1
+            agent_cell[[carried, OBJECTS + colour]] = 1
         return cells
 
 

@@ -145,7 +145,7 @@ def from_gymnasium(
         world: Any = env.unwrapped
         stated = getattr(env.spec, "max_episode_steps", None)
         limit: Any = time_limit_of(env, stated) if time_limit == "own" else time_limit
-        known, moves = names_of(env)
+        named, moves = names_of(env)
         act, actions = actions_of(env.action_space, actions, moves)
         number = encode
         outcomes = outcomes_of(world) if encode is None and not live and has_table(env) else None
@@ -162,8 +162,8 @@ def from_gymnasium(
             if isinstance(environment, gym.Env):
                 _check_unchanged(env, make)
             number, space = _observations(env.observation_space, encode, states)
-        if encode is None and known is not None and known.size == space.size:
-            space = known
+        if encode is None and named is not None and named.size == space.size:
+            space = named
         states = with_space("states", space, states)
         if names is not None:
             if sizes is None and len(space.names) == 1 < len(names):
@@ -207,7 +207,7 @@ def _observations(
 
 
 def actions_of(
-    space: gym.Space[Any], actions: Space | Sequence[str] | None, known: Space | None
+    space: gym.Space[Any], actions: Space | Sequence[str] | None, moves: Space | None
 ) -> tuple[Callable[[int], Any], Space]:
     """Return the function from an action's number to the environment's action, and the space."""
     if not is_discrete(space):
@@ -217,8 +217,8 @@ def actions_of(
         )
     act = index if counts_from_0(space) else Point(space)
     named = space_of(space, "action")
-    if known is not None and known.size == named.size:
-        named = known
+    if moves is not None and moves.size == named.size:
+        named = moves
     if actions is None or isinstance(actions, Space):
         return act, with_space("actions", named, actions)
     if len(named.components) > 1:
@@ -295,13 +295,13 @@ def suggested_ids(name: str) -> str:
         return ""
     if find_spec("minigrid"):
         import_module("minigrid")
-    ids = {known.lower(): known for known in registry}
+    ids = {entry.lower(): entry for entry in registry}
     written = name.lower()
-    inside = [known for known in ids if written in known]
-    near = inside or get_close_matches(written, ids, SUGGESTED, 0.6)
+    near = [entry for entry in ids if written in entry]
+    near = near or get_close_matches(written, ids, SUGGESTED, 0.6)
     shown = [
-        f"{'minigrid:' * str(registry[ids[known]].entry_point).startswith('minigrid')}{ids[known]}"
-        for known in near[:SUGGESTED]
+        "minigrid:" * str(registry[entry].entry_point).startswith("minigrid") + entry
+        for entry in map(ids.__getitem__, near[:SUGGESTED])
     ]
     return f", did you mean {' or '.join(shown)}?" if shown else ""
 
@@ -319,8 +319,8 @@ def maker_of(
             f"an environment that is already made takes no arguments: got {', '.join(arguments)}"
         )
     source = environment.spec if isinstance(environment, gym.Env) else environment
-    known = isinstance(environment, gym.Env) or isinstance(source, str | EnvSpec)
-    if not known and not callable(source):
+    has_spec = isinstance(environment, gym.Env) or isinstance(source, str | EnvSpec)
+    if not has_spec and not callable(source):
         raise TaskError(
             "an environment must be an id, a specification, a gymnasium.Env, or a class or "
             f"function that makes one: got {source!r}"
@@ -398,19 +398,19 @@ def with_space(points: str, space: Space, other: Space | None) -> Space:
 
 def with_names(space: Space, names: Sequence[str], sizes: Any = None) -> Space:
     """Return a space of states with other names; `sizes`, of each name, split a single number."""
-    here = ", ".join(space.names)
+    components = ", ".join(space.names)
     if sizes is None and len(names) == len(space.names):
         pairs = zip(space.components, names, strict=True)
         return Space([replace(c, name=name) for c, name in pairs], space.points)
     if sizes is None:
         raise TaskError(
-            f"names must have a name for each component of a state, in the order of {here}: got "
-            f"{len(names)}, {', '.join(names) or 'none'}"
+            "names must have a name for each component of a state, in the order of "
+            f"{components}: got {len(names)}, {', '.join(names) or 'none'}"
         )
     if isinstance(sizes, str) or not isinstance(sizes, Sequence):
         raise TaskError(f"sizes must be a list of whole numbers: got {sizes!r}")
     if len(space.components) > 1:
-        raise TaskError(f"sizes are for observations that are one number: these have {here}")
+        raise TaskError(f"sizes are for observations that are one number: these have {components}")
     if len(sizes) != len(names):
         raise TaskError(
             f"sizes must have a number for each name, {', '.join(names)}: got {list(sizes)}"
@@ -516,8 +516,10 @@ def names_of(env: Any) -> tuple[Space | None, Space | None]:
     else:
         return None, None
     # A subclass with a step of its own may go anywhere, so that its actions have no labels.
-    known = acts_as(world, *TOY_TEXT, methods=["step"])
-    return states, Space([Component("move", len(labels), labels=tuple(labels) if known else None)])
+    standard = acts_as(world, *TOY_TEXT, methods=["step"])
+    return states, Space(
+        [Component("move", len(labels), labels=tuple(labels) if standard else None)]
+    )
 
 
 # -- discrete spaces, both ways --------------------------------------------------------------------

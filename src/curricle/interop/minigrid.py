@@ -40,12 +40,12 @@ class Level:
         self.plain = [name for name, value in self.constants.items() if _is_plain(value)]
         self.values_of_plain = itemgetter(*self.plain, "mission")
         # The different objects in cells and in boxes, in the order of the cells.
-        met = dict[int, Any]()
+        things = dict[int, Any]()
         for thing in env.grid.grid:
-            while thing is not None and id(thing) not in met:
-                met[id(thing)] = thing
+            while thing is not None and id(thing) not in things:
+                things[id(thing)] = thing
                 thing = thing.contains
-        objects = [thing for thing in met.values() if thing.type not in STILL]
+        objects = [thing for thing in things.values() if thing.type not in STILL]
         # What steps change of MiniGrid's own objects is known; of others all is saved.
         standard = [type(thing).__module__ == "minigrid.core.world_object" for thing in objects]
         plain = [thing for thing, known in zip(objects, standard, strict=True) if known]
@@ -188,8 +188,8 @@ def _unit() -> float:
 def _pay_one(env: Environment) -> str:
     """Let the goal pay 1 and return a note of it; keep a subclass's reward and return nothing."""
     base: Any = env.unwrapped
-    known = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
-    if type(base)._reward is not known or vars(base).get("_reward", _unit) is not _unit:
+    usual = sys.modules["minigrid.minigrid_env"].MiniGridEnv._reward
+    if type(base)._reward is not usual or vars(base).get("_reward", _unit) is not _unit:
         return ""
     base._reward = _unit
     return "goal reward 1"
@@ -293,9 +293,9 @@ def _outside() -> Any:
 @cache
 def _observes_as_minigrid(kind: type, grid: type) -> bool:
     """Return whether a class of environments and its class of grids observe as MiniGrid does."""
-    known: Any = sys.modules["minigrid.minigrid_env"].MiniGridEnv
+    base: Any = sys.modules["minigrid.minigrid_env"].MiniGridEnv
     names = "gen_obs", "gen_obs_grid", "get_view_exts"
-    inherited = all(getattr(kind, name) is getattr(known, name) for name in names)
+    inherited = all(getattr(kind, name) is getattr(base, name) for name in names)
     return inherited and grid is sys.modules["minigrid.core.grid"].Grid
 
 
@@ -352,12 +352,12 @@ class MiniGridAccess(StateAccess):
             self.gen_obs = replaced
         self.env = base
         digest = fingerprint(base, left_out(base) | MOVED | SHOWN | REPLACED)
-        met = self.by_digest.get(digest)
-        if met is not None:
-            here = base.agent_pos, base.agent_dir, base.step_count
+        level = self.by_digest.get(digest)
+        if level is not None:
+            agent = base.agent_pos, base.agent_dir, base.step_count
             self.level = None  # attributes that refer to the new objects are restored, too
-            self.restore(base, met.content)
-            base.agent_pos, base.agent_dir, base.step_count = here
+            self.restore(base, level.content)
+            base.agent_pos, base.agent_dir, base.step_count = agent
         else:
             self.level = self.by_digest[digest] = Level(len(self.levels), base)
             self.levels.append(self.level)

@@ -275,7 +275,7 @@ class Episode:
 
     first: Any  # the observation it began with
     begun: int  # the step at which it began
-    here: list[float]  # the potentials of the state it has reached
+    phi: list[float]  # the potentials of the state it has reached
     largest: float = 0.0  # |Phi| met so far
     power: float = 1.0  # gamma^t
     shaped: float = 0.0  # sum of gamma^t F_t
@@ -283,13 +283,13 @@ class Episode:
 
     def __post_init__(self) -> None:
         self.first = deepcopy(self.first)  # environments may write over what they returned
-        self.largest = abs(self.here[0])
+        self.largest = abs(self.phi[0])
 
-    def step(self, there: list[float], reward: float, discount: float) -> list[float]:
-        """Step to a state of potentials `there`; return F = gamma Phi(s') - Phi(s) of each."""
-        shaping = [discount * after - before for after, before in zip(there, self.here)]  # noqa: B905
-        self.here = there
-        self.largest = max(self.largest, abs(there[0]))
+    def step(self, phi: list[float], reward: float, discount: float) -> list[float]:
+        """Step to a state of potentials `phi`; return F = gamma Phi(s') - Phi(s) of each."""
+        shaping = [discount * after - before for after, before in zip(phi, self.phi)]  # noqa: B905
+        self.phi = phi
+        self.largest = max(self.largest, abs(phi[0]))
         self.shaped += self.power * shaping[0]
         self.power *= discount
         self.original += reward
@@ -297,7 +297,7 @@ class Episode:
 
     def end(self, potential: ShapingPotential, start: float, place: str) -> dict[str, float]:
         """Return the report of an ended episode, whose Phi(s_0), computed anew, is `start`."""
-        residual = self.shaped - (self.power * self.here[0] - start)
+        residual = self.shaped - (self.power * self.phi[0] - start)
         if abs(residual) > potential.allowed * self.largest:
             raise PotentialError(
                 "an episode's shaping must come to gamma^T Phi(s_T) - Phi(s_0), as it does where "
@@ -311,7 +311,7 @@ class ShapedStep(NamedTuple):
     """A step of n environments with shaped rewards."""
 
     shaping: list[list[float]]  # (n, 1 + N): F and after it each source's F_i; 0 of a reset
-    there: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
+    phi: list[list[float]]  # (n, 1 + N): Phi(s') and after it w Phi_i(s') of each source
     ended: dict[int, dict[str, float]]  # what :meth:`Episode.end` returns, where episodes ended
 
 
@@ -325,8 +325,8 @@ class Episodes:
 
     def begin(self, rows: list[Any], stacked: Any = None) -> None:
         """Begin episodes at the n observations."""
-        here = self._potential.read(rows, self._steps, stacked)
-        starts = zip(rows, here, strict=True)
+        phi_of_rows = self._potential.read(rows, self._steps, stacked)
+        starts = zip(rows, phi_of_rows, strict=True)
         self._running = [Episode(row, self._steps, phi) for row, phi in starts]
 
     def step(
@@ -345,11 +345,11 @@ class Episodes:
         if not (None in running or True in terminated or True in truncated):
             # Most steps, which must be quick.
             self._steps += len(rows)
-            there = potential.read(rows, self._steps, stacked)
-            steps = zip(running, there, rewards)  # noqa: B905 - all are n
+            phi_after = potential.read(rows, self._steps, stacked)
+            steps = zip(running, phi_after, rewards)  # noqa: B905 - all are n
             for episode, phi, reward in steps:
                 shaping.append(episode.step(phi, reward, potential.discount))
-            return ShapedStep(shaping, there, {})
+            return ShapedStep(shaping, phi_after, {})
         running = running.copy()
         self._steps += sum(episode is not None for episode in running)
         over = [i for i in range(len(rows)) if terminated[i] or truncated[i]]
@@ -362,10 +362,10 @@ class Episodes:
         at = [self._steps] * (len(read) + len(starts)) + [e.begun for e in ended.values()]
         values = iter(potential.read(asked, at))
         of_end = [0.0] * (1 + len(potential.sources))
-        there = [of_end] * len(rows)
+        phi_after = [of_end] * len(rows)
         for i in read:
-            there[i] = next(values)
-        steps = enumerate(zip(running, there, rewards, strict=True))
+            phi_after[i] = next(values)
+        steps = enumerate(zip(running, phi_after, rewards, strict=True))
         for i, (episode, phi, reward) in steps:
             if episode is None:  # this step only reset the environment
                 shaping.append(of_end)
@@ -381,7 +381,7 @@ class Episodes:
             if len(running) == 1:
                 place = f"after {self._steps - episode.begun} steps"
             reported[i] = episode.end(potential, next(values)[0], place)
-        return ShapedStep(shaping, there, reported)
+        return ShapedStep(shaping, phi_after, reported)
 
 
 class Shaped:
@@ -492,7 +492,7 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
             "original_reward": reward,
             "shaping": shaping,
             "shaping_terms": dict(zip(self._potential.sources, terms, strict=True)),
-            "potential": done.there[0][0],
+            "potential": done.phi[0][0],
             **done.ended.get(0, {}),
         }
         return observation, reward + shaping, terminated, truncated, {**info, **shown}

@@ -53,11 +53,11 @@ SHARED: tuple[Any, ...] = random.getstate.__self__, np.random.get_state.__self__
 SALT = 2718  # begins the seeds of repeated steps, so that they are not those of resets
 
 
-def restart(generators: Sequence[Any], repetition: int, left: Mapping[Any, Any]) -> None:
-    """Seed generators differently in each repetition, or let them go on as they were `left`."""
+def restart(generators: Sequence[Any], repetition: int, states: Mapping[Any, Any]) -> None:
+    """Seed generators differently in each repetition, or let them go on from their `states`."""
     for place, generator in enumerate(generators):
         kind = kind_of(generator)
-        _set(generator, left.get((place, kind)) or _fresh(kind, place, repetition))
+        _set(generator, states.get((place, kind)) or _fresh(kind, place, repetition))
 
 
 @contextmanager
@@ -124,10 +124,10 @@ class _Reader:
         self.left_out, self.strict = left_out, strict
         # A pickle would not do: equal sets have several, and equal strings are shared or not.
         self.digest = hashlib.blake2b(digest_size=16)
-        self.met = dict[int, int]()
+        self.numbers = dict[int, int]()
         self.skipped = set[str]()  # the attributes among `left_out` that were met
         self.generators = dict[int, Any]()
-        self.alive = list[Any]()  # so that no number in `met` is given to another object
+        self.alive = list[Any]()  # so that no number in `numbers` is given to another object
         self.read(value)
 
     def tell(self, *parts: Any) -> None:
@@ -148,10 +148,10 @@ class _Reader:
             self.read(value.env)
         elif isinstance(value, UNCHANGING):
             self._read_parts(value)
-        elif id(value) in self.met:
-            self.tell("met", self.met[id(value)])
+        elif id(value) in self.numbers:
+            self.tell("met", self.numbers[id(value)])
         else:
-            self.met[id(value)] = len(self.met)
+            self.numbers[id(value)] = len(self.numbers)
             self.alive.append(value)
             self._read_parts(value)
 

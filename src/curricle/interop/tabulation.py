@@ -121,12 +121,12 @@ class Plan:
 
     def __post_init__(self) -> None:
         pair = isinstance(self.state, tuple) and len(self.state) == 2
-        known = self.state is None or callable(getattr(self.state, "open", None))
+        opens = self.state is None or callable(getattr(self.state, "open", None))
         states = whole_number("max_states", self.max_states, 1, SettingError)
         object.__setattr__(self, "seeds", seed_tuple(self.seeds))
         object.__setattr__(self, "max_states", states)
         number("max_seconds", self.max_seconds, SettingError, low=0)
-        if not known and not (pair and all(map(callable, self.state))):
+        if not opens and not (pair and all(map(callable, self.state))):
             raise SettingError(
                 "state must be DeepCopy(...), MiniGridState(...) or two functions, (save, "
                 f"restore): got {self.state!r}"
@@ -166,14 +166,14 @@ class Plan:
     def _made(self, world: World) -> Made:
         source: World | ListedOutcomes = world
         env, base = world.env, world.env.unwrapped
-        known = world.n_actions, self.seeds, world.name
+        shared = world.n_actions, self.seeds, world.name
         if self.outcomes is not None:
             save = self.state[0] if isinstance(self.state, tuple) else None
-            source = ListedOutcomes(env, self.outcomes, *known, save)
+            source = ListedOutcomes(env, self.outcomes, *shared, save)
         elif self.state is None and self.samples is None and has_table(env):
             table: Any = base
             rows = outcomes_available(base, table.P) if self.action_masks else table.P
-            source = ListedOutcomes(env, lambda s, a: rows[s][a], *known, parts=words_of(base))
+            source = ListedOutcomes(env, lambda s, a: rows[s][a], *shared, parts=words_of(base))
         with shared_draws() as drawn:
             search = self._explored(source)
             if source is world and drawn():  # seldom, and to ask at every step would take long
@@ -343,20 +343,20 @@ Part = tuple[Component, IntArray]  # a component, and its value in each state
 
 def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> Tables:
     """Return the tables of explored states; states that are alike are merged."""
-    seen, observations = None, [state.observation for state in search.states]
+    table, observations = None, [state.observation for state in search.states]
     terminal = np.array([state.terminal for state in search.states])
     if all(observation is not None for observation in observations):
-        seen = stacked_observations(observations, terminal)
+        table = stacked_observations(observations, terminal)
     start, n_states = np.zeros(len(terminal)), len(terminal)
     start[list(search.start)] = list(search.start.values())
     space, rows = Space([Component("state", n_states)]), _outcome_rows(search, n_actions, sampled)
-    tables = Tables(space, *rows, terminal, start, np.array(search.first), seen)
+    tables = Tables(space, *rows, terminal, start, np.array(search.first), table)
     blocks = np.arange(n_states)
-    if merge and seen is not None:
-        blocks = alike(tables, seen, n_actions)
+    if merge and table is not None:
+        blocks = alike(tables, table, n_actions)
         first = np.unique(blocks, return_index=True)[1]  # it stands for its block
         pairs = (first[:, None] * n_actions + np.arange(n_actions)).ravel()
-        parts = {name: part[first] for name, part in seen.parts.items()}
+        parts = {name: part[first] for name, part in table.parts.items()}
         tables = tables._replace(
             probability=tables.probability[pairs],
             next_state=blocks[tables.next_state[pairs]],
@@ -364,7 +364,7 @@ def assembled(search: Search, n_actions: int, *, sampled: bool, merge: bool) -> 
             terminal=terminal[first],
             start=np.asarray(np.bincount(blocks, weights=start), dtype=np.float64),
             first=blocks[tables.first],
-            observations=ObservationTable(parts, seen.terminal[first]),
+            observations=ObservationTable(parts, table.terminal[first]),
         )
     components, vague = words_of_blocks([state.components for state in search.states], blocks)
     return tables._replace(states=named_states(components, tables.terminal, vague))
@@ -374,9 +374,9 @@ def _outcome_rows(
     search: Search, n_actions: int, sampled: bool
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return probabilities, successors and rewards, (S A, O) each; a terminal state has none."""
-    found = search.outcomes
+    outcomes = search.outcomes
     pair, after, chance, reward = map(
-        np.array, (found.pair, found.next_state, found.probability, found.reward)
+        np.array, (outcomes.pair, outcomes.next_state, outcomes.probability, outcomes.reward)
     )
     if sampled:
         key, which = np.unique(np.stack([pair, after]), axis=1, return_inverse=True)
@@ -395,9 +395,9 @@ def _outcome_rows(
     return p, s, r
 
 
-def alike(tables: Tables, seen: ObservationTable, n_actions: int) -> IntArray:
+def alike(tables: Tables, observations: ObservationTable, n_actions: int) -> IntArray:
     """Return each state's block in the coarsest bisimulation (Givan, Dean, Greig 2003), (S,)."""
-    parts = [part.reshape(len(part), -1) for part in seen.parts.values()]
+    parts = [part.reshape(len(part), -1) for part in observations.parts.values()]
     looks = [np.unique(part, axis=0, return_inverse=True)[1].reshape(-1, 1) for part in parts]
     blocks = _in_order(numbered_rows(np.column_stack([*looks, tables.terminal])))
     different, rewards = np.unique(tables.reward, return_inverse=True)
@@ -543,11 +543,11 @@ def _looking_like(
 ) -> set[int]:
     """Return the possible states with this observation; TaskError if there are none."""
     if tables.observations is not None:
-        seen, parts = tables.observations.parts, parts_of(observed)
+        of_states, parts = tables.observations.parts, parts_of(observed)
         possible = {
             state
             for state in possible
-            if same_observation({n: a[state] for n, a in seen.items()}, parts)
+            if same_observation({n: a[state] for n, a in of_states.items()}, parts)
         }
     if not possible:
         raise TaskError(
