@@ -16,7 +16,7 @@ from tests.cluster.conftest import (
     wait_until,
     whole,
 )
-from tests.studies import HUNT
+from tests.support.studies import HUNT
 
 
 @pytest.fixture

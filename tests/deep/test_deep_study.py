@@ -17,8 +17,8 @@ from curricle.show.report import write_report
 from curricle.study import StudyResults, merge, read_study, run_study
 from curricle.study.analysis import curricula_record
 from curricle.study.arms import Arms
-from tests.hunters import observed
-from tests.studies import OBSERVED_HUNT
+from tests.support.hunters import observed
+from tests.support.studies import OBSERVED_HUNT
 
 # A table, then a network on its scaled values, then two others: the last potential needs the
 # network before it, which needs the table.
@@ -53,12 +53,12 @@ eval_freq = 200
 [[transfers]]
 source = "chase"
 target = "alone"
-observations = "tests.hunters:first"
+observations = "tests.support.hunters:first"
 scale = 1.5
 [[transfers]]
 source = "alone"
 target = "hunt"
-observations = "tests.hunters:second_alone"
+observations = "tests.support.hunters:second_alone"
 actions = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
 [arms.residual]
 [arms.state]

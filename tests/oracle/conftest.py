@@ -11,7 +11,7 @@ import pytest
 import curricle as cr
 from curricle.learning.schedules import schedule
 from curricle.tasks.kernel import stream_start
-from tests import tasks
+from tests.support import tasks
 
 MASK, STRIDE = 2**64 - 1, 0x9E3779B97F4A7C15
 

@@ -8,7 +8,7 @@ import pytest
 import curricle as cr
 from curricle.certificate import ShapingReward
 from curricle.learning import OptimisticQLearning, Portfolio, value_bounds
-from tests.tasks import among_more_actions, dense_of, random_mdp, with_masks
+from tests.support.tasks import among_more_actions, dense_of, random_mdp, with_masks
 
 from .conftest import learn_naively
 

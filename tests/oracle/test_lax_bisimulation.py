@@ -8,7 +8,7 @@ from scipy.optimize import linprog
 from curricle.errors import MappingError
 from curricle.transfer import TaskPair, bisimulation, by_lax_bisimulation
 from curricle.transfer.bisimulation import UNSET, scratch, transport_cost
-from tests.tasks import dense_of, mdps, random_mdp
+from tests.support.tasks import dense_of, mdps, random_mdp
 
 
 def transport_naively(p, q, cost):

@@ -13,8 +13,8 @@ import curricle as cr
 from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import check_shaping
 from curricle.tasks.graph import reachable_states
-from tests.certificates import difference
-from tests.enumeration import (
+from tests.support.certificates import difference
+from tests.support.enumeration import (
     CLOSE,
     action_values,
     agrees_exactly,
@@ -28,7 +28,7 @@ from tests.enumeration import (
     states_of,
     whole,
 )
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 
 @given(mdps(), st.sampled_from([0.0, 1e3, 1e7, 1e11]), st.data())

@@ -6,9 +6,9 @@ from hypothesis import given, strategies as st
 import curricle as cr
 from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import Reachable, fit
-from tests.certificates import difference
-from tests.enumeration import all_discounts, met_states, pairs_of, states_of
-from tests.tasks import mdps
+from tests.support.certificates import difference
+from tests.support.enumeration import all_discounts, met_states, pairs_of, states_of
+from tests.support.tasks import mdps
 
 
 @given(mdps(all_discounts), st.data())

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import curricle as cr
-from tests.tasks import pursuits
+from tests.support.tasks import pursuits
 
 HUNTS = pursuits(discounts=[0.0, 0.5, 0.9, 0.99])
 

@@ -27,9 +27,9 @@ from curricle.transfer.bisimulation import (
     refined,
 )
 from curricle.transfer.mapping import ENDED, UNMAPPED
-from tests.enumeration import exact_action_values, exact_optimum
-from tests.renumbering import renumbered
-from tests.tasks import mdps
+from tests.support.enumeration import exact_action_values, exact_optimum
+from tests.support.renumbering import renumbered
+from tests.support.tasks import mdps
 
 
 def blocks_naively(dense):

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 import curricle as cr
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.potential import mapped_potential
-from tests.tasks import predator_edges
+from tests.support.tasks import predator_edges
 
 AGGREGATES = [cr.minimum, cr.maximum, cr.mean, cr.total]
 NUMBERS = st.sampled_from([0.0, -1.0, 0.1, 3.7, -12.3])

@@ -8,7 +8,7 @@ import curricle as cr
 from curricle.planning import policy_evaluation
 from curricle.planning.policy_evaluation import possible_returns
 from curricle.statistics.intervals import mean_interval
-from tests.tasks import random_mdp, with_masks
+from tests.support.tasks import random_mdp, with_masks
 
 
 def returns_of_all_episodes(mdp, discount):

@@ -21,7 +21,7 @@ from curricle.tasks import frozen_lake_family, maze_family, random_maze
 from curricle.tasks.graph import reachable_states
 from curricle.tasks.mdp import same_task
 from curricle.transfer.bisimulation import model_for_refinement, refined
-from tests.tasks import mdps
+from tests.support.tasks import mdps
 
 MAZES = st.builds(
     maze_family,

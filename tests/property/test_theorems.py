@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from tests.tasks import DenseMDP, mdps
+from tests.support.tasks import DenseMDP, mdps
 
 whole = st.integers(-8, 8)
 shaped_discounts = (0.3, 0.75, 0.95, 1.0)

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import curricle as cr
-from tests.tasks import DenseMDP, mdps, tree
+from tests.support.tasks import DenseMDP, mdps, tree
 
 whole = st.integers(-8, 8)
 

@@ -8,9 +8,9 @@ import pytest
 
 from curricle.cli.app import main
 from curricle.study import read_study, run_study
-from tests.comparisons import calls  # noqa: F401  a fixture
-from tests.sent_folders import sent, sent_folder  # noqa: F401  fixtures
-from tests.studies import complaints_of, reader
+from tests.support.comparisons import calls  # noqa: F401  a fixture
+from tests.support.sent_folders import sent, sent_folder  # noqa: F401  fixtures
+from tests.support.studies import complaints_of, reader
 
 # The crop is a part of the target, the middle task has a source and is one, the stopping rule ends
 # each seed at its own step, and one arm doubles its source's values.

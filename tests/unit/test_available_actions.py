@@ -16,7 +16,7 @@ from curricle.planning.rollouts import random_rollouts, rollout
 from curricle.tasks import ComputedMDP
 from curricle.transfer.rollouts import greedy_start
 from curricle.transfer.search import score_mapping
-from tests.tasks import random_mdp, with_masks
+from tests.support.tasks import random_mdp, with_masks
 
 LIVE = [(1.0, 1, 0.0)]
 

@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle.errors import PotentialError, SettingError
 from curricle.planning import rollout
-from tests.refusals import check_refusal
+from tests.support.refusals import check_refusal
 
 NAN, INF = float("nan"), float("inf")
 LINE = cr.GridWorld("S.T")

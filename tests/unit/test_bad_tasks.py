@@ -22,8 +22,8 @@ from curricle.tasks import (
     river_swim_family,
     with_start,
 )
-from tests.refusals import check_refusal, check_values
-from tests.tasks import ring
+from tests.support.refusals import check_refusal, check_values
+from tests.support.tasks import ring
 
 NAN = float("nan")
 LINE, CHASE = GridWorld("S.T"), Pursuit(3, 1)

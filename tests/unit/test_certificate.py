@@ -8,8 +8,8 @@ from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import Reachable, check_shaping
 from curricle.errors import SettingError
 from curricle.paper import mazes
-from tests.certificates import END, ENDED, MAZE, RNG, away, difference
-from tests.tasks import tree
+from tests.support.certificates import END, ENDED, MAZE, RNG, away, difference
+from tests.support.tasks import tree
 
 
 def test_states_that_cannot_be_reached_are_not_compared():

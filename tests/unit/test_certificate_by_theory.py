@@ -13,8 +13,8 @@ from curricle.deep import WeightTransfer
 from curricle.errors import PotentialError, SettingError, TaskError
 from curricle.planning.rollouts import random_rollouts
 from curricle.transfer.potential import mapped_potential
-from tests.certificates import ENDED, MAZE, PAIRS, RNG, difference
-from tests.refusals import check_refusal
+from tests.support.certificates import ENDED, MAZE, PAIRS, RNG, difference
+from tests.support.refusals import check_refusal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

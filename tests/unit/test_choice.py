@@ -14,7 +14,7 @@ from curricle.study import StudyStore, merge, run_study
 from curricle.study.tuning import CHOICE, NO_CURRICULUM, chosen_file, trial_study as choice_trials
 from curricle.tasks import pursuit_family
 from curricle.transfer import StateActionMapping
-from tests.comparisons import flat
+from tests.support.comparisons import flat
 from tests.unit.test_study_runner import Inline
 
 HUNT = """

@@ -17,7 +17,7 @@ from curricle.cli import progress_bars
 from curricle.cli.app import app
 from curricle.show.report import page_of
 from curricle.study import StudyResults
-from tests.studies import CORNER
+from tests.support.studies import CORNER
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 

@@ -11,7 +11,7 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.planning import policy_evaluation as target_module
 from curricle.statistics.curves import midpoint
 from curricle.transfer import UNMAPPED, StateActionMapping
-from tests.comparisons import (
+from tests.support.comparisons import (
     ALL,
     CORNER,
     HERE,
@@ -22,7 +22,7 @@ from tests.comparisons import (
     corner,
     pursuit,
 )
-from tests.tasks import ring
+from tests.support.tasks import ring
 
 NOWHERE = StateActionMapping(MAZE, CORNER, np.full(HERE.index.shape, UNMAPPED))
 

@@ -13,7 +13,7 @@ from curricle.comparison.sentences import cluster_sentence, findings, nothing_le
 from curricle.comparison.trial import Trial
 from curricle.planning import Target
 from curricle.statistics.intervals import interquartile_interval
-from tests.comparisons import arm_of, flat
+from tests.support.comparisons import arm_of, flat
 
 BY_HAND = Comparison(
     target="maze",

@@ -8,7 +8,7 @@ import curricle as cr
 from curricle import Component, ComputedMDP, QLearning, Space
 from curricle.errors import TaskError
 from curricle.planning.rollouts import random_rollouts
-from tests.tasks import ring, ring_by_tables, ring_start, ring_step
+from tests.support.tasks import ring, ring_by_tables, ring_start, ring_step
 
 ROLLED = cr.GreedyEvaluation("rollouts", episodes=5)
 PLACES, MOVES = Space([Component("place", 9)]), Space([Component("move", 2, labels=("on", "back"))])

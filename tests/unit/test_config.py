@@ -21,7 +21,7 @@ from curricle.learning.shaping import Shaping
 from curricle.study_file import schema as settings, task_tables as tasks
 from curricle.study_file.schema import table_of
 from curricle.transfer import aggregate as aggregation
-from tests.studies import HUNT, MAZE, only
+from tests.support.studies import HUNT, MAZE, only
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from curricle.study.config import configured, json_schema
 from curricle.study.templates import KINDS, template
 from curricle.study_file.file import Positions, merged
 from curricle.transfer import aggregate as aggregation
-from tests.studies import HUNT, MAZE, only
+from tests.support.studies import HUNT, MAZE, only
 
 # Seeds.
 

@@ -11,7 +11,7 @@ from curricle.planning import visit_distribution
 from curricle.study import StudyConfig
 from curricle.study_file.task_tables import BUILT_IN
 from curricle.tasks import FourRooms, GoalDistance, maze_family, taxi_family, with_start
-from tests.studies import OBSERVED_HUNT, reader
+from tests.support.studies import OBSERVED_HUNT, reader
 
 NAMES = ", ".join(BUILT_IN)
 HUNT = """\

@@ -13,8 +13,8 @@ from curricle.errors import ConfigError, CurriculumError
 from curricle.interop import MiniGridFullView, MiniGridView
 from curricle.study import StudyConfig, StudyResults, compare_studies, run_study
 from curricle.study_file.own_code import load
-from tests.studies import MAZE, only, reader
-from tests.worlds_to_tabulate import Corridor
+from tests.support.studies import MAZE, only, reader
+from tests.support.worlds_to_tabulate import Corridor
 
 # Functions of the user's own.
 
@@ -290,7 +290,7 @@ def test_components_are_mapped_by_their_names(room_folder):
 # -- environments as exact tables ------------------------------------------------------------
 
 OWN_LAMPS = """
-from tests.worlds_to_tabulate import Corridor, Slippery
+from tests.support.worlds_to_tabulate import Corridor, Slippery
 
 
 def slippery():

@@ -5,7 +5,7 @@ import pytest
 
 import curricle as cr
 from curricle import Pursuit
-from tests.comparisons import ALL, HERE, MAZE, alone as compare, copied, corner, pursuit
+from tests.support.comparisons import ALL, HERE, MAZE, alone as compare, copied, corner, pursuit
 
 LABELS = ("placebo", "scaled x 0.5", "scaled x 2", "negated", "random start", "pretraining")
 

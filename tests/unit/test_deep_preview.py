@@ -16,8 +16,8 @@ from curricle.comparison.cost import costs
 from curricle.comparison.forecasting import forecast
 from curricle.comparison.task_differences import differences
 from curricle.study.arms import Arms, units_of
-from tests.hunters import observed, transfers
-from tests.studies import OBSERVED_HUNT
+from tests.support.hunters import observed, transfers
+from tests.support.studies import OBSERVED_HUNT
 
 
 def test_costs_are_foreseen(read):

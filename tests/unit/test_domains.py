@@ -19,8 +19,8 @@ from curricle.study_file.schema import tags
 from curricle.study_file.task_tables import DOMAIN_TASKS
 from curricle.tasks.domain import Domain
 from curricle.tasks.family import rules_of
-from tests.refusals import check_values
-from tests.studies import only, reader
+from tests.support.refusals import check_values
+from tests.support.studies import only, reader
 
 DOMAINS = {
     "maze": (cr.GridWorld, {"map": "S.FT", "ends": ("treasure",), "start": ((0, 1),)}),

@@ -33,7 +33,7 @@ from curricle.study.executors import Workers, _folder_with, train_sent, versions
 from curricle.study.store import StoredUnit, StudyStore, lost_errors, write_errors
 from curricle.study.tuning import with_trials
 from curricle.study.workers import dask_address, dask_cluster
-from tests.sent_folders import RULES, STUDY
+from tests.support.sent_folders import RULES, STUDY
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 

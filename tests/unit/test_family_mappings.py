@@ -33,7 +33,7 @@ from curricle.transfer import (
     family_mappings,
     identity,
 )
-from tests.refusals import check_refusal
+from tests.support.refusals import check_refusal
 
 
 def line(length: Annotated[int, Rule(low=2, harder="larger")] = 5) -> FiniteMDP:

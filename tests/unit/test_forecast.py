@@ -13,8 +13,8 @@ from curricle.cli.app import main
 from curricle.comparison.cost import SLOWER
 from curricle.study import read_study
 from curricle.transfer.rollouts import greedy_start
-from tests.comparisons import MAZE, calls, copied, pursuit  # noqa: F401
-from tests.studies import CORNER
+from tests.support.comparisons import MAZE, calls, copied, pursuit  # noqa: F401
+from tests.support.studies import CORNER
 
 LINE = cr.GridWorld("S.T", discount=0.5, time_limit=50)
 

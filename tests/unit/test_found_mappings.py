@@ -24,9 +24,9 @@ from curricle.transfer.bisimulation import levels, model_for_refinement, refined
 from curricle.transfer.mapping import Coverage
 from curricle.transfer.search import EXPECTILE, fitted_constant
 from curricle.transfer.transfer import mappings_digest, numbered, transfer_words
-from tests.refusals import check_refusal
-from tests.studies import CORNER
-from tests.tasks import mdps, ring
+from tests.support.refusals import check_refusal
+from tests.support.studies import CORNER
+from tests.support.tasks import mdps, ring
 
 
 def test_a_homomorphism_maps_pairs_of_the_same_q_alone():

@@ -18,7 +18,7 @@ from curricle.learning.seeds import MOST_SEEDS, seed_tuple
 from curricle.show.report import render
 from curricle.study import StudyStore, read_study
 from curricle.study.arms import Arms, units_of
-from tests.studies import MAZE, complaints_of
+from tests.support.studies import MAZE, complaints_of
 
 LONG = "x" * 300
 REVERSED = "a\u202eb"

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from curricle.show.report import write_report
-from tests.sent_folders import a_unit, change, read_all, refuses
+from tests.support.sent_folders import a_unit, change, read_all, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 

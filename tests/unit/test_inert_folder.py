@@ -20,7 +20,7 @@ from curricle.files import SEAL, sealed_archive
 from curricle.show.report import write_report
 from curricle.study import StudyStore, merge
 from curricle.study.store import LARGEST_DECISIONS
-from tests.sent_folders import a_unit, change, npy, put, refuses
+from tests.support.sent_folders import a_unit, change, npy, put, refuses
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 EVIL = """

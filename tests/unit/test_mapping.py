@@ -30,8 +30,8 @@ from curricle.transfer import (
     identity,
     relative_objects,
 )
-from tests.refusals import check_refusal
-from tests.studies import CORNER, only
+from tests.support.refusals import check_refusal
+from tests.support.studies import CORNER, only
 
 LINE = GridWorld("S..T")
 END = LINE.crop(rows=(0, 1), columns=(2, 4))

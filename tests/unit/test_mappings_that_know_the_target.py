@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from curricle.show.findings import findings
 
 import curricle as cr
 from benchmarks.unrelated_pairs import unrelated
@@ -14,6 +13,7 @@ from curricle.comparison import compare
 from curricle.comparison.comparison import Comparison
 from curricle.comparison.controls import DRAWS, unrelated_transfers
 from curricle.comparison.measures import Reference
+from curricle.comparison.sentences import findings
 from curricle.comparison.trial import apart
 from curricle.comparison.verdicts import NO_MORE
 from curricle.errors import CurriculumError, MappingError
@@ -30,7 +30,7 @@ from curricle.transfer import (
 from curricle.transfer.by_components import ComponentMapping
 from curricle.transfer.search import MOST_APART, SEARCHES
 from curricle.transfer.transfer import FOUND, transfer_words
-from tests.comparisons import copied, corner
+from tests.support.comparisons import copied, corner
 from tests.unit.test_found_mapping_studies import STUDY
 from tests.unit.test_found_mappings import CROP, MAZE, MIRRORED
 from tests.unit.test_resuming import again

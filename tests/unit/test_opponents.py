@@ -10,9 +10,9 @@ from curricle.errors import SettingError
 from curricle.learning import OptimisticQLearning, value_bounds
 from curricle.study import run_study
 from curricle.study.arms import Arms
-from tests.comparisons import HERE, MAZE, copied, corner, pursuit
-from tests.studies import CORNER as WITHOUT, reader
-from tests.tasks import ring
+from tests.support.comparisons import HERE, MAZE, copied, corner, pursuit
+from tests.support.studies import CORNER as WITHOUT, reader
+from tests.support.tasks import ring
 
 OF_PHI = [f"transfer, {label}" for label in CONSTANTS]
 

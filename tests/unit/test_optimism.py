@@ -7,8 +7,8 @@ import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import OptimisticQLearning, harmonic, value_bounds
 from curricle.learning.storage import Storage
-from tests.refusals import check_values
-from tests.tasks import ring, ring_by_tables
+from tests.support.refusals import check_values
+from tests.support.tasks import ring, ring_by_tables
 
 
 def test_bounds_count_rewards_of_ends_once():

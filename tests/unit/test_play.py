@@ -13,7 +13,7 @@ from curricle.learning import TabularPolicy
 from curricle.pictures.scenes import scene_of
 from curricle.study import StudyResults, read_study, run_study
 from curricle.study.analysis import played_episode, stored_episode
-from tests.sent_folders import change
+from tests.support.sent_folders import change
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 

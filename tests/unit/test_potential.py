@@ -10,7 +10,7 @@ from curricle.planning import Target, policy_evaluation as target_module
 from curricle.transfer import rollouts as quality
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.rollouts import potential_return
-from tests.tasks import random_mdp, ring, ring_by_tables
+from tests.support.tasks import random_mdp, ring, ring_by_tables
 
 THREE = np.array([[[1.0, 5.0]], [[3.0, -2.0]], [[2.0, 0.0]]])
 

@@ -11,8 +11,16 @@ from curricle.study import StudyConfig, run_study
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
 from curricle.study.record import StudyRecord, plain, read_record
-from tests.comparisons import MAZE, alone as compare, assert_same, copied, corner, flat, pursuit
-from tests.studies import CORNER, reader
+from tests.support.comparisons import (
+    MAZE,
+    alone as compare,
+    assert_same,
+    copied,
+    corner,
+    flat,
+    pursuit,
+)
+from tests.support.studies import CORNER, reader
 
 FURTHER = """
 [scratch_learners.optimistic]

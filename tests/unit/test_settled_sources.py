@@ -8,8 +8,8 @@ from curricle.errors import ConfigError
 from curricle.learning.stopping import SETTLED, UNLEARNT, levels, share_of_rise
 from curricle.planning.greedy import VisitedValues
 from curricle.planning.policy_evaluation import Target, greedy_policy_return
-from tests.studies import CORNER as STUDY
-from tests.tasks import ring
+from tests.support.studies import CORNER as STUDY
+from tests.support.tasks import ring
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))

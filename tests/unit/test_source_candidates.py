@@ -16,9 +16,9 @@ from curricle.paper.mazes import maze as paper_maze
 from curricle.tasks.start_states import goal_states
 from curricle.transfer import family_mappings
 from curricle.transfer.mapping import UNMAPPED, terminal_states
-from tests.refusals import cases, check_refusal, check_values
-from tests.renumbering import renumbered
-from tests.tasks import ring
+from tests.support.refusals import cases, check_refusal, check_values
+from tests.support.renumbering import renumbered
+from tests.support.tasks import ring
 
 MAZE = paper_maze(-5.0)
 CORRIDOR = GridWorld("S....T")

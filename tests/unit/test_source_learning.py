@@ -11,7 +11,7 @@ from curricle.comparison.forecasting import SourceLearning
 from curricle.curriculum import SourceValues
 from curricle.planning import policy_evaluation as target_module
 from curricle.planning.policy_evaluation import Target
-from tests.tasks import ring
+from tests.support.tasks import ring
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))

@@ -11,7 +11,7 @@ from curricle.study import StudyResults, StudyStore, read_study, run_study, stor
 from curricle.study.analysis import study_record
 from curricle.study.arms import Arms
 from curricle.study.store import SCHEMA_VERSION, files_of, merged_files, pack
-from tests.studies import OBSERVED_HUNT
+from tests.support.studies import OBSERVED_HUNT
 
 SETTINGS = {"seeds": 30, "version": "1"}
 

@@ -11,7 +11,7 @@ from curricle.errors import ConfigError
 from curricle.study import read_study
 from curricle.study_file.file import line_numbers
 from curricle.study_file.own_code import load
-from tests.studies import (
+from tests.support.studies import (
     NUMBERED_HUNT as HUNT,
     NUMBERED_MAZES as MAZES,
     OBSERVED_HUNT,

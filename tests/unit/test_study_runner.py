@@ -15,8 +15,8 @@ from curricle.errors import SettingError, StoreError, StudyError
 from curricle.study import StudyResults, read_study, run_study, running
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
-from tests.refusals import check_values
-from tests.studies import HUNT, NUMBERED_HUNT, reader
+from tests.support.refusals import check_values
+from tests.support.studies import HUNT, NUMBERED_HUNT, reader
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
 CURVES = ("steps", "training_return", "greedy_return", "source_share", "episodes")

@@ -13,7 +13,7 @@ from curricle.comparison.task_differences import differences, summary_difference
 from curricle.pictures.views import GridView
 from curricle.study.record import ViewRecord, plain, read_record
 from curricle.tasks.observation_task import plain_text
-from tests.tasks import random_mdp
+from tests.support.tasks import random_mdp
 
 MAZE = GridWorld(["S.F", "..T"])
 HUNT = Pursuit(3, 2)

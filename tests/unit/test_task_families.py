@@ -19,7 +19,7 @@ from curricle.tasks import (
     pursuit_family,
     task_family,
 )
-from tests.refusals import check_refusal, check_values
+from tests.support.refusals import check_refusal, check_values
 
 BUILT = list[int]()
 

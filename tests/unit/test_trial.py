@@ -13,7 +13,7 @@ from curricle.comparison.measures import Reference
 from curricle.comparison.plan import Memory
 from curricle.comparison.trial import Trial, affordable, apart, hindrance, rows_of, run_trial
 from curricle.errors import CurriculumError, SettingError
-from tests.comparisons import (  # noqa: F401
+from tests.support.comparisons import (  # noqa: F401
     MAZE,
     arm_of,
     assert_same,
@@ -22,7 +22,7 @@ from tests.comparisons import (  # noqa: F401
     corner,
     pursuit,
 )
-from tests.studies import CORNER
+from tests.support.studies import CORNER
 
 LINE = cr.GridWorld("S..T", time_limit=30)
 

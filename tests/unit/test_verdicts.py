@@ -16,7 +16,7 @@ from curricle.errors import CurriculumError, SettingError
 from curricle.statistics import Curve, mean_interval, sign_flip_test
 from curricle.statistics.hypothesis_tests import holm
 from curricle.study import StudyResults
-from tests.comparisons import alone as compare, corner, flat
+from tests.support.comparisons import alone as compare, corner, flat
 
 
 def compared(**returns):

@@ -7,7 +7,7 @@ import curricle as cr
 from curricle.errors import StoreError
 from curricle.files import read_saved, write_saved
 from curricle.interop import TabulatedTask
-from tests.worlds_to_tabulate import Corridor
+from tests.support.worlds_to_tabulate import Corridor
 
 KIND = TabulatedTask.__name__
 

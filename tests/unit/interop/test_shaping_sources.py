@@ -20,7 +20,7 @@ from curricle.tasks.observation_task import stack
 from curricle.transfer.aggregate import aggregate, aggregate_numbers
 from curricle.transfer.mapping import FunctionValues, TableValues
 from curricle.transfer.potential import ObservationPotential
-from tests.refusals import check_values
+from tests.support.refusals import check_values
 
 from .shaping import (
     DISCOUNT,

@@ -7,7 +7,7 @@ import curricle as cr
 from curricle.comparison.plan import PlannedArm
 from curricle.show import report as module
 from curricle.study.analysis import analysed, curricula_record
-from tests.tasks import predator_edges
+from tests.support.tasks import predator_edges
 
 VOID = {"meta", "link", "input", "br", "hr", "img", "col", "source", "wbr"}
 ODD = "a <b>&\"' $\\frac{a$ </script>"

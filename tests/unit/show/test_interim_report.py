@@ -13,7 +13,7 @@ from curricle.show import report as module
 from curricle.show.report import InterimReport, arms_so_far
 from curricle.study import run_study
 from curricle.study.results import StudyResults
-from tests.studies import CORNER, reader
+from tests.support.studies import CORNER, reader
 
 
 class Followed:

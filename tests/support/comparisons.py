@@ -10,7 +10,7 @@ from curricle import Curriculum, GreedyEvaluation, GridWorld, Pursuit, StoppingR
 from curricle.comparison import Arm
 from curricle.learning.stopping import limits
 from curricle.statistics import Curve
-from tests.tasks import predator_edges
+from tests.support.tasks import predator_edges
 
 MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))

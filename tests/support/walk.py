@@ -1,8 +1,8 @@
 """Do what pages tell their readers to do, word for word, and compare what is printed.
 
-    python tests/walk.py PAGE [PAGE ...] --folder FOLDER
+    python tests/support/walk.py PAGE [PAGE ...] --folder FOLDER
 
-Commands are taken from the pages (tests/pages.py). Each step's time is printed beside the most that
+Commands are taken from the pages (pages.py). Each step's time is printed beside the most that
 the page states. The walk fails where a command fails, prints something else, or takes longer. Times
 and progress bars are not compared. What a page says ends with "interrupted" is interrupted.
 """
@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[2]))
 
-from tests.pages import Command, put, steps
+from tests.support.pages import Command, put, steps
 
 ERROR, INTERRUPTED = "curricle: ", "curricle: interrupted"
 BAR, A_TIME = "━", re.compile(r"\b\d+ (s|min|h)\b")

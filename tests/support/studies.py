@@ -63,12 +63,12 @@ learner = { type = "deep", settings = { learning_rate = 1e-3 } }
 [[transfers]]
 source = "chase"
 target = "hunt"
-observations = "tests.hunters:first"
+observations = "tests.support.hunters:first"
 actions = [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 4, 4, 4, 4, 4]
 [[transfers]]
 source = "chase"
 target = "hunt"
-observations = "tests.hunters:second"
+observations = "tests.support.hunters:second"
 actions = [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
 """
 MAZE = """

@@ -1,8 +1,8 @@
 """Run the Python examples of pages and print how long each took, with the standard library alone.
 
-    python tests/page_examples.py README.md [--untimed]
+    python tests/support/page_examples.py README.md [--untimed]
 
-An example may take as long as its comment states (tests/pages.py); --untimed lets it take longer.
+An example may take as long as its comment states (pages.py); --untimed lets it take longer.
 """
 
 import argparse
@@ -11,9 +11,9 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[2]))
 
-from tests.pages import stated_seconds
+from tests.support.pages import stated_seconds
 
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 SHOWN = 1.0
