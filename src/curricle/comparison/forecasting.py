@@ -196,7 +196,7 @@ def _learning(
 def _returns(target: Target, values: Any) -> tuple[FloatArray, float]:
     """Return the greedy return of each of K tables, and the standard error of their mean."""
     estimates = [target.estimated(Values(table)) for table in values]
-    returns, noise = np.array(estimates).T
+    returns, noise = (np.array([getattr(k, of) for k in estimates]) for of in ("value", "noise"))
     return returns, float(np.sqrt((noise**2).sum()) / len(estimates))
 
 
