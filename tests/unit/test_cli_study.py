@@ -93,7 +93,7 @@ def test_the_words_are_explained_if_asked(curricle, finished):
     code, out, _ = curricle("show", finished, "--explain")
     assert code == 0
     assert out.startswith(plain)
-    assert "\nstrong gain: mean return above" in out
+    assert "\nstrong gain: mean return over" in out
 
 
 def test_check_tells_all_and_trains_sources_only(curricle, study_file, calls, tmp_path):

@@ -337,7 +337,27 @@ def _gains_more(name: str, verdict: Verdict, controls: str) -> str:
     return f"{name} gains more than {several}: {verdict}; the strongest is {strongest}"
 
 
-# -- What a page says: a headline, and a finding about each arm ------------------------------------
+# -- What a page says: its context, a headline, and a finding about each arm -----------------------
+
+
+def context(arms: MeasuredArms) -> str:
+    """Return what all arms share: their steps, their opponents, seeds and tests."""
+    best, n = ", ".join(arms.best_opponents), len(arms.scratches)
+    many = f"the best of {n} learners that learn the target from scratch ({best})"
+    with_whom = many if n > 1 else "learning the target from scratch"
+    tested = f", p values are of {_test(arms)}" * (not arms.interim)
+    how = f"; brackets are 95\xa0% intervals over seeds{tested}" * (arms.seeds > 1)
+    return (
+        f"Every arm spends {arms.total:,} steps, source steps included and evaluations free, and "
+        f"is compared with {with_whom}. {counted(arms.seeds, 'seed')}{how}."
+    )
+
+
+def _test(arms: MeasuredArms) -> str:
+    """Return which test gives p values, and how they are adjusted."""
+    n = len(arms.verdicts)
+    adjusted = f", adjusted for {n} curricula by Holm's rule" * (n > 1)
+    return f"a sign-flip test of the paired differences{adjusted}"
 
 
 @dataclass(frozen=True)
@@ -535,10 +555,8 @@ def caption(arms: MeasuredArms) -> str:
             f"{arms.seeds} seeds; bands and bars are nominal 95 % intervals over seeds, "
             "Student's for means and Wilson's for shares, pointwise for curves and profiles."
         )
-        n = len(arms.verdicts)
-        tests = f"adjusted for {n} curricula by Holm's rule" if n > 1 else "of one curriculum"
-        sure = f"p values of a sign-flip test of the paired differences, {tests}; filled where "
-        sure = f"; {arms.withheld or f'{sure}p < {SIGNIFICANT:g}'}"
+        tests = f"p values of {_test(arms)}; filled where p < {SIGNIFICANT:g}"
+        sure = f"; {arms.withheld or tests}"
     controls = any(arm.control for arm in arms.arms.values())
     return (
         f"{how} Left: means over seeds; dotted, steps in the sources, at the random policy's "
