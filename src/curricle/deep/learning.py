@@ -7,9 +7,10 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.arrays import FloatArray, IntArray
 from curricle.checks import instance, whole_number
@@ -34,7 +35,7 @@ from curricle.pictures.episode import Episode, frame_of, played, with_pictures
 from curricle.planning.policy_evaluation import GreedyEvaluation, not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
-from curricle.tasks.observation_task import ObservationTask, stable_text, stack
+from curricle.tasks.observation_task import Observations, ObservationTask, stable_text, stack
 from curricle.transfer.potential import ObservationPotential
 from curricle.transfer.rollouts import (
     Environments,
@@ -42,6 +43,9 @@ from curricle.transfer.rollouts import (
     mean_episode_return,
     target_of,
 )
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 TOO_LARGE_SEED = 2**32  # the first that NumPy's generator, which SB3 seeds, does not take
 
@@ -69,9 +73,11 @@ class TrainedPolicy:
     """
 
     task: ObservationTask
-    model: Any
+    model: "BaseAlgorithm"
 
-    def predict(self, observation: Any, *, deterministic: bool = True) -> Any:
+    def predict(
+        self, observation: Observations, *, deterministic: bool = True
+    ) -> npt.NDArray[Any] | np.generic:
         """Return the action in an observation, (...), or the actions in n stacked ones, (n, ...).
 
         Without `deterministic` actions are sampled, except by DQN. SettingError where the policy
@@ -85,7 +91,8 @@ class TrainedPolicy:
         except ValueError as error:
             space = stable_text(self.task.observations)
             raise SettingError(f"a policy takes observations of {space}: {error}") from error
-        return actions[()]  # a number where it is one: tables look up no arrays
+        # a number where it is one: tables look up no arrays
+        return actions[()]  # type: ignore[no-any-return]
 
     def save(self, path: str | Path) -> Path:
         """Write the model as Stable-Baselines3 does, and return the file's path, a ``.zip``.
@@ -285,7 +292,7 @@ def policies_of(
     return tuple(policies)
 
 
-def policy_return(potential: Any, target: ObservationTarget, *, seed: int = 0) -> float:
+def policy_return(potential: object, target: ObservationTarget, *, seed: int = 0) -> float:
     """Return the mean return in a target of the actor of a potential's only source; NaN if none."""
     source = actor_of(potential)
     if source is None:

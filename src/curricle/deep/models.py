@@ -13,6 +13,7 @@ import numpy.typing as npt
 import torch
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common import noise as action_noise, vec_env
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 
@@ -49,7 +50,7 @@ def model_for(
     seed: int = 0,
     steps: int | None = None,
     processes: bool = False,
-) -> Any:
+) -> BaseAlgorithm:
     """Return a model with its shaping that is ready to learn; `seed` is below 2^32."""
     if shaping is not None and shaping.potential is None:
         shaping = None  # nothing is added
@@ -69,7 +70,7 @@ def model_for(
         inner["epsilon"] = learner.normal.get("epsilon", 1e-8) if normalizes[0] else None
         kwargs |= {"features_extractor_class": Standardized, "features_extractor_kwargs": inner}
         settings["policy_kwargs"] = kwargs
-    policy: Any = learner.policy
+    policy: str | type = learner.policy
     off_policy, kl = "buffer_size" in learner.takes, getattr(shaping, "kl", 0.0)
     if off_policy and steps is not None:
         size = settings.get("buffer_size", 1_000_000)
@@ -114,7 +115,7 @@ def environments(
 ) -> vec_env.VecEnv:
     """Return new sub-environments, with their rewards shaped where the shaping does so."""
     makers = [lambda: Monitor(task.environment())] * learner.envs
-    kind: Any = vec_env.SubprocVecEnv if processes else vec_env.DummyVecEnv
+    kind: type[vec_env.VecEnv] = vec_env.SubprocVecEnv if processes else vec_env.DummyVecEnv
     phi = subtracted(shaping)
     venv = kind(makers) if phi is None else ShapedVecEnv(kind(makers), phi)
     if not learner.normalizes("norm_reward"):
@@ -275,7 +276,7 @@ class DeepRun:
         return limits(self.budget)[1]
 
 
-def rollout_of(model: Any) -> int:
+def rollout_of(model: BaseAlgorithm) -> int:
     """Return the steps of all sub-environments before each update; 0 if episodes are counted."""
     n_steps, unit = getattr(model, "train_freq", None) or (model.n_steps, None)
     return 0 if getattr(unit, "value", "") == "episode" else int(n_steps * model.n_envs)

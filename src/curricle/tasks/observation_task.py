@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, is_dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
 from gymnasium.vector.utils import concatenate, create_empty_array
@@ -267,6 +268,10 @@ def _of_any_process(text: str) -> str:
 def is_observation_task(task: Any) -> bool:
     """Return whether a task is seen through observations."""
     return isinstance(task, ObservationTask)
+
+
+Observations: TypeAlias = npt.NDArray[Any] | dict[str, npt.NDArray[Any]]
+"""n observations that a network reads, stacked along their first axis, by part if they have any."""
 
 
 def stack(space: gymnasium.Space[Any], observations: Sequence[Any]) -> Any:
