@@ -9,16 +9,9 @@ import numpy as np
 from curricle.arrays import IntArray, frozen
 from curricle.checks import one_of
 from curricle.errors import TaskError
-from curricle.tasks.domain import (
-    Discount,
-    DomainWithStart,
-    TimeLimit,
-    cut,
-    family_of,
-    numbered_names,
-    read_map,
-)
+from curricle.tasks.domain import Discount, Domain, TimeLimit, family_of, numbered_names
 from curricle.tasks.family import ComponentsByName, FamilyMember, Rule
+from curricle.tasks.grid import cut, read_map
 from curricle.tasks.layout import Cell, GridLayout
 from curricle.tasks.mdp import FiniteMDP
 from curricle.tasks.spaces import Component, Space
@@ -67,7 +60,7 @@ class _State(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BlockDude(DomainWithStart):
+class BlockDude(Domain):
     """An agent that carries blocks to climb to an exit, where the episode ends.
 
     The rules are those of BURLAP (``burlap.domain.singleagent.blockdude``, MacGlashan 2016), after
@@ -133,6 +126,10 @@ class BlockDude(DomainWithStart):
                     f"the {noun} needs ground, a brick or a block below it: there is none below "
                     f"row {-height}, column {column}"
                 )
+
+    def with_start(self, start: Any) -> Self:
+        """Return the same level with another `start`."""
+        return replace(self, start=start)
 
     def crop(self, *, columns: tuple[int, int], start: Literal["map", "uniform"] = "map") -> Self:
         """Return the part in the half-open range `columns`, which has the exit.

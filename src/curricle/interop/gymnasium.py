@@ -34,7 +34,7 @@ from curricle.interop.states import (
     fingerprint,
     time_limit_of,
 )
-from curricle.tasks.domain import cell_space
+from curricle.tasks.grid import cell_space
 from curricle.tasks.gridworld import GridWorld, Rewards
 from curricle.tasks.kernel import compiled, draw
 from curricle.tasks.live import OLD_GYM, LiveMDP, is_live

@@ -21,7 +21,7 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from curricle.arrays import IntArray, frozen
 from curricle.pictures.layout import layout_of
 from curricle.pictures.views import GridView, marker_letters, stacked
-from curricle.tasks.domain import MOVES
+from curricle.tasks.grid import MOVES
 from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.layout import LETTERS, GridLayout
 from curricle.tasks.live import LiveMDP, reset_state

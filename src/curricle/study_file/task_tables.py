@@ -51,8 +51,9 @@ from curricle.study_file.schema import (
     wrong,
     wrong_at,
 )
-from curricle.tasks.domain import MOVES, Domain, GridDomain, MapDomain, name_of
+from curricle.tasks.domain import Domain, GridDomain, MapDomain, name_of
 from curricle.tasks.family import FamilyMember, TaskFamily, rules_of
+from curricle.tasks.grid import MOVES
 from curricle.tasks.gridworld import LEGENDS, GridWorld
 from curricle.tasks.mdp import generative_model
 from curricle.tasks.observation_task import EnvironmentMaker

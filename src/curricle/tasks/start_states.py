@@ -15,6 +15,7 @@ import numpy.typing as npt
 from curricle.arrays import BoolArray, FloatArray, Frozen, IntArray, adopted
 from curricle.checks import indices, numbers, whole_number
 from curricle.errors import TaskError
+from curricle.tasks.domain import GridDomain
 from curricle.tasks.graph import reachable_states, rows_in_use, steps_to
 from curricle.tasks.mdp import FiniteMDP, tables
 from curricle.tasks.spaces import MISSING, Space
@@ -138,7 +139,7 @@ def with_start(task: Any, start: Any) -> Any:
         return base.start_from(distribution)
     positive = np.flatnonzero(distribution)
     equal = (distribution[positive] == distribution[positive[0]]).all()
-    if equal and hasattr(base, "start_in"):
+    if equal and isinstance(base, GridDomain) and base.states.size == len(base.cells):
         return base.start_in(positive)
     return TaskWithStart(base, distribution)
 
