@@ -10,27 +10,21 @@ import pytest
 
 from curricle.cli import progress_bars
 from curricle.cli.progress_bars import run_with_bars
+from curricle.comparison import plan
 from curricle.errors import (
     ConfigError,
     EngineError,
-    LostStoreError,
     SettingError,
-    StoreError,
     StudyError,
 )
-from curricle.files import place_at
-from curricle.interop.trackers import Tracker
 from curricle.study import (
-    executors,
     read_study,
     run_study,
     running,
-    running as scheduling,
-    store,
 )
 from curricle.study.arms import Arms, UnitInput
 from curricle.study.executors import Workers, _folder_with, train_sent, versions_here
-from curricle.study.store import StoredUnit, StudyStore, lost_errors, write_errors
+from curricle.study.store import StudyStore
 from curricle.study.tuning import with_trials
 from curricle.study.workers import dask_address, dask_cluster
 from tests.support.sent_folders import RULES, STUDY
@@ -74,7 +68,7 @@ def own_study(tmp_path):
 
 def sent_units(pool, monkeypatch, study, out, **settings):
     with monkeypatch.context() as patch:
-        patch.setattr(scheduling, "wait", pool.wait)
+        patch.setattr(plan, "wait", pool.wait)
         return run_study(study, out, executor=pool, workers=pool.count, **settings)
 
 
@@ -114,10 +108,10 @@ def test_other_versions_name_the_worker_and_what_differs():
 
 def test_the_window_follows_the_number_of_workers(own_study, tmp_path, monkeypatch):
     study = read_study(tmp_path / "own.toml", set=["seeds=9", "seeds_per_unit=1"])
-    monkeypatch.setattr(scheduling, "ASKED_AGAIN", 0.0)
+    monkeypatch.setattr(running, "ASKED_AGAIN", 0.0)
     pool = Held([0, 0, 1, 3, 1])  # the first number is for the progress
     sent_units(pool, monkeypatch, study, tmp_path / "out")
-    assert scheduling.AHEAD == 2
+    assert running.AHEAD == 2
     assert pool.most[:8] == [2, 2, 6, 5, 4, 3, 2, 2]  # 0, 1, 3 and then 1 worker
     assert max(pool.most[8:]) == 2
 
@@ -229,16 +223,6 @@ def stop(*_, **__):
     raise StudyError("stopped")
 
 
-class Recorder(Tracker):
-    """Notes how many seeds each unit has."""
-
-    def __init__(self):
-        self.seeds = []
-
-    def record(self, arm, task, result):
-        self.seeds.append(len(result.seeds))
-
-
 class Elsewhere(Held):
     """Workers that get copies, as those on other machines do, and send copies back."""
 
@@ -250,62 +234,10 @@ def through(value):
     return pickle.loads(pickle.dumps(value))
 
 
-def test_workers_read_and_write_large_units_at_a_url(
-    study_file, finished, tmp_path, url_of, monkeypatch
-):
-    monkeypatch.setattr(store, "FULL", 1)
-    returned, received = [], []
-
-    def noted(sent):
-        file = train_sent(sent)
-        received.append(sent)
-        returned.append(file)
-        return file
-
-    monkeypatch.setattr(executors, "train_sent", noted)
-    study, recorder, url = read_study(study_file), Recorder(), url_of("out")
-    sent_units(Elsewhere([2]), monkeypatch, study, url, trackers=[recorder])
-    assert all(isinstance(file, StoredUnit) for file in returned)
-    assert all(len(pickle.dumps(file)) < 500 for file in returned)
-    assert all(not sent.sources for sent in received)
-    assert any(sent.stored for sent in received)
-    assert recorder.seeds == 16 * [2]
-    run_study(study, tmp_path / "local")
-    for unit in StudyStore(tmp_path / "local").units():
-        copy = place_at(url) / "units" / unit.path.parent.name / unit.path.name
-        assert copy.read_bytes() == unit.path.read_bytes()
-    assert len(StudyStore(url).units()) == len(StudyStore(tmp_path / "local").units())
-
-
-def test_small_units_come_back_and_share_files(study_file, finished, url_of, monkeypatch):
+def test_units_of_other_machines_are_stored_at_a_url(study_file, finished, url_of, monkeypatch):
     sent_units(Elsewhere([2]), monkeypatch, read_study(study_file), url_of("out"))
-    places = [
-        sorted((unit.key, unit.seeds) for unit in StudyStore(folder).units())
-        for folder in (url_of("out"), finished)
-    ]
-    assert places[0] == places[1]
-
-
-def test_what_a_worker_cannot_write_ends_the_run(study_file, url_of, monkeypatch):
-    monkeypatch.setattr(store, "FULL", 1)
-    study, url = read_study(study_file), url_of("out")
-
-    def elsewhere(sent):
-        file = train_sent(sent)
-        file.path.unlink()
-        return file
-
-    with monkeypatch.context() as patch:
-        patch.setattr(executors, "train_sent", elsewhere)
-        with pytest.raises(
-            StoreError, match="workers must write to the place of the run: memory://"
-        ):
-            sent_units(Elsewhere([2]), patch, study, url)
-
-    def failing(folder, unit, result):
-        with lost_errors(), write_errors(folder):
-            raise OSError("nothing answers")
-
-    monkeypatch.setattr(executors, "written_unit", failing)
-    with pytest.raises(LostStoreError, match="nothing answers"):
-        sent_units(Elsewhere([2]), monkeypatch, study, url, resume=True)
+    units = StudyStore(url_of("out")).units()
+    assert len(units) == len(StudyStore(finished).units())
+    for unit in units:
+        file = finished / "units" / unit.path.parent.name / unit.path.name
+        assert file.read_bytes() == unit.path.read_bytes()

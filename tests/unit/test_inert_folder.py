@@ -171,7 +171,7 @@ def test_a_task_said_to_be_enormous_has_no_enormous_snapshots(folder, monkeypatc
     monkeypatch.setattr("curricle.study.results.MAX_SNAPSHOT_BYTES", 2**25)
 
     def edit(study):
-        for task in study["record"]["tasks"]:
+        for task in study["plan"]["tasks"]:
             task["states"] = 10**12
 
     change(folder / "study.json", edit)

@@ -24,8 +24,8 @@ from curricle.statistics.curves import ROUNDING, SCRATCH
 from curricle.study.arms import Arms, units_of
 from curricle.study.config import StudyConfig, rivals
 from curricle.study.results import StudyResults
-from curricle.study.running import Done, usable_units
-from curricle.study.store import StudyStore, check_ours, holds_study
+from curricle.study.running import usable_units
+from curricle.study.store import Finished, StudyStore, check_ours, holds_study
 from curricle.study.tuning import effects_of, tuned_before, tuning_words
 from curricle.study_file.vary import value_text
 from curricle.tasks.live import is_live
@@ -266,7 +266,7 @@ def print_preview(study: StudyConfig, *, forecast: bool = False) -> None:
         sources = any(curriculum.transfers for curriculum in arms.curricula.values())
         print_text(total_words(arms.target, *steps, sources=sources))
     if study.tune is not None:
-        number, tried = len(study.tune.variants), Arms.of(study.of_trials())
+        number, tried = len(study.tune.variants), Arms.of(study.trials)
         runs = number * len(study.tune.seeds)
         seconds = runs * sum(cost.seconds / cost.seeds for cost in costing) / len(arms.curricula)
         print_text(
@@ -330,7 +330,7 @@ def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) ->
             f"first of all {counted(len(study.tune.variants), 'trial')}; what follows is then "
             "trained with the best settings, not with those of the file"
         )
-    done: Done = {}
+    done: Finished = {}
     if holds_study(place_at(path)):
         done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
         yield from remarks

@@ -2,17 +2,19 @@
 
 All arms have one target and spend the same total of steps, sources included. Each task of each arm
 has a key. Equal keys mean equal results, which arms then share. A unit is a task of an arm for some
-seeds; it is trained after its sources. If a unit fails, the arms that need it are given up. A
-comparison trains units in turn in memory (`Memory`); a study sends units to workers and stores
-their results (`study.running`).
+seeds; it is trained after its sources. If a unit fails, the arms that need it are given up. One
+function runs all units (`trained_units`): a comparison keeps their results in memory (`Memory`), a
+study sends units to workers and keeps them in its folder (`study.running`).
 """
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby
+from graphlib import TopologicalSorter
+from heapq import heappop, heappush
+from itertools import groupby, product
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -29,7 +31,7 @@ from curricle.comparison.opponents import (
 from curricle.comparison.task_differences import differences
 from curricle.curriculum.curriculum import OF_TARGETS, SETTINGS, Curriculum, Node
 from curricle.curriculum.result import SourceValues
-from curricle.errors import CurriculumError, SettingError
+from curricle.errors import CurriculumError, LostStoreError, SettingError
 from curricle.learning.result import LearningResult
 from curricle.progress import Bars
 from curricle.statistics.curves import SCRATCH
@@ -368,6 +370,90 @@ def arms_of(keys: Mapping[tuple[str, str], str], some: Collection[str]) -> set[s
     return {arm for (arm, _), key in keys.items() if key in some}
 
 
+# -- Running units, each after its sources ---------------------------------------------------------
+
+ASKED_AGAIN = 2.0
+"""Seconds between requests for the number of workers: it may grow, but a cluster's answer takes
+about as long as a small unit."""
+
+
+class Queue:
+    """Units to send: in order, but each after its sources are trained."""
+
+    def __init__(self, units: Iterable[Unit]):
+        self.units = list(units)
+        numbers = enumerate(self.units)
+        self._numbers = {(unit.key, seed): n for n, unit in numbers for seed in unit.seeds}
+        self._order = TopologicalSorter[int]()
+        for number, unit in enumerate(self.units):
+            read = self._numbers.keys() & product(unit.sources.values(), unit.seeds)
+            self._order.add(number, *{self._numbers[pair] for pair in read})
+        self._order.prepare()
+        self.ready = sorted(self._order.get_ready())  # heap of the units whose sources are trained
+
+    def pop(self) -> Unit:
+        """Return the next unit to send."""
+        return self.units[heappop(self.ready)]
+
+    def trained(self, unit: Unit) -> None:
+        """Release the units that waited for a unit; call it when its result is kept."""
+        self._order.done(self._numbers[unit.key, unit.seeds[0]])
+        for number in self._order.get_ready():
+            heappush(self.ready, number)
+
+
+def cancelled() -> Exception:
+    """Return the error of a unit that was cancelled, but not by this process."""
+    return BrokenExecutor("the executor cancelled it")
+
+
+def trained_units(
+    units: Iterable[Unit],
+    send: Callable[[Unit], "Future[Any]"],
+    keep: Callable[[Unit, Any], object],
+    failures: Failures,
+    *,
+    ahead: Callable[[], int] = lambda: 1,
+    lost: Callable[[], Exception] = cancelled,
+) -> Iterator[tuple[Unit, Any]]:
+    """Yield each unit with its result when that is kept.
+
+    `send` starts a unit whose sources are kept, at most ``ahead()`` at once. After a failure no
+    unit is started that only arms with a failure need. A result that is an exception is the error
+    of a unit in another process.
+    """
+    queue, running = Queue(units), dict[Future[Any], Unit]()
+    try:
+        while queue.ready or running:
+            most = ahead()
+            while queue.ready and len(running) < most:
+                unit = queue.pop()
+                if failures.keeps(unit):
+                    running[send(unit)] = unit
+            ended, _ = wait(running, ASKED_AGAIN, FIRST_COMPLETED)
+            for future in [future for future in running if future in ended]:
+                if future not in running:  # the failure of another unit has cancelled it
+                    continue
+                unit = running.pop(future)
+                error = lost() if future.cancelled() else future.exception()
+                result = None if error else future.result()
+                error = result if isinstance(result, Exception) else error
+                if isinstance(error, LostStoreError) or not isinstance(error, Exception | None):
+                    raise error  # the store is lost, or this is an interrupt
+                if error is None:
+                    keep(unit, result)
+                    queue.trained(unit)
+                    yield unit, result
+                    continue
+                failures.add(unit, error)
+                for other, waiting in [*running.items()]:
+                    if not failures.keeps(waiting) and other.cancel():
+                        del running[other]
+    finally:
+        for future in running:
+            future.cancel()
+
+
 # -- A run in memory -------------------------------------------------------------------------------
 
 LARGEST_KEPT = 50_000_000  # bytes; smaller source tables are kept for later plans
@@ -433,27 +519,35 @@ class Memory:
             if trained is None or (trained.result.values is None and readers[unit.key]):
                 missing.append(unit)
                 readers.update(plan.read_by(unit))
+
+        def send(unit: Unit) -> Future[Any]:
+            future = Future[Any]()
+            try:
+                read = unit.sources.items()
+                results = {name: self.trained[key, seeds].result for name, key in read}
+                sources = {name: SourceValues.of(result) for name, result in results.items()}
+                trained = train(
+                    plan.arms[unit.arm],
+                    unit,
+                    sources,
+                    unchanged=self.trained.get((plan.changed(unit), seeds)),
+                    workers=workers,
+                    progress=bars.within(unit.arm),
+                )
+                future.set_result(trained)
+            except Exception as error:  # of any kind: a task may be the user's own code
+                future.set_exception(error)
+            return future
+
+        def keep(unit: Unit, trained: Trained) -> None:
+            self.trained[unit.key, seeds] = trained
+            readers.subtract(plan.read_by(unit))
+            for key in plan.read_by(unit) | {unit.key}:
+                if not readers[key]:
+                    self._forget(plan, key, seeds)
+
         try:
-            for unit in filter(failures.keeps, reversed(missing)):
-                try:
-                    read = unit.sources.items()
-                    results = {name: self.trained[key, seeds].result for name, key in read}
-                    sources = {name: SourceValues.of(result) for name, result in results.items()}
-                    self.trained[unit.key, seeds] = train(
-                        plan.arms[unit.arm],
-                        unit,
-                        sources,
-                        unchanged=self.trained.get((plan.changed(unit), seeds)),
-                        workers=workers,
-                        progress=bars.within(unit.arm),
-                    )
-                except Exception as error:  # of any kind: a task may be the user's own code
-                    failures.add(unit, error)
-                else:
-                    readers.subtract(plan.read_by(unit))
-                    for key in plan.read_by(unit) | {unit.key}:
-                        if not readers[key]:
-                            self._forget(plan, key, seeds)
+            for _ in trained_units(reversed(missing), send, keep, failures):
                 yield
         finally:
             for unit in units:

@@ -28,6 +28,7 @@ from curricle.study.arms import Arms
 from curricle.study.config import StudyConfig
 from curricle.study.record import (
     LONGEST_EPISODE,
+    OF_CONFIGURATION,
     Analysis,
     ArmRecord,
     CertificateRecord,
@@ -39,11 +40,10 @@ from curricle.study.record import (
     StudyRecord,
     TaskRecord,
     TransferRecord,
-    VariantRecord,
     ViewRecord,
 )
 from curricle.study.results import StudyResults
-from curricle.study.store import ANALYSIS, seeds_per_file
+from curricle.study.store import ANALYSIS
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import Task, generative_model, has_tables, same_task
 from curricle.tasks.observation_task import is_observation_task, plain_text
@@ -55,20 +55,18 @@ from curricle.transfer.transfer import Transfer, same_transfer, transfer_words
 
 def study_record(study: StudyConfig, arms: Arms) -> StudyRecord:
     """Return the record of a study, before it is run."""
-    curricula = curricula_record(arms.arms, study.variants or {})
+    curricula = curricula_record(arms.arms)
     reference = Reference(study.threshold, STATED)
     if arms.total is not None and SCRATCH in arms.curricula:
         reference = Reference.before(arms.target_node, study.threshold)
-    of_study = ("name", "seeds", "window", "snapshots", "tuned", "chosen")
-    fields = {name: getattr(study, name) for name in of_study}
+    fields = {name: getattr(study, name) for name in OF_CONFIGURATION}
+    fields["variants"] = study.variants or {}
     fields |= {name: getattr(arms, name) for name in ("target", "budget", "total", "eval_freq")}
     problem = task_summary(arms.target_node.task)
     return StudyRecord(**dict(curricula), problem=problem, reference=reference, **fields)
 
 
-def curricula_record(
-    planned: Mapping[str, PlannedArm], variants: Mapping[str, VariantRecord]
-) -> CurriculaRecord:
+def curricula_record(planned: Mapping[str, PlannedArm]) -> CurriculaRecord:
     """Return the record of arms by name, with the keys of their stored results, if any."""
     tasks, edges, arms = list[Any](), list[Transfer](), {}
     for label, arm in planned.items():
@@ -82,7 +80,6 @@ def curricula_record(
                 key=arm.keys.get(name, ""),
                 settings={w: _setting_text(curriculum.setting(w, name)) for w in settings},
                 aggregate=_aggregate(curriculum, name, "a custom aggregate") if several else None,
-                seeds_per_file=seeds_per_file(node),
             )
         transfers = list[TransferRecord]()
         for edge in curriculum.transfers:
@@ -95,7 +92,6 @@ def curricula_record(
             scratch=arm.scratch,
             control_of=arm.of,
             depends_on_total=_depends_on_total(curriculum),
-            variant=variants.get(label),
             knows_target=any(map(curriculum.knows_target, curriculum.last_tasks)),
         )
     return CurriculaRecord(tasks=tuple(map(_task, tasks)), arms=arms)

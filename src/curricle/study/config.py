@@ -6,6 +6,7 @@ complete arms (:class:`StudyConfig`), which is what is run, stored and hashed in
 
 import ast
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache, cached_property, wraps
 from graphlib import CycleError, TopologicalSorter
@@ -82,6 +83,7 @@ from curricle.text import counted, printed, shortened
 from curricle.transfer.by_components import member_mappings
 
 ONLY_ARM = "transfer"  # the name of the arm of a study without arms
+Made = TypeVar("Made")
 Messages = Iterator[tuple[KeyPath, str]]  # key path and text of each mistake
 
 # -- The tables of a study: as written in a file, and with all settings filled in ------------------
@@ -300,6 +302,7 @@ class StudyConfig(RunTable):
     _folder: Path = PrivateAttr(default=Path())
     _positions: Positions = PrivateAttr(default=Positions(""))
     _made: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _once: dict[str, Any] = PrivateAttr(default_factory=dict)
     _say: Callable[[str], Any] = PrivateAttr(default=print)
 
     @classmethod
@@ -321,12 +324,24 @@ class StudyConfig(RunTable):
         config._positions = positions or Positions(config.name)
         return config
 
-    def to_data(self) -> dict[str, Any]:
-        """Return the configuration as plain data for JSON, with maps and every setting."""
+    @cached_property
+    def data(self) -> dict[str, Any]:
+        """The configuration as plain data, as :meth:`to_data` returns it; only to be read."""
         return self.model_dump(mode="json", exclude_none=True)
 
+    def to_data(self) -> dict[str, Any]:
+        """Return the configuration as plain data for JSON, with maps and every setting."""
+        return deepcopy(self.data)
+
+    def once(self, name: str, make: Callable[[], Made]) -> Made:
+        """Return what `make` returns, made once for this study."""
+        if name not in self._once:
+            self._once[name] = make()
+        made: Made = self._once[name]
+        return made
+
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, StudyConfig) and self.to_data() == other.to_data()
+        return isinstance(other, StudyConfig) and self.data == other.data
 
     def __repr__(self) -> str:
         seeds, arms = counted(len(self.seeds), "seed"), listed(self.arms)
@@ -413,7 +428,7 @@ class StudyConfig(RunTable):
 
     def varied(self, **fields: Any) -> Self:
         """Return the study with other `fields`, plain data; ConfigError names an invalid field."""
-        data = {**self.to_data(), **fields}
+        data = {**self.data, **fields}
         try:
             made = self.from_data(data, self._folder, self._positions, say=self._say)
         except ValidationError as error:
@@ -423,9 +438,10 @@ class StudyConfig(RunTable):
         made._made = self._made
         return made
 
-    def of_trials(self) -> Self:
-        """Return the study whose arms are the trials of this study's tuning."""
-        fields = {**self.to_data()["tune"], "controls": None, "tune": None, "own_learners": True}
+    @cached_property
+    def trials(self) -> Self:
+        """The study whose arms are the trials of this study's tuning."""
+        fields = {**self.data["tune"], "controls": None, "tune": None, "own_learners": True}
         made = self.varied(**fields, opponents=(), snapshots=0)
         trials = {
             (False, name): of for (trial, name), of in self._positions.varied.items() if trial

@@ -22,9 +22,8 @@ from threading import Lock
 from typing import Any
 
 from curricle.errors import CurricleError, EngineError, ForeignError, in_words
-from curricle.files import Place
 from curricle.study.arms import Arms, UnitInput, train_unit
-from curricle.study.store import StoredUnit, UnitResult, lost_errors, stored_values, written_unit
+from curricle.study.store import UnitContent
 from curricle.study_file.own_code import PACKAGES, own_files
 
 # -- The workers of a run --------------------------------------------------------------------------
@@ -57,14 +56,12 @@ class Workers:
         """Whether units are trained in this process."""
         return isinstance(self.executor, ThreadPoolExecutor)
 
-    def see(self, place: Place) -> bool:
-        """Return whether workers read and write the study's large files themselves, at a URL."""
-        return not self.threads and not isinstance(place, Path)
-
     def train(self, sent: UnitInput) -> "Future[Any]":
-        """Return the future result of a unit, or the file that it was written to."""
-        if not self.threads:  # which pass errors on unchanged, and have this process's modules
-            sent = sent._replace(files=self.files, versions=versions_here(), serial=self.serial)
+        """Return the future result of a unit."""
+        if not self.threads:  # which pass errors on unchanged, and have the plan itself
+            sent = sent._replace(
+                arms=None, files=self.files, versions=versions_here(), serial=self.serial
+            )
         try:
             return self.executor.submit(train_unit if self.threads else train_sent, sent)
         except Exception as error:
@@ -94,8 +91,8 @@ FOLDERS = dict[Any, Path]()  # content of modules -> folder where this process w
 WRITING, SERIAL = Lock(), Lock()
 
 
-def train_sent(sent: UnitInput) -> UnitResult | StoredUnit | Exception:
-    """Train a unit and return its results, the file that holds them, or its error."""
+def train_sent(sent: UnitInput) -> UnitContent | Exception:
+    """Train a unit and return its results, or its error."""
     # An error is returned: raising it would need the user's class where it is received.
     try:
         return _train_sent(sent)
@@ -124,20 +121,12 @@ def _sendable(error: Exception) -> Exception:
     return error
 
 
-def _train_sent(sent: UnitInput) -> UnitResult | StoredUnit:
+def _train_sent(sent: UnitInput) -> UnitContent:
     if difference := _difference(sent.versions, versions_here()):
         raise EngineError(f"worker {platform.node()} has {difference}")
-    unit, sources = sent.unit, dict(sent.sources)
-    with lost_errors():
-        for name, (files, read) in sent.stored.items():
-            sources[name] = stored_values(StoredUnit.arrays, files, unit.seeds, read=read)
     folder = _folder_with(sent.files, Path(sent.folder))
     with SERIAL if sent.serial else nullcontext():
-        result = train_unit(sent._replace(folder=str(folder), sources=sources))
-    if sent.place is None:
-        return result
-    with lost_errors():
-        return written_unit(sent.place, unit, result)
+        return train_unit(sent._replace(folder=str(folder)))
 
 
 @cache

@@ -43,19 +43,19 @@ from curricle.study.record import (
     RunRecord,
     StudyRecord,
     TaskRecord,
-    read_record,
 )
 from curricle.study.store import (
     ANALYSIS,
+    GROUPS,
     RUN,
     RUNS,
     SNAPSHOTS,
     STUDY,
-    VALUES,
     DecisionRow,
+    Finished,
     StoredUnit,
     StudyStore,
-    stored_values,
+    UnitContent,
 )
 from curricle.text import counted, shortened, visible
 
@@ -173,10 +173,10 @@ class StudyResults:
     def __init__(self, path: str | Place | StudyStore, record: StudyRecord | None = None):
         self.store = path if isinstance(path, StudyStore) else StudyStore(path)
         study = self.store.description
-        if "record" not in study:
+        if "plan" not in study:
             raise StoreError(f"{self.store.path} holds results that are not those of a study")
         self.record = record or self.store.checked(
-            STUDY, lambda: read_record(StudyRecord, study["record"])
+            STUDY, lambda: StudyRecord.of(study.get("configuration"), study["plan"])
         )
 
     def __repr__(self) -> str:
@@ -189,10 +189,10 @@ class StudyResults:
     @property
     def is_part(self) -> bool:
         """Whether arms of the folder's study are left out, as they are not trained yet."""
-        return len(self.record.arms) < len(self.store.description["record"]["arms"])
+        return len(self.record.arms) < len(self.store.description["plan"]["arms"])
 
     @cached_property
-    def stored(self) -> dict[str, dict[int, StoredUnit]]:
+    def stored(self) -> Finished:
         """The unit that holds each seed, by key and seed."""
         return self.store.finished()
 
@@ -235,19 +235,21 @@ class StudyResults:
         """
         if not (units := self._units(arm, task, seeds)):
             raise StoreError(f"{self.store.path} holds no result of {task!r} in arm {arm!r} yet")
-        snapshots = self.record.task(arm, task).view is not None
-        groups = (RUN, *[SNAPSHOTS] * snapshots, *[VALUES] * values)
-        return joined_results(
-            [LearningResult.of_arrays(self._arrays(arm, task, unit, *groups)) for unit in units]
-        )
+        groups = GROUPS if values else ()
+        contents = [self._content(arm, task, unit, *groups) for unit in units]
+        return joined_results([LearningResult.of_arrays(content.arrays) for content in contents])
 
-    def _arrays(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> dict[str, Any]:
-        """Return the arrays of a unit of an arm, checked against the shapes in the record."""
+    def _content(self, arm: str, name: str, unit: StoredUnit, *groups: str) -> UnitContent:
+        """Return the content of a unit of an arm, checked against the shapes in the record.
+
+        By default it has snapshots if its task has a picture: a file is read once, whoever asks.
+        """
         task = self.record.task(arm, name)
-        arrays = self.store.arrays(unit, *groups, most=self.most_bytes)
-        expected = arrays, unit.seeds, (task.states, task.actions), SPENT
+        groups = groups or (RUN, *[SNAPSHOTS] * (task.view is not None))
+        content = self.store.content(unit, name, groups, self.most_bytes)
+        expected = content.arrays, unit.seeds, (task.states, task.actions), SPENT
         self.store.checked(unit.path, lambda: check_result_arrays(*expected))
-        return arrays
+        return content
 
     @property
     def most_bytes(self) -> int:
@@ -299,7 +301,7 @@ class StudyResults:
         read = {*sources_read(curriculum, curriculum.target), *sources_read(curriculum, last), last}
         for name in names:
             units = self._units_of(arm, name, seeds)
-            stored[name] = stored_values(self.store.arrays, units, seeds, read=name in read)
+            stored[name] = self.store.source_values(name, units, seeds, read=name in read)
         return source_values(curriculum, stored)
 
     def _units_of(self, arm: str, name: str, seeds: Sequence[int]) -> dict[int, StoredUnit]:
@@ -360,7 +362,7 @@ class StudyResults:
 
     def _of_seeds(self, arm: str, task: str, name: str) -> Any:
         """Return an array of a task besides its results, (K,), seeds ascending; None without it."""
-        runs = [self._arrays(arm, task, unit, RUN) for unit in self._units(arm, task)]
+        runs = [self._content(arm, task, unit).arrays for unit in self._units(arm, task)]
         if not all(name in run for run in runs):
             return None
         seeds, numbers = (np.concatenate([run[key] for run in runs]) for key in ("seeds", name))
@@ -377,11 +379,12 @@ class StudyResults:
         """Yield a table in parts: by arm and task, then by seed and step."""
         for arm, task in self.record.keys:
             for units in apart(self._units(arm, task)):
+                contents = [self._content(arm, task, unit, RUN) for unit in units]
                 tables = [
-                    pa.table(curve_columns(self._arrays(arm, task, unit, RUN), task))
+                    pa.table(curve_columns(content.arrays, task))
                     if name == CURVES
-                    else decisions_table(self.store.decisions(unit))
-                    for unit in units
+                    else decisions_table(content.decisions)
+                    for content in contents
                 ]
                 part = pa.concat_tables(tables)
                 if len(units) > 1:
@@ -397,7 +400,7 @@ class StudyResults:
         """Return seed -> the reasons for the decisions in a task, as sentences."""
         values: dict[int, list[str]] = {}
         for unit in self._units(arm, task):
-            for row in self.store.decisions(unit):
+            for row in self._content(arm, task, unit).decisions:
                 values.setdefault(row.seed, []).append(getattr(row, column))
         return dict(sorted(values.items()))
 

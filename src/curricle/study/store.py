@@ -6,10 +6,8 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from itertools import chain
+from functools import cached_property
 from pathlib import Path
-from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -18,7 +16,6 @@ from filelock import FileLock, Timeout
 from pydantic import TypeAdapter, ValidationError
 
 from curricle.comparison.plan import Unit, seed_ranges
-from curricle.curriculum.curriculum import Node
 from curricle.curriculum.result import SourceValues
 from curricle.errors import LostStoreError, StoreError, reason
 from curricle.files import (
@@ -40,10 +37,8 @@ from curricle.files import (
     unsealed,
     write_whole,
 )
-from curricle.learning.result import LearningResult, arrays_of, joined_results
 from curricle.learning.tabular_policy import Arrays, values_of
 from curricle.study.record import (
-    CurriculaRecord,
     Plain,
     UnitRecord,
     first_mistake,
@@ -51,7 +46,6 @@ from curricle.study.record import (
     read_record,
 )
 from curricle.study_file.schema import seeds_in_ranges
-from curricle.tasks.mdp import generative_model
 from curricle.text import counted
 
 # -- The differences of two descriptions, by which their results may differ ------------------------
@@ -75,8 +69,8 @@ def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, 
         return
     for key in sorted({*first, *second}):
         place = f"{name}.{key}" if name and name != "configuration" else key
-        # The record is computed from the configuration and the user's functions.
-        if not (name == "configuration" and key in MAY_CHANGE) and place != "record":
+        # The plan is computed from the configuration and the user's functions.
+        if not (name == "configuration" and key in MAY_CHANGE) and place != "plan":
             yield from differences(first.get(key), second.get(key), place)
 
 
@@ -181,7 +175,7 @@ def lost_errors() -> Iterator[None]:
         raise
 
 
-# -- The arrays and decisions of a unit: groups of arrays, selected seeds, joined units ------------
+# -- The arrays and decisions of a unit: groups of arrays, and those of selected seeds -------------
 
 RUN, VALUES, SNAPSHOTS = GROUPS = "run", "values", "snapshots"  # groups of arrays
 
@@ -208,8 +202,8 @@ OF_UNITS = ("source_steps", "initial_values")
 LARGEST_DECISIONS = 2**26  # most bytes of a unit's decisions: 300,000 decisions
 
 
-class UnitResult(NamedTuple):
-    """The result of training a unit."""
+class UnitContent(NamedTuple):
+    """What training a unit gave, and its file holds."""
 
     arrays: Arrays  # arrays of the `LearningResult` (`arrays_of`), and of `OF_UNITS`
     decisions: Sequence[DecisionRow]  # by seed and checkpoint
@@ -231,24 +225,6 @@ def of_seeds(arrays: Arrays, seeds: Collection[int]) -> dict[str, npt.NDArray[An
     return kept
 
 
-def joined_units(parts: Sequence[UnitResult]) -> UnitResult:
-    """Return the results of several units of a task as one result, seeds ascending."""
-    # The result does not depend, to the byte, on how seeds were divided into units.
-    if len(parts) == 1:
-        return parts[0]
-    parts = sorted(parts, key=lambda part: part.arrays["seeds"][0])
-    whole = joined_results([LearningResult.of_arrays(part.arrays) for part in parts])
-    if whole.snapshots is not None and whole.snapshots.seed != whole.seeds[0]:
-        whole = replace(whole, snapshots=None)
-    arrays = arrays_of(whole)
-    order = np.argsort(np.concatenate([part.arrays["seeds"] for part in parts]))
-    for name in OF_UNITS:
-        if name in parts[0].arrays:
-            arrays[name] = np.concatenate([part.arrays[name] for part in parts])[order]
-    decisions = chain.from_iterable(part.decisions for part in parts)
-    return UnitResult(arrays, sorted(decisions, key=lambda row: row.seed))  # a stable sort
-
-
 def group_of(name: str) -> str:
     """Return the group of an array by its name: run, values, snapshots, ..."""
     if name.startswith("snapshot_"):
@@ -265,7 +241,7 @@ LARGEST_ABOUT = 2**24  # most bytes of unit.json: 100,000 seeds take a twentieth
 LONGEST_NAME, KEPT = 200, 40  # most characters of a unit's name; characters kept of longer names
 
 
-def unit_content(about: UnitRecord, result: UnitResult) -> bytes:
+def unit_content(about: UnitRecord, result: UnitContent) -> bytes:
     """Return the content of a unit's file, which has equal bytes for equal results."""
     ordered = dict(sorted(result.arrays.items(), key=lambda item: GROUPS.index(group_of(item[0]))))
     decisions = json.dumps(result.decisions).encode()
@@ -311,14 +287,30 @@ def place_of(key: str, task: str, seeds: str) -> str:
 
 ROW_BYTES = 600  # about the bytes of a decision in memory
 MOST_KEPT = 2**28
-"""Bytes of curves and decisions to keep in memory, so that a run, its tables and a report read each
-file once."""
-SCHEMA_VERSION = 5  # version of the folder's layout; other versions are refused
+"""Bytes of curves, snapshots and decisions to keep in memory, so that a run, its tables and a
+report read each file once."""
+LARGEST_KEPT = 2**20  # bytes of a unit's values up to which they are kept, too, for later tasks
+SCHEMA_VERSION = 6  # version of the folder's layout; other versions are refused
 LARGEST_JSON = 2**24
 """Most bytes of a JSON file, which takes up to 25 times as many in memory. The file of a study with
 100,000 seeds has a twentieth of that."""
 Result = TypeVar("Result")
 Record = TypeVar("Record", bound=Plain)
+Finished = dict[str, dict[int, "StoredUnit"]]  # key -> seed -> unit
+
+
+class Kept(NamedTuple):
+    """The content of a unit that is kept in memory."""
+
+    groups: Collection[str]  # of its arrays
+    task: str
+    content: UnitContent
+
+    @property
+    def size(self) -> int:
+        """About its bytes."""
+        arrays, decisions = self.content
+        return sum(array.nbytes for array in arrays.values()) + ROW_BYTES * len(decisions)
 
 
 @dataclass(frozen=True)
@@ -341,45 +333,57 @@ class StoredUnit:
 
     @contextmanager
     def opened(self, *, whole: bool = False) -> Iterator[ArrayArchive]:
-        """Yield the unit's file, open to read parts or the `whole`; StoreError if damaged."""
+        """Yield the unit's file, open to read parts or the `whole`; StoreError if damaged.
+
+        It is damaged, too, where it says that it is another unit than its path says.
+        """
         try:
             with read_errors(self.path), opened_archive(self.path, whole=whole) as archive:
-                if whole:
-                    self._check_place(about_in(archive))
+                if self.seeds and (why := self._stranger(about_in(archive))):
+                    raise damage(self.path, why)
                 yield archive
         except Damaged:
             raise damage(self.path) from None
         except ValueError as error:
             raise StoreError(f"{self.path} is not as Curricle writes it: {error}") from None
 
+    def _stranger(self, about: UnitRecord) -> str:
+        """Return a clause on the file's unit if it is another one; empty if it is this one."""
+        place = place_of(about.key, about.task, seed_ranges(about.seeds))
+        if place == f"{self.path.parent.name}/{self.path.name}":
+            return ""
+        return f"it holds {about.task!r}, seeds {seed_ranges(about.seeds)}, of key {about.key}"
+
     @cached_property
     def about(self) -> UnitRecord:
         """The record in the unit's file; StoreError if it is damaged or another unit's."""
         with self.opened() as archive:
-            about = about_in(archive)
-            self._check_place(about)
-        return about
+            return about_in(archive)
 
-    def _check_place(self, about: UnitRecord) -> None:
-        place = place_of(about.key, about.task, seed_ranges(about.seeds))
-        if place != f"{self.path.parent.name}/{self.path.name}":
-            raise Damaged
-
-    def arrays(self, *groups: str, most: int | None = None) -> NamedArrays:
+    def arrays(self, *groups: str) -> NamedArrays:
         """Return the unit's arrays of some groups, such as ``run``, without pickles."""
         with self.opened() as archive:
-            arrays = groups_in(archive, groups, most)
-        return arrays
+            return groups_in(archive, groups)
 
-    def result(self, seeds: Collection[int], most: int | None = None) -> UnitResult:
+    def content(self, task: str, groups: Collection[str], most: int | None = None) -> UnitContent:
+        """Return the arrays of some groups of a unit of a task, and its decisions.
+
+        StoreError if the file is damaged, or of another task; `most` bytes of snapshots are read.
+        """
+        with self.opened() as archive:
+            if about_in(archive).task != task:
+                raise damage(self.path, f"it is of task {about_in(archive).task!r}, not {task!r}")
+            return UnitContent(groups_in(archive, groups, most), decisions_in(archive))
+
+    def result(self, seeds: Collection[int], most: int | None = None) -> UnitContent:
         """Return the result of some of the unit's seeds; StoreError if the file is damaged."""
         with self.opened(whole=True) as archive:
             arrays = groups_in(archive, GROUPS, most)
             decisions = decisions_in(archive)
-        return UnitResult(of_seeds(arrays, seeds), [row for row in decisions if row.seed in seeds])
+        return UnitContent(of_seeds(arrays, seeds), [row for row in decisions if row.seed in seeds])
 
 
-def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
+def written_unit(folder: Place, unit: Unit | UnitRecord, result: UnitContent) -> StoredUnit:
     """Write the result of a unit's seeds in one move, and return the stored unit."""
     seeds = tuple(result.arrays["seeds"].tolist())
     about = UnitRecord(
@@ -399,7 +403,7 @@ def _write(folder: Place, path: Any, content: bytes) -> None:
         write_whole(path, content)
 
 
-def damage(file: Place) -> StoreError:
+def damage(file: Place, why: str = "its checksum does not fit") -> StoreError:
     """Return the error about a damaged file."""
     if file.name == STUDY:
         return StoreError(
@@ -408,8 +412,8 @@ def damage(file: Place) -> StoreError:
         )
     how = "run" if file.suffix == ENDING else "delete it and run"
     return StoreError(
-        f"{file} is damaged: its checksum does not fit; {how} the study again with --resume, "
-        "which trains only what is missing or damaged"
+        f"{file} is damaged: {why}; {how} the study again with --resume, which trains only what "
+        "is missing or damaged"
     )
 
 
@@ -436,7 +440,7 @@ class StudyStore:
 
     def __init__(self, path: str | Place, description: dict[str, Any] | None = None):
         self.path = place_at(path)
-        self._kept, self._room = dict[tuple[Place, str], Any](), MOST_KEPT
+        self._kept, self._room = dict[Place, Kept](), MOST_KEPT
         if description is not None:  # the folder has just been opened with it
             self.description = description
             return
@@ -481,52 +485,51 @@ class StudyStore:
         with write_errors(path):
             check_ours(path, resume)
         with locked(path):
-            yield cls._claimed(path, json.loads(json.dumps(description)), resume, check)
-
-    @classmethod
-    def _claimed(
-        cls, path: Place, description: dict[str, Any], resume: bool, check: bool
-    ) -> "StudyStore":
-        if holds_study(path):
-            store = cls(path)
-            if check or "configuration" not in store.description:
+            exists = holds_study(path)
+            store = cls(path) if exists else cls(path, {})
+            if exists and (check or "configuration" not in store.description):
                 store.check(description)
-            if not resume and (units := store.units()):
+            if exists and not resume and (units := store.units()):
                 raise StoreError(
                     f"{path} already holds results, {counted(len(units), 'file')} of units: go on "
                     "with --resume, or choose another folder"
                 )
-            if "configuration" in description:
-                there, here = (
-                    described["configuration"] for described in (store.description, description)
-                )
-                if there.get("snapshots") != here["snapshots"] and store.units():
-                    raise StoreError(
-                        f"snapshots are kept while a unit is trained: {path} holds units with "
-                        f"snapshots = {there.get('snapshots')}, and it is {here['snapshots']} "
-                        "here; set it back, or choose another folder"
-                    )
-                if store.units():
-                    here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
-                    description["record"]["seeds"] = here["seeds"]
-                tuning = here.get("tuned") or here.get("tune") or {}
-                if both := sorted({*tuning.get("seeds", ())} & {*here["seeds"]}):
-                    raise StoreError(
-                        f"seeds of tuning must be none of the study's: {both[0]} is one of "
-                        f"those in {path}; change tune.seeds, or choose another folder"
-                    )
-                if store.description["record"]["arms"] != description["record"]["arms"]:
-                    store.remove([path / ANALYSIS])  # of other arms
-        with write_errors(path):
-            if isinstance(path, Path):
-                for part in [*path.rglob(f".*{PART}")]:  # incomplete files of a killed run
+            for part in [*path.rglob(f".*{PART}")] if isinstance(path, Path) else ():
+                with write_errors(path):  # incomplete files of a killed run
                     part.unlink(missing_ok=True)
-            write_whole(path / STUDY, sealed({"schema_version": SCHEMA_VERSION, **description}))
-        return cls(path, description)
+            store.describe(description)
+            yield store
 
-    def redescribed(self, description: Mapping[str, Any]) -> "StudyStore":
-        """Return this opened folder with another description of the same study."""
-        return self._claimed(self.path, json.loads(json.dumps(description)), True, False)
+    def describe(self, description: Mapping[str, Any]) -> None:
+        """Describe the opened folder anew, as the same study with other settings or seeds.
+
+        StoreError where its units cannot be those of a study so described.
+        """
+        description, before = dict(description), self.description
+        if "configuration" in before and "configuration" in description:
+            there, here = before["configuration"], dict(description["configuration"])
+            if self.listed and there.get("snapshots") != here["snapshots"]:
+                raise StoreError(
+                    f"snapshots are kept while a unit is trained: {self.path} holds units with "
+                    f"snapshots = {there.get('snapshots')}, and it is {here['snapshots']} here; "
+                    "set it back, or choose another folder"
+                )
+            if self.listed:
+                here["seeds"] = sorted({*there["seeds"], *here["seeds"]})
+                description["configuration"] = here
+            tuning = here.get("tuned") or here.get("tune") or {}
+            if both := sorted({*tuning.get("seeds", ())} & {*here["seeds"]}):
+                raise StoreError(
+                    f"seeds of tuning must be none of the study's: {both[0]} is one of those in "
+                    f"{self.path}; change tune.seeds, or choose another folder"
+                )
+            if before["plan"]["arms"] != description["plan"]["arms"]:
+                self.remove([self.path / ANALYSIS])  # of other arms
+        if description != before or not self.has(STUDY):
+            content = sealed({"schema_version": SCHEMA_VERSION, **description})
+            with write_errors(self.path):
+                write_whole(self.path / STUDY, content)
+            self.description = description
 
     def check(self, description: Mapping[str, Any]) -> None:
         """Raise StoreError if results of another description may differ from the stored results."""
@@ -550,6 +553,7 @@ class StudyStore:
         with write_errors(self.path):
             for file in files:
                 file.unlink(missing_ok=True)
+                self.listed.pop(file, None)
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a value as indented JSON."""
@@ -598,214 +602,97 @@ class StudyStore:
                 "with --resume"
             ) from None
 
-    def units(self) -> list[StoredUnit]:
-        """Return the units in the store, by path."""
+    @cached_property
+    def listed(self) -> dict[Place, StoredUnit]:
+        """The units by their files: those that were there, which are listed once, and new ones."""
         with read_errors(self.path):
             files: list[Any] = [*self.path.glob(f"{UNITS}/*/*{ENDING}")]
-        return [StoredUnit.at(path) for path in sorted(files)]
+        return {path: StoredUnit.at(path) for path in sorted(files)}
 
-    def finished(self, without: Collection[Place] = ()) -> dict[str, dict[int, StoredUnit]]:
+    def units(self) -> list[StoredUnit]:
+        """Return the units in the store, by path."""
+        return [self.listed[path] for path in sorted(self.listed)]
+
+    def finished(self, without: Collection[Place] = ()) -> Finished:
         """Return key -> seed -> unit for all units except those in the files `without`."""
-        finished: dict[str, dict[int, StoredUnit]] = {}
+        finished: Finished = {}
         for stored in self.units():
-            if stored.path not in without:
-                finished.setdefault(stored.key, {}).update(dict.fromkeys(stored.seeds, stored))
+            if stored.path in without:
+                continue
+            of_key = finished.setdefault(stored.key, {})
+            if twice := sorted(of_key.keys() & {*stored.seeds}):
+                raise StoreError(
+                    f"a seed must be in one file: {of_key[twice[0]].path} and {stored.path} hold "
+                    f"seed {twice[0]}; delete one of them"
+                )
+            of_key.update(dict.fromkeys(stored.seeds, stored))
         return finished
 
     def damaged_units(self) -> list[Place]:
-        """Return the files of damaged units; reads all files, and caches their curves."""
+        """Return the files of damaged units; reads all files, and keeps their curves."""
         return [stored.path for stored in self.units() if not self.is_whole(stored)]
 
     def is_whole(self, stored: StoredUnit) -> bool:
         """Return whether a unit's file is undamaged; StoreError if it cannot be read."""
+        if stored.path in self._kept:  # read or written by this process
+            return True
         try:
             with stored.opened(whole=True) as archive, suppress(ValueError):
                 # Malformed curves or decisions raise an error when they are needed.
-                self._keep(stored, RUN, groups_in(archive, (RUN,)))
-                self._keep(stored, DECISIONS, decisions_in(archive))
+                content = UnitContent(groups_in(archive, (RUN,)), decisions_in(archive))
+                self._keep(stored, Kept({RUN}, about_in(archive).task, content))
         except StoreError as error:
             if error.__cause__ is None:
                 return False
             raise  # a file that cannot be read now is not damaged, and must not be deleted
         return True
 
-    def write_unit(self, unit: Unit | UnitRecord, result: UnitResult) -> StoredUnit:
+    def write_unit(self, unit: Unit | UnitRecord, result: UnitContent) -> StoredUnit:
         """Store the result of a unit in one move, and return the stored unit."""
         stored = written_unit(self.path, unit, result)
-        for part in (RUN, DECISIONS):
-            self._kept.pop((stored.path, part), None)
+        self.listed[stored.path] = stored
+        self._keep(stored, Kept(GROUPS, unit.task, result))
         return stored
 
-    def arrays(self, stored: StoredUnit, *groups: str, most: int | None = None) -> NamedArrays:
-        """Return the arrays of some groups, such as ``run``, of a unit, without pickles."""
-        if groups == (RUN,) and (stored.path, RUN) in self._kept:
-            curves: NamedArrays = self._kept[stored.path, RUN]
-            return curves
-        arrays = stored.arrays(*groups, most=most)
-        return self._keep(stored, RUN, arrays) if groups == (RUN,) else arrays
+    def content(
+        self, stored: StoredUnit, task: str, groups: Collection[str] = (RUN,), most: int = 0
+    ) -> UnitContent:
+        """Return the arrays of some groups and the decisions of a unit of a task.
 
-    def decisions(self, stored: StoredUnit) -> Sequence[DecisionRow]:
-        """Return a unit's decisions."""
-        if (stored.path, DECISIONS) not in self._kept:
-            with stored.opened() as archive:
-                return self._keep(stored, DECISIONS, decisions_in(archive))
-        rows: list[DecisionRow] = self._kept[stored.path, DECISIONS]
-        return rows
-
-    def _keep(self, stored: StoredUnit, part: str, content: Result) -> Result:
-        """Return a unit's curves or decisions; keep them in memory if there is room."""
-        parts: Any = content
-        size = sum(x.nbytes for x in parts.values()) if part == RUN else ROW_BYTES * len(parts)
-        if size <= self._room:
-            self._room -= size
-            self._kept[stored.path, part] = content
+        They are read once and kept in memory where there is room.
+        """
+        kept = self._kept.get(stored.path)
+        if kept is not None and kept.task == task and {*groups} <= {*kept.groups}:
+            return kept.content
+        content = stored.content(task, groups, most)
+        self._keep(stored, Kept(groups, task, content))
         return content
 
+    def _keep(self, stored: StoredUnit, kept: Kept) -> None:
+        """Keep the content of a unit in memory if there is room; large values are not kept."""
+        if (before := self._kept.pop(stored.path, None)) is not None:
+            self._room += before.size
+        values = [name for name in kept.content.arrays if group_of(name) == VALUES]
+        if sum(kept.content.arrays[name].nbytes for name in values) > LARGEST_KEPT:
+            arrays = {name: x for name, x in kept.content.arrays.items() if name not in values}
+            groups = {*kept.groups} - {VALUES}
+            kept = kept._replace(groups=groups, content=kept.content._replace(arrays=arrays))
+        if kept.size <= self._room:
+            self._room -= kept.size
+            self._kept[stored.path] = kept
 
-# -- The stored results of a source, for the tasks that build on it --------------------------------
-
-
-def stored_values(
-    arrays_of: Callable[..., Mapping[str, Any]],
-    done: Mapping[int, StoredUnit],
-    seeds: Sequence[int],
-    *,
-    read: bool,
-) -> SourceValues:
-    """Return the values of seeds in a task, which is left out; None for values unless `read`."""
-    groups = (RUN, VALUES) if read else (RUN,)
-    files = dict.fromkeys(done[seed] for seed in seeds)
-    arrays = {file.path: arrays_of(file, *groups) for file in files}
-    rows = [(arrays[done[seed].path], done[seed].seeds.index(seed)) for seed in seeds]
-    values: Any = [values_of(held, k) for held, k in rows]
-    if any(of_seed is None for of_seed in values):
-        values = None  # not needed; or not saved, for which training raises an error
-    elif isinstance(values[0], np.ndarray):
-        values = np.stack(values)
-    steps = np.array([held["steps_used"][k] for held, k in rows])
-    return SourceValues(None, tuple(seeds), values, steps)
-
-
-# -- Small units of a task in one file -------------------------------------------------------------
-#
-# A unit of some kilobytes takes longer to store and to read than to train. So small units that end
-# within a second are written into one file, and after a run all units of a block of seeds are
-# merged into one file.
-
-FULL = 2**22  # about the bytes of a file of several units, read in some milliseconds
-NUMBER, TABLES, CURVES = 8, 2, 5  # bytes of a number; numbers a pair (S x A); numbers a checkpoint
-BETWEEN = 1.0  # seconds between two writes of small units, which a killed run loses
-MOST_FILES = 32  # most files of a block of seeds; more are merged during the run
-REMEMBERED = 8  # files of several units whose arrays stay in memory, for their next seeds
-
-Block = tuple[str, int]  # a unit's key, and the number of its block of seeds
-Taken = tuple[Unit, UnitResult | StoredUnit]  # a result, or the file that a worker wrote
-
-
-def seeds_per_file(node: Node) -> int:
-    """Return how many seeds of a task a file holds; 1 for networks and large tables."""
-    if node.deep:
-        return 1
-    model = generative_model(node.task)
-    tables = TABLES * model.states.size * model.actions.size
-    checkpoints = node.most_steps // node.eval_freq + 1
-    return max(1, FULL // (NUMBER * (tables + CURVES * checkpoints)))  # most bytes of a seed
-
-
-def files_of(record: CurriculaRecord) -> dict[str, int]:
-    """Return key -> the number of seeds in a file, for all keys of a study."""
-    nodes = (node for arm in record.arms.values() for node in arm.nodes.values())
-    return {node.key: node.seeds_per_file for node in nodes}
-
-
-class Packing:
-    """Collects the trained units of a run and writes them into files."""
-
-    def __init__(
-        self, store: StudyStore, done: dict[str, dict[int, StoredUnit]], per_file: Mapping[str, int]
-    ):
-        self.store, self.done, self.per_file = store, done, per_file
-        self._waiting = dict[Block, list[tuple[Unit, UnitResult]]]()
-        self._receipts = list[tuple[Unit, StoredUnit]]()
-        self._files = dict[Block, list[StoredUnit]]()  # files that this run has written
-        self._large = False
-        self._written = -BETWEEN
-        self._remembered = lru_cache(REMEMBERED)(store.arrays)
-
-    def arrays(self, stored: StoredUnit, *groups: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays of some groups of a file, like :meth:`StudyStore.arrays`."""
-        large = self.is_large(stored.key, stored.seeds)
-        return (self.store.arrays if large else self._remembered)(stored, *groups)
-
-    def is_large(self, key: str, seeds: Sequence[int]) -> bool:
-        """Return whether a unit with these seeds fills a file alone."""
-        return self.per_file[key] <= len(seeds)
-
-    def add(self, unit: Unit, result: UnitResult | StoredUnit) -> None:
-        """Add a trained unit; StoreError if its worker wrote the result to another place."""
-        if isinstance(result, UnitResult):
-            self._waiting.setdefault(_block(unit, self.per_file), []).append((unit, result))
-        else:
-            with read_errors(result.path):
-                if not result.path.exists():
-                    raise StoreError(
-                        f"workers must write to the place of the run: {result.path} is not there"
-                    )
-            self._receipts.append((unit, result))
-        self._large |= self.is_large(unit.key, unit.seeds)
-
-    @property
-    def seconds(self) -> float:
-        """The seconds that added units may still wait for a write; 0 if one of them is large."""
-        left = 0.0 if self._large else self._written + BETWEEN - monotonic()
-        return max(0.0, left)
-
-    def write(self) -> list[Taken]:
-        """Write the added units, and return them."""
-        if not self:
-            return []
-        waiting, self._waiting, self._large = self._waiting, {}, False
-        receipts, self._receipts = self._receipts, []
-        for unit, stored in receipts:
-            self.done.setdefault(unit.key, {}).update(dict.fromkeys(unit.seeds, stored))
-        for block, taken in waiting.items():
-            unit = taken[0][0]
-            result = joined_units([result for _, result in taken])
-            files = self._files.setdefault(block, [])
-            files.append(self.store.write_unit(unit, result))
-            if len(files) > MOST_FILES:
-                files[:] = [merged_files(self.store, files)]
-            self.done.setdefault(block[0], {}).update(dict.fromkeys(files[-1].seeds, files[-1]))
-        self._written = monotonic()
-        return [*receipts, *chain.from_iterable(waiting.values())]
-
-    def __bool__(self) -> bool:
-        return bool(self._waiting or self._receipts)
-
-
-def pack(store: StudyStore, per_file: Mapping[str, int]) -> None:
-    """Merge the files of each block of seeds into one file; `files_of` returns `per_file`."""
-    blocks = dict[Block, list[StoredUnit]]()
-    for file in store.units():
-        if file.key in per_file:
-            blocks.setdefault(_block(file, per_file), []).append(file)
-    for files in blocks.values():
-        if len(files) > 1:
-            merged_files(store, files)
-
-
-def merged_files(store: StudyStore, files: Sequence[StoredUnit]) -> StoredUnit:
-    """Merge files of a block into one file, delete the files merged, and return the new unit."""
-    # Several files may hold a seed, if a run was killed here; the seed is taken once.
-    parts, taken = list[UnitResult](), set[int]()
-    for file in files:
-        if new := set(file.seeds) - taken:
-            parts.append(file.result(new))
-            taken |= new
-    merged = store.write_unit(files[0].about, joined_units(parts))
-    store.remove(file.path for file in files if file.path != merged.path)
-    return merged
-
-
-def _block(unit: Any, per_file: Mapping[str, int]) -> Block:
-    return unit.key, min(unit.seeds) // per_file[unit.key]
+    def source_values(
+        self, task: str, units: Mapping[int, StoredUnit], seeds: Sequence[int], *, read: bool
+    ) -> SourceValues:
+        """Return what seeds learnt in a task, which is left out; no values unless `read`."""
+        files = dict.fromkeys(units[seed] for seed in seeds)
+        groups = (RUN, VALUES) if read else (RUN,)
+        arrays = {file: self.content(file, task, groups).arrays for file in files}
+        rows = [(arrays[units[seed]], units[seed].seeds.index(seed)) for seed in seeds]
+        values: Any = [values_of(of_unit, k) for of_unit, k in rows] if read else [None]
+        if any(of_seed is None for of_seed in values):
+            values = None  # not needed; or not saved, for which training raises an error
+        elif isinstance(values[0], np.ndarray):
+            values = np.stack(values)
+        steps = np.array([of_unit["steps_used"][k] for of_unit, k in rows])
+        return SourceValues(None, tuple(seeds), values, steps)
