@@ -255,13 +255,13 @@ def source_candidates(
             f"the target has no candidates of the kinds {', '.join(wanted)}: give others, or "
             "propose"
         )
-    known = {AS_TARGET: judged(target.mdp)}
+    judgements = {AS_TARGET: judged(target.mdp)}
     kept, dropped, cut = list[SourceCandidate](), list[DroppedCandidate](), False
     for draft in (draft for turn in zip_longest(*drafts) for draft in turn if draft is not None):
         if len(kept) == most:
             cut = True
             break
-        name = draft.name if draft.name not in known else f"{draft.name} ({draft.kind})"
+        name = draft.name if draft.name not in judgements else f"{draft.name} ({draft.kind})"
         try:
             task, mappings = draft.build()
             of_draft = draft.kind, draft.words, draft.share, draft.member
@@ -270,7 +270,7 @@ def source_candidates(
         except CurricleError as error:
             dropped.append(DroppedCandidate(name, draft.kind, "cannot be made", str(error)))
             continue
-        same = (key for key in known if same_up_to_homomorphism(judgement, known[key]))
+        same = (key for key in judgements if same_up_to_homomorphism(judgement, judgements[key]))
         reason, detail = judgement.refusal, ""
         if not reason and (key := next(same, None)) is not None:
             another = "same as another candidate", key
@@ -278,7 +278,7 @@ def source_candidates(
         if reason:
             dropped.append(DroppedCandidate(name, draft.kind, reason, detail))
             continue
-        known[name] = judgement
+        judgements[name] = judgement
         returns: Any = {"optimum": judgement.optimum, "random_return": judgement.random_return}
         kept.append(replace(candidate, **returns))
     candidates = SourceCandidates(target.task, tuple(kept), tuple(dropped), cut)

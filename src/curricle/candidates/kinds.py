@@ -326,8 +326,8 @@ def _likeliest(mdp: FiniteMDP) -> FiniteMDP:
     after, chances = merged_outcomes(mdp.next_state, mdp.probability)
     best = chances.max(axis=1)
     ties = np.isclose(chances, best[:, None], rtol=1e-9, atol=0).sum(axis=1) > 1
-    met = reachable_states(mdp) & ~mdp.terminal
-    bad = np.argwhere(ties[mdp.outcome_row] & met[:, None])
+    visited = reachable_states(mdp) & ~mdp.terminal
+    bad = np.argwhere(ties[mdp.outcome_row] & visited[:, None])
     if len(bad):
         raise TaskError(
             "a likeliest outcome must be the only one: state "

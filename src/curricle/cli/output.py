@@ -334,12 +334,12 @@ def units_left(study: StudyConfig, path: str | Place, shard: tuple[int, int]) ->
     if holds_study(place_at(path)):
         done, remarks = usable_units(StudyStore(path), arms, remove_damaged=False)
         yield from remarks
-    left = units_of(study, arms, done, shard)
-    for unit in left:
+    missing = units_of(study, arms, done, shard)
+    for unit in missing:
         most = arms.curricula[unit.arm].node(unit.task).most_steps
         yield f"{unit.label}: {counted(most, 'step')} at most"
-    done_before = len(units_of(study, arms, {}, shard)) - len(left)
-    yield f"{counted(len(left), 'unit')} to do, {done_before} done, in {path}"
+    done_before = len(units_of(study, arms, {}, shard)) - len(missing)
+    yield f"{counted(len(missing), 'unit')} to do, {done_before} done, in {path}"
 
 
 # -- The forecasts that ``curricle check`` prints --------------------------------------------------

@@ -55,7 +55,6 @@ FIRST_SEED, SEEDS_APART = 2_000_000, 1_000  # of trials; from one choice to the 
 TARGET = "target"  # name of the target where the user passes no curriculum
 OF_TARGET = ("learner", "budget", "eval_freq", "evaluation", "storage")
 SHOWN = 8  # rows of a printed table
-ROW = ("name", "source_steps", "seeds", "mean_return", "gain", "gain_low", "gain_high", "answer")
 HEADS = ("", "source steps", "seeds", "mean return", "gain over the best opponent", "answer")
 
 # -- The curricula that are played, and the result -------------------------------------------------
@@ -169,25 +168,31 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
             f"trials need a model, and {why}: name a smaller relative with on=, or compare the "
             "curricula by cr.forecast"
         )
-    left = curricula
+    remaining = curricula
     returns, rows, failed = dict[str, FloatArray](), dict[str, dict[str, Any]](), dict[str, Any]()
 
     def played(further: int, title: str, *, constants: bool) -> Comparison:
         nonlocal first
         seeds, first = tuple(range(first, first + further)), first + further
-        out = [name for name in curricula if name not in left]
+        out = [name for name in curricula if name not in remaining]
         out += [name for name, arm in plan.arms.items() if arm.of and not constants]
         out += failed  # in all rounds, as seeds of some rounds cannot be compared with all
-        title += f", {further} seeds of {len(left)} curricula"
+        title += f", {further} seeds of {len(remaining)} curricula"
         comparison = play(plan.without(out), seeds, title)
         failed.update(comparison.failed)
         return comparison
 
     def add_row(name: str, arm: Arm, returns: FloatArray, gain: Interval, answer: str) -> None:
-        spent, numbers = arm.curve.source_steps, (gain.estimate, gain.low, gain.high)
-        of_row = name, spent.mean(), len(returns), returns.mean(), *numbers, answer
-        types = str, float, int, *[float] * 4, str
-        rows[name] = {k: of(x) for k, of, x in zip(ROW, types, of_row, strict=True)}
+        rows[name] = {
+            "name": name,
+            "source_steps": float(arm.curve.source_steps.mean()),
+            "seeds": len(returns),
+            "mean_return": float(returns.mean()),
+            "gain": float(gain.estimate),
+            "gain_low": float(gain.low),
+            "gain_high": float(gain.high),
+            "answer": answer,
+        }
 
     for n, further in enumerate(ROUNDS, 1):
         comparison = played(further, f"round {n}", constants=False)
@@ -199,10 +204,11 @@ def chosen(plan: Plan, play: Play, seed: int = 0) -> Choice:
             gain = mean_interval(returns[name] - rival)
             add_row(name, comparison[name], returns[name], gain, f"left out after round {n}")
         better = ranked[: max(FINALISTS, -(-len(ranked) // 2))]
-        left = [x for x in better if _may_exceed(returns[x], returns[ranked[0]])]
-        if len(left) <= FINALISTS or not any(_may_exceed(returns[x], rival) for x in left):
+        remaining = [x for x in better if _may_exceed(returns[x], returns[ranked[0]])]
+        hopeful = any(_may_exceed(returns[x], rival) for x in remaining)
+        if len(remaining) <= FINALISTS or not hopeful:
             break
-    left = left[:FINALISTS]
+    remaining = remaining[:FINALISTS]
     final = played(FINAL_SEEDS, "last round", constants=True)
     pays = {name: verdict.direction > 0 for name, verdict in final.verdicts.items()}
     finalists = sorted(pays, key=lambda name: (not pays[name], -final.returns[name].mean()))
@@ -292,15 +298,15 @@ def choose(
     >>> choice.curriculum, choice.alone
     (None, 'OptimisticQLearning')
     """
-    there = settings
+    played_settings = settings
     if on is not None:
         budget = whole_number("budget", settings.get("budget", DEFAULT_STEPS), 1, SettingError)
         states, fewer = (_task(of).states.size for of in (target, on))
         steps = max(FEWEST_STEPS, round(budget * fewer / states))
         settings = {k: x for k, x in settings.items() if k != "eval_freq"} | {"budget": budget}
-        there = {**settings, "budget": steps}
+        played_settings = {**settings, "budget": steps}
     place = target if on is None else on
-    curricula, options = trial_curricula(place, candidates, kinds, most, there)
+    curricula, options = trial_curricula(place, candidates, kinds, most, played_settings)
     memory = Memory()
     whole = comparison_plan(curricula, memory, opponents=OPPONENTS)
     reference = Reference.before(whole.target_node, None)

@@ -98,7 +98,7 @@ def unasked_learners(
     """Yield the learners of ``bounds`` and ``optimistic`` that no arm from scratch has yet."""
     usual = scratches[SCRATCH]
     task, learner = usual.tasks[usual.target], usual.setting("learner", usual.target)
-    known = [arm.setting("learner", arm.target) for arm in scratches.values()]
+    learners_so_far = [arm.setting("learner", arm.target) for arm in scratches.values()]
     if not starts_anywhere(learner) or not has_tables(task) or is_large(usual):
         return
     learners = list[Learner]()
@@ -110,8 +110,8 @@ def unasked_learners(
             OptimisticQLearning().for_task(task)
             learners.append(OptimisticQLearning())
     for opponent in learners:
-        if opponent not in known:
-            known.append(opponent)
+        if opponent not in learners_so_far:
+            learners_so_far.append(opponent)
             bound = not opponent.asks_task
             name = f"initial_value={opponent.initial_value:.4g}" if bound else _name(opponent)
             yield name, from_scratch(usual, opponent)
