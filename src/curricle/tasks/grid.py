@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from curricle.arrays import BoolArray, Frozen, IntArray, frozen
+from curricle.arrays import BoolArray, Frozen, IntArray, adopted, frozen
 from curricle.errors import TaskError
 from curricle.tasks.layout import Cell
 from curricle.tasks.spaces import MISSING, Component, Space, whole
@@ -26,6 +26,9 @@ class Grid(Frozen):
     corner: Cell = (0, 0)  # row and column of the top-left cell
     listed: bool = False  # whether the space lists its cells even where none is a wall
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "drawn", adopted(self.drawn, self.drawn.dtype))
+
     @cached_property
     def cells(self) -> IntArray:
         """Row and column of each cell, (n, 2)."""
@@ -41,7 +44,7 @@ class Grid(Frozen):
     @cached_property
     def contents(self) -> npt.NDArray[np.str_]:
         """The character of each cell, (n,)."""
-        return np.asarray(self.drawn[self.drawn != "#"])
+        return frozen(self.drawn[self.drawn != "#"])
 
     def holds(self, characters: str) -> BoolArray:
         """Return which cells are drawn as one of some characters, (n,) bool."""
