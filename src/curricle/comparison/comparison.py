@@ -4,7 +4,7 @@ Arms with different targets are refused.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -264,17 +264,18 @@ def _arm(
 ) -> Arm:
     """Return the arm that the results of its tasks make, with its seeds in the caller's order."""
     last, curriculum = results[plan.target], planned.curriculum
-    return Arm.of(
+    learnt = Arm.of(
         last.result,
         last.source_steps,
         (plan.steps[1], plan.eval_freq),
         seeds,
-        scratch=planned.scratch,
-        curriculum=planned.of,
         initial_values=last.initial_values,
-        knows_target=curriculum.knows_target(plan.target),
         unlearnt={
             source: results[source].result.ended_by == UNLEARNT
             for source in (curriculum.ancestors(plan.target) if not planned.of else ())
         },
+    )
+    knows_target = curriculum.knows_target(plan.target)
+    return replace(
+        learnt, scratch=planned.scratch, curriculum=planned.of, knows_target=knows_target
     )

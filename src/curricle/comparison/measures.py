@@ -158,11 +158,8 @@ class Arm:
         *,
         unlearnt: Mapping[str, BoolArray],
         initial_values: FloatArray | None,
-        scratch: bool = False,
-        curriculum: str = "",
-        knows_target: bool = False,
     ) -> Self:
-        """Return the arm of some of a learning result's seeds.
+        """Return some of a learning result's seeds as an arm of a curriculum of its own.
 
         `steps` are the total and those between checkpoints. Seed k learns for total - spent_k
         steps, after which its last value is repeated.
@@ -180,9 +177,6 @@ class Arm:
             Curve(at, greedy, spent[rows]),
             initial_values=None if initial_values is None else initial_values[rows],
             unlearnt={source: of_seeds[rows] for source, of_seeds in unlearnt.items()},
-            scratch=scratch,
-            curriculum=curriculum,
-            knows_target=knows_target,
         )
 
     @property

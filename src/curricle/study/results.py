@@ -557,18 +557,18 @@ def _arm(
             f"{record.total:,} in its sources, and the smallest total is {total:,}; {SAME_TOTAL}"
         )
     arm = record.arms[name]
-    return Arm.of(
+    learnt = Arm.of(
         result,
         spent,
         (total, record.eval_freq),
         seeds,
-        scratch=arm.scratch,
-        curriculum=curriculum,
         initial_values=study.initial_values(name),
-        knows_target=arm.knows_target,
         unlearnt={
             task: np.array([ended.get(seed) == UNLEARNT for seed in result.seeds])
             for task in arm.nodes
             if not curriculum and task != record.target and (ended := study.ended_by(name, task))
         },
+    )
+    return replace(
+        learnt, scratch=arm.scratch, curriculum=curriculum, knows_target=arm.knows_target
     )
