@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,9 @@ from curricle.learning.tabular_policy import (
 from curricle.pictures.episode import Episode
 from curricle.text import brief_repr, counted, shortened
 from curricle.transfer.potential import AnyPotential
+
+if TYPE_CHECKING:
+    import pandas
 
 MOST_CURVES = 4  # curves that are shown side by side: those of a curriculum's last tasks
 
@@ -159,7 +162,7 @@ class CurriculumResult:
         name = self.curriculum.target if task is None else task
         return self[name].watch(seed=seed, max_steps=max_steps)
 
-    def frame(self) -> Any:
+    def frame(self) -> "pandas.DataFrame":
         """Return the curves of all tasks as a pandas DataFrame, ImportError without pandas.
 
         Its columns are the task, those of :meth:`LearningResult.frame`, and source_steps.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, get_origin, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,9 @@ from curricle.planning.policy_evaluation import possible_returns
 from curricle.statistics.intervals import extremes
 from curricle.tasks.mdp import Task, generative_model
 from curricle.text import counted
+
+if TYPE_CHECKING:
+    import pandas
 
 
 class ResultField(NamedTuple):
@@ -168,7 +171,7 @@ class LearningResult(Frozen):
         episode: Episode = self.policy.episode(seed=seed, max_steps=max_steps)
         return episode
 
-    def frame(self) -> Any:
+    def frame(self) -> "pandas.DataFrame":
         """Return the curves as a pandas DataFrame, a row for each seed and checkpoint.
 
         Its columns are seed, checkpoint, steps, training_return, greedy_return, source_share and
@@ -429,7 +432,7 @@ def learner_of(record: Any) -> Learner | None:
         raise ValueError(f"a learner must have valid settings: {error}") from None
 
 
-def arrays_of(result: Any) -> dict[str, npt.NDArray[Any]]:
+def arrays_of(result: LearningResult) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a :class:`LearningResult` by name, its values included."""
     arrays = {name: getattr(result, name) for name in FIELDS}
     arrays["seeds"] = np.array(result.seeds, dtype=np.int64)
@@ -495,7 +498,7 @@ def curve_columns(arrays: Arrays, task: str | None = None) -> dict[str, npt.NDAr
     return columns | {name: arrays[name][reached] for name in CURVES}
 
 
-def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
+def data_frame(columns: Mapping[str, npt.NDArray[Any]]) -> "pandas.DataFrame":
     """Return columns as a pandas DataFrame, with the unit of each in ``attrs["units"]``."""
     try:
         import pandas as pd
@@ -512,14 +515,14 @@ GREEDY_RETURN = "mean return of greedy episodes"
 """On axes; a return has the unit of the task's rewards."""
 
 
-def shown_returns(result: Any) -> tuple[str, FloatArray]:
+def shown_returns(result: LearningResult) -> tuple[str, FloatArray]:
     """Return the name and values, (K, T), of the greedy return; without any, of the training's."""
     if np.isnan(result.greedy_return).all():
         return "mean return of training episodes", result.training_return
     return GREEDY_RETURN, result.greedy_return
 
 
-def ends_of(result: Any) -> tuple[float, float]:
+def ends_of(result: LearningResult) -> tuple[float, float]:
     """Return the lowest and the highest return in a result's task, or else in the result."""
     # Of a discounted evaluation or another: a result does not know which its own was.
     known = [possible_returns(result.task, 1.0)]

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from curricle.learning.portfolio import (
     longest_turn,
     optimism,
 )
+from curricle.learning.potential import PairPotential
 from curricle.learning.q_learning import Beside, train_q_learning
 from curricle.learning.record import Record
 from curricle.learning.result import LearningResult, Outcome, learning_result
@@ -69,6 +70,7 @@ from curricle.tasks.mdp import (
 )
 from curricle.tasks.models import has_users_code
 
+Kind = TypeVar("Kind")
 MOST_ACTIONS = int(TIED)  # actions that 15 bits can tell apart
 SHORT = 2**20
 """Steps, of evaluations too, for which an interrupt can wait: 5 to 200 ms; a thread costs .15."""
@@ -208,10 +210,13 @@ def learn(
     return learning_result(task, configured, numbers, values, outcomes, eval_freq)
 
 
-def given_or_default(name: str, argument: Any, kind: type, default: type | None = None) -> Any:
+def given_or_default(
+    name: str, argument: object, kind: type[Kind], default: type[Kind] | None = None
+) -> Kind:
     """Return an argument of this kind, or its default where it is None; SettingError otherwise."""
     argument = (default or kind)() if argument is None else argument
     instance(name, argument, kind, SettingError)
+    assert isinstance(argument, kind)
     return argument
 
 
@@ -272,7 +277,7 @@ class _Seed(NamedTuple):
     evaluation: EvaluationKernel
 
     @property
-    def initial(self) -> Any:
+    def initial(self) -> PairPotential | None:
         """The potential that Q starts at; None for the learner's initial value."""
         shaping = self.settings.shaping
         return shaping.potential if shaping is not None and shaping.starts_at_potential else None
@@ -400,7 +405,8 @@ class Run:
     def _train_sparsely(self, seed: _Seed) -> Outcome:
         # Pages of np.empty and np.zeros take no memory before they are written to.
         n_actions, rows, dtype = self.task.actions.size, self.rows + 1, self.storage.dtype
-        lookup = no_sources(n_actions) if seed.initial is None else seed.initial.kernel
+        lookup = None if seed.initial is None else seed.initial.kernel
+        lookup = no_sources(n_actions) if lookup is None else lookup
         # These are read together, so they lie together: a cache miss takes as long as all the rest.
         fields = [("state", "u8"), ("best", dtype), ("greedy", "u2")]
         heads = np.empty(rows, np.dtype(fields, align=True))
@@ -462,7 +468,13 @@ class Run:
         return replace(outcome, own_rewards=shaping.own_rewards)
 
     def _outcome(
-        self, seed: _Seed, values: Any, steps: int, episodes: int, *, out_of_memory: bool = False
+        self,
+        seed: _Seed,
+        values: FloatTable | SparseValues | None,
+        steps: int,
+        episodes: int,
+        *,
+        out_of_memory: bool = False,
     ) -> Outcome:
         """Return the outcome of a seed, with what ended its run."""
         record, checkpoint = seed.record, steps // self.eval_freq
@@ -479,8 +491,8 @@ class Run:
         return Outcome(record, values, *totals, ending, self.stopping, self.floor_steps)
 
     def _loop(
-        self, loop: Callable[..., Any], seed: _Seed, learns: Any, view: Any, q: FloatTable
-    ) -> Any:
+        self, loop: Callable[..., Any], seed: _Seed, learns: object, view: object, q: FloatTable
+    ) -> tuple[int, int]:
         """Run a loop on a table or learners and return its result.
 
         It evaluates a view such as `view`; `q`, (n, m, S, A), are the m tables of each learner, the
@@ -509,7 +521,9 @@ class Run:
                 address_of(compiled(note, False), *noted, q[-1, 0], q[-1, 0]),
             )
             rule = self.learner.kernel(visits)
-            totals = compiled(loop, has_users_code(model))(model, rule, learns, course)
+            totals: tuple[int, int] = compiled(loop, has_users_code(model))(
+                model, rule, learns, course
+            )
         if seed.record.halted[0]:
             raise KeyboardInterrupt  # half-learnt values must not be taken for a result
         return totals
@@ -525,7 +539,10 @@ class Run:
         return (None,) * (n_actions if n_actions <= UNROLLED else 0)
 
     def _filled(
-        self, potential: Any, q: FloatTable | None = None, initial: float | None = None
+        self,
+        potential: PairPotential | None,
+        q: FloatTable | None = None,
+        initial: float | None = None,
     ) -> FloatTable:
         """Fill a table, a new one without `q`, with an initial value plus the potential.
 
@@ -543,7 +560,9 @@ class Run:
             q[~available] = -np.inf  # so that no policy takes it, and no target is read from it
         return q
 
-    def _only_ends(self, record: Record, tables: FloatTable, potential: Any) -> IntArray:
+    def _only_ends(
+        self, record: Record, tables: FloatTable, potential: PairPotential | None
+    ) -> IntArray:
         """Return the noted ends that still have the values that they started with, which are 0.
 
         A state in which an episode has ended, and another has gone on, is no end of the task's.

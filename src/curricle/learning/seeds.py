@@ -4,9 +4,10 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from itertools import repeat
 from threading import current_thread, main_thread
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from curricle.checks import whole_number
 from curricle.errors import SettingError
@@ -39,18 +40,18 @@ class SeedSettings(NamedTuple):
 
 
 def seed_settings(
-    seeds: Any,
-    learner: Any,
+    seeds: object,
+    learner: object,
     most_steps: int,
     fitted: Callable[[Shaping], Shaping],
     *,
-    shaping: Any,
-    charged: Any,
+    shaping: Shaping | Sequence[Shaping] | None,
+    charged: Sequence[int] | npt.NDArray[np.integer[Any]] | None,
 ) -> list[SeedSettings]:
     """Return the settings of each seed's training, or raise SettingError."""
     numbers = seed_tuple(seeds)
 
-    def checked(shaping: Any) -> Shaping | None:
+    def checked(shaping: object) -> Shaping | None:
         if shaping is None:
             return None
         if not isinstance(shaping, Shaping):
@@ -83,7 +84,7 @@ def seed_settings(
     return settings
 
 
-def _is_list(value: Any) -> bool:
+def _is_list(value: object) -> TypeGuard[Sequence[Any]]:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
 
 
@@ -96,7 +97,7 @@ def _of_seeds(name: str, values: Any, n_seeds: int, default: Any) -> list[Any]:
     return of_seeds
 
 
-def threads_for(task: Any, workers: int | None, seeds: int) -> int:
+def threads_for(task: object, workers: int | None, seeds: int) -> int:
     """Return the threads for the seeds of a task: `workers`, by default one a processor."""
     if workers is not None:
         workers = whole_number("workers", workers, 1, SettingError)

@@ -5,12 +5,13 @@ Each class states what it adds (`adds`), what the values then mean (`offset`,
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
-from curricle.arrays import frozen
+from curricle.arrays import FloatArray, frozen
 from curricle.checks import instance
 from curricle.errors import SettingError
 from curricle.learning.general_loop import BONUS, PLAIN, STATE, ShapingKernel
@@ -23,6 +24,25 @@ from curricle.tasks.mdp import Task, same_task
 # Read-only like every potential: another kind of array would be another compilation.
 _NONE = frozen(np.zeros((1, 1)))
 NOTHING_ADDED = ShapingKernel(PLAIN, constant(1.0), frozen(np.zeros(1, np.int64)), _NONE, _NONE)
+
+
+Judged_co = TypeVar("Judged_co", covariant=True)
+Judged = TypeVar("Judged")
+
+
+class ShapedView(Protocol[Judged_co]):
+    """What a shaping reads of the shaped task that `certify` judges."""
+
+    @property
+    def discount(self) -> float: ...  # noqa: D102
+    @property
+    def task_discount(self) -> float: ...  # noqa: D102
+    @property
+    def zero_at_ends(self) -> bool: ...  # noqa: D102
+    @property
+    def phi(self) -> FloatArray: ...  # noqa: D102
+    def looking_ahead(self, phi: FloatArray) -> Judged_co: ...  # noqa: D102
+    def rewarded(self, reward: Callable[..., Any], off: FloatArray) -> Judged_co: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -83,11 +103,11 @@ class Shaping(ABC):
         """The name of the class."""
         return type(self).__name__
 
-    def with_potential(self, potential: Any) -> Self:
+    def with_potential(self, potential: object) -> Self:
         """Return the same shaping of another potential."""
         return replace(self, **{"potential": potential})
 
-    def check(self, learner: Any) -> None:
+    def check(self, learner: object) -> None:
         """Raise SettingError unless this shaping is valid for a learner."""
         tabular = isinstance(learner, Learner)
         if not (self.for_tables if tabular else self.for_networks):
@@ -129,11 +149,11 @@ class Shaping(ABC):
             return ShapingKernel(self.adds, phi.weight, phi.frame_steps, phi.values, _NONE)
         return NOTHING_ADDED._replace(kind=self.adds, pair_values=phi.values)
 
-    def offset(self, step: int) -> Any:
+    def offset(self, step: int) -> FloatArray | float:
         """Return the array that takes the shaping off Q after `step` steps, broadcast to (S, A)."""
         return 0.0
 
-    def _taken(self, task: Task, potential: Any) -> Any:
+    def _taken(self, task: Task, potential: Any) -> StatePotential | PairPotential:
         """Return the potential that the shaping uses: of pairs, unless a class overrides it."""
         if isinstance(potential, StatePotential):
             raise SettingError(f"{self.name} takes a potential phi(s, a): got StatePotential")
@@ -143,15 +163,15 @@ class Shaping(ABC):
 
     # -- why it is safe: `shaped` is the ShapedTask that `certify` judges --------------------------
 
-    def meets_conditions(self, shaped: Any) -> bool:
+    def meets_conditions(self, shaped: ShapedView[Any]) -> bool:
         """Return whether the theorem applies, the ends of the task being known."""
         return True
 
-    def acted_on(self, shaped: Any) -> Any:
+    def acted_on(self, shaped: ShapedView[Judged]) -> Judged:
         """Return the values that a policy acts on in the long run, as `shaped` computes them."""
         raise NotImplementedError
 
-    def reward(self, shaped: Any) -> Any:
+    def reward(self, shaped: ShapedView[Any]) -> Callable[..., Any]:
         """Return the function F(s, a, s') that is added, where it is `any_reward`."""
         raise NotImplementedError
 
@@ -176,11 +196,11 @@ class _StartsAtPotential(_ByPotential):
         "terminated steps, as Stable-Baselines3 does, never reads it"
     )
 
-    def meets_conditions(self, shaped: Any) -> bool:
+    def meets_conditions(self, shaped: ShapedView[Any]) -> bool:
         """Return whether phi is 0 at the ends."""
         return bool(shaped.zero_at_ends)
 
-    def acted_on(self, shaped: Any) -> Any:
+    def acted_on(self, shaped: ShapedView[Judged]) -> Judged:
         """Return Q + phi, which becomes Q*: the fixed point of Q-learning's expected update."""
         return shaped.looking_ahead(shaped.phi)
 
@@ -259,22 +279,23 @@ class StateShaping(_ByPotential):
         """Whether Phi never changes."""
         return not (isinstance(self.potential, StatePotential) and self.potential.changes)
 
-    def offset(self, step: int) -> Any:
+    def offset(self, step: int) -> FloatArray | float:
         """Return Phi(s, t), (S, 1): Q is learnt as Q* - Phi."""
         return 0.0 if self.potential is None else self.potential.at(step)[:, None]
 
-    def _taken(self, task: Task, potential: Any) -> Any:
+    def _taken(self, task: Task, potential: Any) -> StatePotential | PairPotential:
         if isinstance(potential, StatePotential):
             return potential
         if np.ndim(potential) == 1:
             return StatePotential(task, potential)
-        return super()._taken(task, potential).to_state()
+        phi = super()._taken(task, potential)
+        return phi.to_state() if isinstance(phi, PairPotential) else phi
 
-    def meets_conditions(self, shaped: Any) -> bool:
+    def meets_conditions(self, shaped: ShapedView[Any]) -> bool:
         """Return whether F has the task's discount, and Phi is 0 at the ends."""
         return bool(shaped.discount == shaped.task_discount and shaped.zero_at_ends)
 
-    def acted_on(self, shaped: Any) -> Any:
+    def acted_on(self, shaped: ShapedView[Judged]) -> Judged:
         """Return Q* for r + gamma Phi(s') - Phi(s): by theory Q* - Phi."""
         phi, discount = shaped.phi, shaped.discount
         return shaped.rewarded(lambda s, a, after: discount * phi[after] - phi[s], phi)
@@ -303,6 +324,6 @@ class RewardBonus(_ByPotential):
     any_reward: ClassVar[bool] = True
     own_rewards: ClassVar[bool] = False  # the bonus cannot be taken off again
 
-    def reward(self, shaped: Any) -> Any:
+    def reward(self, shaped: ShapedView[Any]) -> Callable[..., Any]:
         """Return phi(s, a) as a function of transitions."""
         return lambda state, action, after: shaped.phi[state, action]
