@@ -52,7 +52,7 @@ CLIENTS = (
 READ_AT_ONCE = 2**24  # bytes of a file up to which it is read whole
 
 
-def place_at(path: Any) -> Place:
+def place_at(path: object) -> Place:
     """Return the folder at a path of this machine or at a URL; StoreError where it is neither."""
     if hasattr(path, "storage_options"):  # of universal-pathlib
         place: Place = path
@@ -212,7 +212,7 @@ def parsed_json(content: bytes) -> Any:
         raise ValueError(f"it must be JSON: {error}") from None
 
 
-def as_json(value: Any) -> bytes:
+def as_json(value: object) -> bytes:
     """Return indented JSON, with lists of numbers on one line."""
     text = json.dumps(value, indent=1)
     # Within a string there is no line break.

@@ -21,7 +21,7 @@ def counted(n: int, noun: str) -> str:
     return f"{n:,} {noun}{'s' * bool(n != 1)}"
 
 
-def printed(result: Any) -> str:
+def printed(result: object) -> str:
     """Return the printed lines of a result as HTML; serves a class as ``_repr_html_``."""
     return f"<pre>{escape(str(result))}</pre>"
 
@@ -100,7 +100,7 @@ def brief_repr(result: Any) -> str:
     return shortened(f"{type(result).__name__}({', '.join(parts)})")
 
 
-def brief_value(value: Any) -> str:
+def brief_value(value: object) -> str:
     """Return a value in at most `LONGEST_VALUE` characters, about."""
     if isinstance(value, np.ndarray):
         small = value.size <= MOST_ELEMENTS

@@ -194,7 +194,7 @@ class Judged:
 
 
 def source_candidates(
-    target: Any, *, kinds: Sequence[str] = KINDS, most: int = 20, propose: Propose | None = None
+    target: object, *, kinds: Sequence[str] = KINDS, most: int = 20, propose: Propose | None = None
 ) -> SourceCandidates:
     """Return candidates for the sources of a target, with their mappings from the target.
 
@@ -289,7 +289,7 @@ def source_candidates(
     return candidates
 
 
-def candidate_named(target: Any, kind: str, name: str) -> SourceCandidate:
+def candidate_named(target: object, kind: str, name: str) -> SourceCandidate:
     """Return the candidate of a target with this kind and name, without judging any candidate."""
     for draft in MAKERS[kind](design_target(target)):
         if name in (draft.name, f"{draft.name} ({kind})"):

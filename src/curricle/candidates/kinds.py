@@ -97,7 +97,7 @@ def paired(target: Any, make: Callable[[], Any], reads: Any = None) -> Callable[
     return build
 
 
-def design_target(target: Any) -> DesignTarget:
+def design_target(target: object) -> DesignTarget:
     """Return a task or member with its tables and goal; TaskError if it has no tables."""
     member = target if isinstance(target, FamilyMember) else None
     task = target if member is None else member.task
@@ -178,7 +178,7 @@ def crops(target: DesignTarget) -> Iterator[Draft]:
                 yield Draft("crop", name, about, build, side / longest)
 
 
-def _axes(task: Any, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
+def _axes(task: object, goal: IntArray) -> dict[str, tuple[Range, list[int]]]:
     """Return the half-open range of each axis that `crop` cuts, and where the goal lies on it."""
     # Return None for a task without such a `crop`.
     if not (hasattr(task, "crop") and hasattr(task, "states")):

@@ -242,12 +242,12 @@ def _best_alone(comparison: Comparison, name: str) -> str:
 
 
 def choose(
-    target: Any,
+    target: object,
     candidates: Sequence[Any] | Mapping[str, Curriculum] = (),
     *,
     kinds: Sequence[str] = KINDS,
     most: int = MOST,
-    on: Any = None,
+    on: object = None,
     seed: int = 0,
     workers: int | None = None,
     progress: Progress = None,
@@ -332,7 +332,7 @@ def choose(
 
 
 def trial_curricula(
-    target: Any,
+    target: object,
     candidates: Sequence[Any] | Mapping[str, Curriculum],
     kinds: Sequence[str],
     most: int,
@@ -376,7 +376,7 @@ def trial_curricula(
     return curricula, options
 
 
-def _task(target: Any) -> Any:
+def _task(target: object) -> Any:
     return target.task if isinstance(target, FamilyMember) else target
 
 

@@ -144,7 +144,7 @@ def examining_seconds(curriculum: Curriculum, acting: float) -> float:
     return rolled_out + sum(solving_seconds(task) for task in sources if has_tables(task))
 
 
-def solving_seconds(task: Any) -> float:
+def solving_seconds(task: object) -> float:
     """Return about the most seconds in which a task is solved by sweeps over its tables."""
     # Large tables are not built for the estimate: it then assumes one outcome for each pair.
     model = generative_model(task)

@@ -43,7 +43,7 @@ CONSTANTS: dict[str, Callable[[FloatArray], Any]] = {
 """Label of a constant -> the initial Q, computed from phi of the pairs that learning can visit."""
 
 
-def check_opponents(opponents: Any) -> tuple[Opponent, ...]:
+def check_opponents(opponents: object) -> tuple[Opponent, ...]:
     """Return opponents as a tuple, or raise SettingError."""
     if isinstance(opponents, str) or not isinstance(opponents, Collection):
         raise SettingError(f"opponents must be a list of names: got {opponents!r}")
@@ -57,7 +57,7 @@ def check_opponents(opponents: Any) -> tuple[Opponent, ...]:
 Learners = Sequence[Any] | Mapping[str, Any]  # further learners from scratch, by name in a dict
 
 
-def from_scratch(curriculum: Curriculum, learner: Any = None) -> Curriculum:
+def from_scratch(curriculum: Curriculum, learner: object = None) -> Curriculum:
     """Return a curriculum's target without its sources, by default with its own learner."""
     target = curriculum.target
     which = [setting for setting in SETTINGS if setting not in OF_TARGETS]
@@ -117,7 +117,7 @@ def unasked_learners(
             yield name, from_scratch(usual, opponent)
 
 
-def starts_anywhere(learner: Any) -> bool:
+def starts_anywhere(learner: object) -> bool:
     """Return whether a learner's Q can start at any constant."""
     return isinstance(learner, Learner) and not learner.asks_task
 
@@ -129,7 +129,7 @@ def is_large(curriculum: Curriculum) -> bool:
     return sparse or model.states.size * model.actions.size > MOST_SHARED
 
 
-def _name(learner: Any) -> str:
+def _name(learner: object) -> str:
     """Return a learner as text, with the settings that are not the defaults of its class."""
     parts = []
     for setting in fields(learner) if is_dataclass(learner) else ():

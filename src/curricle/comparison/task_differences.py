@@ -132,7 +132,7 @@ def task_summary(task: Any) -> TaskSummary:
     return TaskSummary(kind, spaces, projections, parameters)
 
 
-def _parameters(task: Any) -> Iterator[tuple[str, str]]:
+def _parameters(task: object) -> Iterator[tuple[str, str]]:
     """Yield the parameters of a task as text; none if it is not a dataclass."""
     for part in fields(task) if is_dataclass(task) else ():
         value = getattr(task, part.name)
@@ -140,7 +140,7 @@ def _parameters(task: Any) -> Iterator[tuple[str, str]]:
             yield part.name, _text(value)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Return a parameter as text, arrays inside tuples included."""
     if isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):
         return f"{type(value).__name__}({', '.join(map(_text, value))})"

@@ -67,11 +67,11 @@ class ObservationTable(Frozen):
         chosen = {name: a if states is None else a[states] for name, a in self.parts.items()}
         return assembled(chosen)
 
-    def state(self, observation: Any) -> int:
+    def state(self, observation: object) -> int:
         """Return the state that an observation shows; `UNMAPPED` if none or several do."""
         return self._states.get(self._key(parts_of(observation)), UNMAPPED)
 
-    def many(self, observations: Any) -> IntArray:
+    def many(self, observations: object) -> IntArray:
         """Return the states that n stacked observations show, (n,) int64; as :meth:`state`."""
         stacked = parts_of(observations)
         rows = range(batch_size(observations))
@@ -134,7 +134,7 @@ def stacked_observations(observations: Sequence[Any], terminal: Iterable[bool]) 
     return ObservationTable(parts, np.array(list(terminal), dtype=bool))
 
 
-def parts_of(observation: Any) -> dict[str, Any]:
+def parts_of(observation: object) -> dict[str, Any]:
     """Return the arrays, numbers and texts in an observation by their places, as in "sight/#0"."""
     if isinstance(observation, Mapping):
         inner = [(_escaped(key), part) for key, part in observation.items()]
@@ -149,7 +149,7 @@ def parts_of(observation: Any) -> dict[str, Any]:
     }
 
 
-def _escaped(key: Any) -> str:
+def _escaped(key: object) -> str:
     """Return a key of a Dict as part of a place, escaped as in JSON pointers."""
     return str(key).replace("~", "~0").replace("/", "~1").replace(POSITION, "~2")
 
@@ -158,7 +158,7 @@ def _unescaped(key: str) -> str:
     return key.replace("~2", POSITION).replace("~1", "/").replace("~0", "~")
 
 
-def same_observation(first: Any, second: Any) -> bool:
+def same_observation(first: object, second: object) -> bool:
     """Return whether two observations are equal, part by part; an unseen part equals any other."""
     if isinstance(first, Unseen) or isinstance(second, Unseen):
         return True
@@ -277,11 +277,11 @@ class TabulatedTask(Frozen):
         """Return the task with these probabilities of starting, (S,), for :func:`with_start`."""
         return replace(self, mdp=replace(self.mdp, start=start))
 
-    def state(self, observation: Any) -> int:
+    def state(self, observation: object) -> int:
         """Return the state that an observation shows; `UNMAPPED` if none does, or several do."""
         return self._observations().state(observation)
 
-    def many(self, observations: Any) -> IntArray:
+    def many(self, observations: object) -> IntArray:
         """Return the states that n stacked observations show, (n,) int64; as :meth:`state`."""
         return self._observations().many(observations)
 
@@ -401,14 +401,14 @@ class TabulatedTask(Frozen):
         return f"TabulatedTask({record.environment}: {size}{note}, {kind})"
 
 
-def needs_of(policy: Any) -> str:
+def needs_of(policy: object) -> str:
     """Return what a network's policy needs besides observations, "" for nothing."""
     if hasattr(policy, "predict") and "action_masks" in signature(policy.predict).parameters:
         return "masks of actions"
     return "memory" if hasattr(policy, "lstm_actor") else ""
 
 
-def check_sight(model: Any) -> None:
+def check_sight(model: object) -> None:
     """Raise SettingError unless a model acts by the observation alone."""
     policy = getattr(model, "policy", model)
     if needs := needs_of(policy):
@@ -418,7 +418,7 @@ def check_sight(model: Any) -> None:
         )
 
 
-def action_probabilities(model: Any, observations: Any) -> FloatArray:
+def action_probabilities(model: Any, observations: object) -> FloatArray:
     """Return the probability of each action under the policy of a model, (n, A)."""
     try:
         policy = model.policy

@@ -291,7 +291,7 @@ def finite_scale(scale: float, shift: float) -> tuple[float, float]:
     return number("scale", scale, PotentialError), number("shift", shift, PotentialError)
 
 
-def numbered_states(task: Any, states: Any) -> IntArray:
+def numbered_states(task: object, states: object) -> IntArray:
     """Return numbers of a task's states, checked; PotentialError where one is out of range."""
     return indices("states", states, generative_model(task).states.size, PotentialError)
 

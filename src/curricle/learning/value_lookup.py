@@ -7,7 +7,7 @@ for that would compile their loops twice.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +91,7 @@ def value_lookup(
     )
 
 
-def fits_task(lookup: Any, states: Space, n_actions: int) -> bool:
+def fits_task(lookup: object, states: Space, n_actions: int) -> bool:
     """Return whether all lookups of a task's states stay within the sources: loops do not check."""
     if not isinstance(lookup, ValueLookup) or not states.is_box:
         return False

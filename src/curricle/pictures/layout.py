@@ -1,7 +1,5 @@
 """Where the states of any task lie on a grid: as it says, or by its components and tables."""
 
-from typing import Any
-
 import numpy as np
 
 from curricle.arrays import IntArray
@@ -14,7 +12,7 @@ MOST_STATES = 20_000_000  # states of a task whose cells are read off its compon
 MOST_STATES_OF_TABLES = 100_000  # states of a task whose ends are looked for in its tables
 
 
-def layout_of(task: Any) -> GridLayout | None:
+def layout_of(task: object) -> GridLayout | None:
     """Return where states lie, as a task says or by its row and column; None if it has neither."""
     layout = getattr(task, "layout", None)
     if isinstance(layout, GridLayout):
@@ -43,7 +41,7 @@ def layout_of(task: Any) -> GridLayout | None:
 Objects = tuple[tuple[str, int, int, bool], ...]
 
 
-def _ends_of(task: Any, cells: IntArray) -> Objects:
+def _ends_of(task: object, cells: IntArray) -> Objects:
     """Return the cells of a task with tables that end every episode: goals, or pits that pay less.
 
     A goal pays the most of them, and no less than steps do as a rule.

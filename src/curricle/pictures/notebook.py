@@ -26,7 +26,7 @@ def register_with(formatter: Any) -> None:
         formatter.for_type_by_name(module, name, _drawn)
 
 
-def _drawn(task: Any) -> str | None:
+def _drawn(task: object) -> str | None:
     from curricle.pictures.scenes import in_a_notebook  # when a task is shown, not with the library
 
     return in_a_notebook(task)

@@ -61,7 +61,7 @@ class GridView:
     air: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
-    def of(cls, task: Any, at: At | None = None) -> "GridView":
+    def of(cls, task: object, at: At | None = None) -> "GridView":
         """Return the view of states that share the components `at`: number, label or cell."""
         fixed = {} if at is None else at
         instance("at", fixed, Mapping, SettingError)
@@ -71,7 +71,7 @@ class GridView:
         return _of_layout(task, layout, fixed)
 
     @classmethod
-    def for_replay(cls, task: Any) -> "GridView | None":
+    def for_replay(cls, task: object) -> "GridView | None":
         """Return a view with markers, to replay training in; None where it has too many cells."""
         space = generative_model(task).states
         read = {component.name: labelled_cells(component) for component in space.components}
@@ -102,7 +102,7 @@ def stacked(letters: Iterable[tuple[str, int, int]]) -> dict[tuple[int, int], st
     return together
 
 
-def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
+def _of_task(task: object, states: IntArray, mover: str | None, *, is_map: bool) -> dict[str, Any]:
     """Return the fields that a task determines: ended states, and the moves of `mover`."""
     generative = generative_model(task)
     terminal, actions = generative.terminal, generative.actions
@@ -117,7 +117,7 @@ def _of_task(task: Any, states: IntArray, mover: str | None, *, is_map: bool) ->
     return {"ended": ended, "actions": names, "directions": directions}
 
 
-def _says_where(task: Any) -> bool:
+def _says_where(task: object) -> bool:
     return isinstance(getattr(task, "layout", None), GridLayout)
 
 
@@ -172,7 +172,7 @@ def labelled_cells(component: Component) -> IntArray | None:
     return np.array([match.groups() for match in matches], dtype=np.int64)
 
 
-def _of_components(task: Any, fixed: At, mover: str | None = None) -> GridView:
+def _of_components(task: object, fixed: At, mover: str | None = None) -> GridView:
     """Return the view of the states whose other components are fixed."""
     space = generative_model(task).states
     _check_names(fixed, space.names)
@@ -219,7 +219,7 @@ def _check_names(fixed: At, known: Sequence[str]) -> None:
         )
 
 
-def _value(component: Component, value: Any) -> int:
+def _value(component: Component, value: object) -> int:
     """Return a component's value from a number, a label, or a cell's row and column."""
     if isinstance(value, tuple | list | np.ndarray):
         value = f"({','.join(str(int(part)) for part in value)})"
@@ -242,7 +242,7 @@ def marker_letters(names: Iterable[str]) -> dict[str, str]:
     return letters
 
 
-def _of_agents(task: Any, space: Space, cells: Mapping[str, IntArray]) -> GridView | None:
+def _of_agents(task: object, space: Space, cells: Mapping[str, IntArray]) -> GridView | None:
     """Return the view of a task in whose states one or several agents stand on cells."""
     agents = [name for name in generative_model(task).actions.names if name in cells]
     free = agents[0] if agents else next(iter(cells))
@@ -279,7 +279,7 @@ def _with_markers(
     return replace(view, markers=tuple(markers))
 
 
-def _strip(task: Any, space: Space) -> GridView:
+def _strip(task: object, space: Space) -> GridView:
     """Return the view of a task without geometry: its first states in rows."""
     states = np.arange(min(space.size, LONGEST_STRIP))
     cells = np.stack(np.divmod(states, STRIP), axis=1)

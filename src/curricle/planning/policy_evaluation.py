@@ -72,7 +72,7 @@ class RolloutEvaluation(NamedTuple):
         stream, total = np.array([start ^ EVALUATION_STREAM], dtype=np.uint64), np.zeros(2)
         return RolloutEvaluation(*self[:3], stream, total, np.zeros(1, np.int64), HALTED.get())
 
-    def compiled_for(self, model: Any, view: Any) -> "RolloutEvaluation":
+    def compiled_for(self, model: object, view: object) -> "RolloutEvaluation":
         """Return this with its machine code for such a view in such a model."""
         loop = compiled(rollout_return, has_users_code(model))
         return self._replace(address=address_of(loop, self, model, view))
@@ -128,7 +128,7 @@ class ExactEvaluation(NamedTuple):
         """Return this with work space for a run."""
         return self.of(*self[:3], self.tables.outcome_row.shape)
 
-    def compiled_for(self, model: Any, view: Any) -> "ExactEvaluation":
+    def compiled_for(self, model: object, view: object) -> "ExactEvaluation":
         """Return this with its machine code for such a view; it needs no model but its tables."""
         fixed = fixed_views.bodies.get(type(view), lambda view: view)(view)
         return self._replace(address=address_of(compiled(exact_return, False), self, fixed))
@@ -146,7 +146,7 @@ class NoEvaluation(NamedTuple):
         """Return this."""
         return self
 
-    def compiled_for(self, model: Any, view: Any) -> "NoEvaluation":
+    def compiled_for(self, model: object, view: object) -> "NoEvaluation":
         """Return this."""
         return self
 
@@ -158,7 +158,7 @@ MOST_SWEEPS, MOST_BACKUPS = 10_000, 10_000_000
 """Steps, and outcomes times steps, to which all episodes are searched for extreme returns: 0.1 s"""
 
 
-def possible_returns(task: Any, discount: float) -> tuple[float, float] | None:
+def possible_returns(task: object, discount: float) -> tuple[float, float] | None:
     """Return the lowest and the highest return of an episode; None where they are not known.
 
     They are of a task with tables, if it is small enough: v(s) = max_a max_o r + gamma v(s') over
@@ -254,7 +254,7 @@ class GreedyEvaluation:
         model = task if networks else generative_model(task)
         return float(model.discount) if discounted else 1.0
 
-    def rollouts(self, task: Any) -> int:
+    def rollouts(self, task: object) -> int:
         """Return the episodes that rollouts take the mean of, in a task of any kind."""
         few = is_observation_task(task) or is_live(task)
         return self.episodes or (LIVE_EPISODES if few else EPISODES)
@@ -291,7 +291,7 @@ class Evaluated(NamedTuple):
 
 
 def greedy_policy_return(
-    task: Task, view: Any, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
+    task: Task, view: object, evaluation: GreedyEvaluation, *, seed: int = 0, stream: str = ""
 ) -> Evaluated:
     """Return the expected return of the policy that is greedy on a view (:func:`greedy_action`).
 
@@ -641,7 +641,7 @@ class Target:
     def _random(self) -> Estimated:
         return self.estimated(self._no_values)
 
-    def estimated(self, view: Any) -> Estimated:
+    def estimated(self, view: object) -> Estimated:
         """Return the expected return of a greedy policy, and its standard error; 0 if exact."""
         if self.evaluation.method == "exact":
             return Estimated(greedy_policy_return(self.task, view, self.evaluation).value, 0.0, 0)
@@ -670,7 +670,7 @@ class Target:
         return fraction_of_optimum(self.optimum, self.random_return, fraction)
 
 
-def not_solved(fraction: float, task: Any) -> SettingError:
+def not_solved(fraction: float, task: object) -> SettingError:
     """Return the error that a fraction of an unknown optimum was asked for."""
     return SettingError(
         f"a fraction of the optimum needs a task that can be solved: got {fraction:g} of {task!r}; "

@@ -169,7 +169,7 @@ def _simulate(model, policy, starts, stream, limit, record, ends):
 
 
 def simulate(
-    model: Any,
+    model: object,
     policy: UniformPolicy | TablePolicy | GreedyPolicy,
     stream: npt.NDArray[np.uint64],
     *,
@@ -197,7 +197,7 @@ ROLLOUTS, LENGTH = 100, 200  # random rollouts that measure a task's speed; one 
 MOST_PAIRS = 100_000_000  # table entries for rollouts: memory is reserved, little of it used
 
 
-def random_step_seconds(task: Any) -> float:
+def random_step_seconds(task: object) -> float:
     """Return the seconds that a random step of a task with states takes."""
     generative = generative_model(task)
     shape = generative.states.size, generative.actions.size
@@ -308,7 +308,9 @@ def rollout(
     return _trajectory(generative, GreedyPolicy(Values(frozen(values))), seed, steps, start)
 
 
-def greedy_rollout(task: Task, view: Any, *, seed: int = 0, steps: int | None = None) -> Trajectory:
+def greedy_rollout(
+    task: Task, view: object, *, seed: int = 0, steps: int | None = None
+) -> Trajectory:
     """Return one episode of the policy that is greedy on a view of values, ties drawn uniformly."""
     return _trajectory(generative_model(task), GreedyPolicy(view), seed, steps)
 

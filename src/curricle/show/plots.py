@@ -59,7 +59,7 @@ METADATA: dict[str, dict[str, Any]] = {
 """Ending -> metadata. Without a date the same results give the same file."""
 
 
-def plot(subject: Any, path: str | Path | None = None, *, task: Any = None) -> Figure:
+def plot(subject: object, path: str | Path | None = None, *, task: Any = None) -> Figure:
     """Return the figure of a subject, and write it to a file if there is a path.
 
     Parameters
@@ -177,7 +177,7 @@ def draw_curve(
     colour: str,
     window: int = 1,
     strong: bool = False,
-    dashes: Any = "-",
+    dashes: object = "-",
     confidence: float = CONFIDENCE,
     within: tuple[float, float] = (-math.inf, math.inf),
     bars: IntArray | None = None,

@@ -91,7 +91,7 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(values)
 
 
-def _visible(value: Any) -> Any:
+def _visible(value: object) -> Any:
     return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
@@ -114,7 +114,7 @@ def write_page(page: str, path: str | Path) -> Path:
     return Path(path)
 
 
-def _evidence(value: Any) -> str:
+def _evidence(value: object) -> str:
     """Return a number, an interval or a text of a claim's evidence."""
     if isinstance(value, dict) and "estimate" in value:
         ends = [value["low"], value["high"]]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -203,7 +202,7 @@ def _seeds(values: npt.ArrayLike) -> FloatArray:
 
 
 def _student(
-    array: FloatArray, estimate: Any, spread: FloatArray, n: int, confidence: float
+    array: FloatArray, estimate: object, spread: FloatArray, n: int, confidence: float
 ) -> Interval:
     """Return estimate +- t spread / sqrt(n), without bounds where all K values are equal."""
     check_confidence(confidence)

@@ -82,7 +82,7 @@ def assignment(text: str) -> tuple[tuple[str, ...], dict[str, Any]]:
         return keys, nested(keys, value.strip())
 
 
-def nested(keys: Iterable[Any], value: Any) -> Any:
+def nested(keys: Iterable[Any], value: object) -> Any:
     """Return nested tables that have the value at these keys."""
     for part in reversed(tuple(keys)):
         value = {part: value}
@@ -130,7 +130,7 @@ def merged(base: Mapping[str, Any], patch: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _over(old: Any, new: Any, key: str) -> Any:
+def _over(old: object, new: object, key: str) -> Any:
     """Return the new value of a key over its old value; tables of the same kind are merged."""
     if not isinstance(new, dict):
         return new
@@ -166,7 +166,7 @@ def complete_learners(study: Mapping[str, Any], curriculum: dict[str, Any]) -> A
     return {name: _over(of_target, learner, "learner") for name, learner in learners.items()}
 
 
-def complete_curriculum(study: Mapping[str, Any], patch: Any = None) -> dict[str, Any]:
+def complete_curriculum(study: Mapping[str, Any], patch: object = None) -> dict[str, Any]:
     """Return the curriculum of an arm, or of the study, each task with all its settings."""
     keys = ("tasks", "transfers", *SETTINGS)
     base, changes = {key: study[key] for key in keys if key in study}, dict(table(patch))
@@ -222,7 +222,7 @@ def toml_text(study: Mapping[str, Any]) -> str:
     return "".join(f"{key} = {_toml(value)}\n" for key, value in lines.items())
 
 
-def _toml(value: Any) -> str:
+def _toml(value: object) -> str:
     if isinstance(value, Mapping):
         inner = (f"{json.dumps(key)} = {_toml(below)}" for key, below in value.items())
         return f"{{ {', '.join(inner)} }}"
@@ -366,7 +366,7 @@ def line_numbers(text: str) -> dict[KeyPath, int]:
     """Return the line on which the statement of each key of valid TOML begins, from 1."""
     lines, here, last = dict[KeyPath, int](), cast(KeyPath, ()), Counter[KeyPath]()
 
-    def note(path: KeyPath, value: Any) -> None:
+    def note(path: KeyPath, value: object) -> None:
         lines.setdefault(path, begin)
         inner = value.items() if isinstance(value, dict) else ()
         for part, below in enumerate(value) if isinstance(value, list) else inner:

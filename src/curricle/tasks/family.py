@@ -55,7 +55,7 @@ class Rule(NamedTuple):
 ANY = Rule()
 
 
-def rules_of(function: Any) -> dict[str, tuple[Any, Rule, bool]]:
+def rules_of(function: object) -> dict[str, tuple[Any, Rule, bool]]:
     """Return each annotated type (without None, if that leaves one), its rule, and if None fits."""
     rules = dict[str, tuple[Any, Rule, bool]]()
     for name, hint in get_type_hints(function, include_extras=True).items():
@@ -187,7 +187,7 @@ class Parameter:
         return f"{listed}, None" if self.optional else listed
 
 
-def _key(value: Any) -> tuple[type, Any]:
+def _key(value: object) -> tuple[type, Any]:
     """Return a key that differs for different values: True is not 1."""
     return type(value), value
 
@@ -451,7 +451,7 @@ class FamilyMember(Frozen):
 def task_family(
     *,
     name: str | None = None,
-    mapping: Any = None,
+    mapping: object = None,
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> Callable[[Callable[..., Any]], TaskFamily]:
     """Return a decorator that makes a :class:`TaskFamily` of the function that makes its tasks.

@@ -76,7 +76,7 @@ class LoopCache(FunctionCache):
         index: Any = LoopIndex
         self._cache_file = index(self._cache_path, self._impl.filename_base, code_digest())
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, sig: object, data: object) -> None:
         """Write the machine code that was compiled for a signature."""
         numbas: Any = super()
         with suppress(OSError):  # a full disk: it is compiled again in the next process
@@ -192,7 +192,7 @@ class Overloaded:
     def __init__(self, function: Body, *, outlined: bool = False, otherwise: Body | None = None):
         self.bodies: dict[type, Body] = {}
 
-        def choose(first: Any, *_: Any) -> Body | None:
+        def choose(first: object, *_: Any) -> Body | None:
             return self.bodies.get(getattr(first, "instance_class", type(None)), otherwise)
 
         options: Any = {**INLINED, "forceinline": not outlined}
@@ -327,7 +327,7 @@ def lowered(typed: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def register(build: Callable[..., Any]) -> Any:
-        def definition(_: Any, *kinds: Any) -> tuple[Any, Callable[..., Any]]:
+        def definition(_: object, *kinds: Any) -> tuple[Any, Callable[..., Any]]:
             return typed(*kinds), build
 
         context = inspect.Parameter("_", inspect.Parameter.POSITIONAL_ONLY)

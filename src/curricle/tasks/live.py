@@ -205,7 +205,7 @@ class LiveMDP:
         return described(self)
 
 
-def is_live(task: Any) -> bool:
+def is_live(task: object) -> bool:
     """Return whether a task is played in an environment, by one thread at a time."""
     return isinstance(task, LiveMDP)
 
@@ -311,12 +311,12 @@ def _player(
 
 
 def _closing(
-    task: LiveMDP, environment: Any, available: BoolArray, tables: FloatTable | None
+    task: LiveMDP, environment: object, available: BoolArray, tables: FloatTable | None
 ) -> Callable[[int, Any], None]:
     """Return the function that notes which actions are available in a state that is entered."""
     known, n_actions = dict[int, bytes](), task.actions.size
 
-    def close(state: int, info: Any) -> None:
+    def close(state: int, info: object) -> None:
         available[:] = mask = action_mask(environment, info, n_actions)
         if state not in known:
             known[state] = mask.tobytes()
@@ -332,7 +332,7 @@ def _closing(
     return close
 
 
-def action_mask(environment: Any, info: Any, n_actions: int) -> BoolArray:
+def action_mask(environment: Any, info: object, n_actions: int) -> BoolArray:
     """Return the available actions of an environment's present state, (A,); TaskError if none."""
     mask = info.get("action_mask") if isinstance(info, Mapping) else None
     if mask is None:
@@ -356,7 +356,7 @@ def action_mask(environment: Any, info: Any, n_actions: int) -> BoolArray:
     return flags.astype(np.bool_)
 
 
-def _observed(begun: Any) -> Any:
+def _observed(begun: object) -> Any:
     """Return the observation in the pair that a reset returned."""
     return checked_parts("reset", begun)[0]
 
@@ -380,14 +380,14 @@ def seeded_reset(environment: Any, seed: int) -> Any:
         ) from None
 
 
-def checked_parts(method: str, returned: Any) -> tuple[Any, ...]:
+def checked_parts(method: str, returned: object) -> tuple[Any, ...]:
     """Return what a step or reset returned; TaskError unless it has the right parts."""
     if not isinstance(returned, tuple | list) or len(returned) != len(RETURNED[method]):
         raise TaskError(wrong_parts(method, returned))
     return tuple(returned)
 
 
-def wrong_parts(method: str, returned: Any) -> str:
+def wrong_parts(method: str, returned: object) -> str:
     """Return the sentence on what a step or reset returned instead of its parts."""
     old = method == "reset" or (isinstance(returned, tuple) and len(returned) == 4)
     said = f"({', '.join(RETURNED[method])}): got {brief(returned)}{f'; {OLD_GYM}' * old}"

@@ -230,7 +230,7 @@ class FiniteMDP(Frozen):
     @classmethod
     def from_outcomes(
         cls,
-        outcomes: Any,
+        outcomes: object,
         *,
         start: npt.ArrayLike,
         discount: float,
@@ -263,7 +263,7 @@ class FiniteMDP(Frozen):
         return made
 
     @classmethod
-    def from_sparse(cls, transition: Sequence[Any], reward: Any, **settings: Any) -> Self:
+    def from_sparse(cls, transition: Sequence[Any], reward: object, **settings: Any) -> Self:
         """Return the MDP of a matrix for each action, sparse or dense, as pymdptoolbox has them.
 
         Parameters
@@ -294,8 +294,8 @@ class FiniteMDP(Frozen):
     @classmethod
     def from_pairs(
         cls,
-        transition: Any,
-        reward: Any,
+        transition: object,
+        reward: object,
         s_indices: npt.ArrayLike,
         a_indices: npt.ArrayLike,
         *,
@@ -452,7 +452,7 @@ def duplicated(values: Table, available: BoolArray | None) -> Table:
     return copied  # type: ignore[no-any-return]
 
 
-def available_actions(task: Any, states: IntArray | None = None) -> BoolArray | None:
+def available_actions(task: object, states: IntArray | None = None) -> BoolArray | None:
     """Return the available actions of n states, by default all, (n, A) bool; None where all are.
 
     A live task does not know them before it is played.
@@ -464,7 +464,7 @@ def available_actions(task: Any, states: IntArray | None = None) -> BoolArray | 
     return known if known is None or states is None else known[states]
 
 
-def live_pairs(task: Any) -> BoolArray:
+def live_pairs(task: object) -> BoolArray:
     """Return the pairs of known live states with available actions, (S, A) bool."""
     rules, available = generative_model(task), available_actions(task)
     pairs = np.ones((rules.states.size, rules.actions.size), np.bool_)
@@ -472,7 +472,7 @@ def live_pairs(task: Any) -> BoolArray:
     return pairs if available is None else pairs & available
 
 
-def availability(task: Any) -> Any:
+def availability(task: object) -> Any:
     """Return the available actions for compiled code; None where all are, or none are known."""
     return getattr(generative_model(task).model, "available", None)
 
@@ -569,12 +569,12 @@ def generative_model(task: Any) -> GenerativeModel:
     return generative
 
 
-def has_tables(task: Any) -> bool:
+def has_tables(task: object) -> bool:
     """Return whether a task can be converted to tables (if they fit)."""
     return hasattr(type(task), "mdp") or "mdp" in getattr(task, "__dict__", {})
 
 
-def tables(task: Any) -> FiniteMDP:
+def tables(task: object) -> FiniteMDP:
     """Return the tables of a task, or raise TaskError with the probable intention."""
     mdp = getattr(task, "mdp", None)
     if isinstance(mdp, FiniteMDP):

@@ -556,7 +556,7 @@ def _permitted_by_function(model, state, action, bits):
 failures.body(Functions)(lambda model: model.failure[0].by != 0)
 
 
-def has_users_code(model: Any) -> bool:
+def has_users_code(model: object) -> bool:
     """Return whether a model is of functions, or of a class, from outside this library.
 
     Loops that they are compiled into are not kept on disk, as nothing tells when they change.

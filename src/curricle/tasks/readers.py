@@ -62,7 +62,7 @@ def dense_pairs(transition: npt.ArrayLike, reward: npt.ArrayLike) -> Pairs:
     return Pairs((n_states, n_actions), *pairs, count, p[p != 0], after, r[p != 0])
 
 
-def sparse_pairs(transition: Any, reward: Any) -> tuple[Any, Any, IntArray, IntArray]:
+def sparse_pairs(transition: object, reward: object) -> tuple[Any, Any, IntArray, IntArray]:
     """Return matrices of all actions below each other, their rewards, and each row's pair."""
     from scipy.sparse import issparse, vstack
 
@@ -93,7 +93,7 @@ def sparse_pairs(transition: Any, reward: Any) -> tuple[Any, Any, IntArray, IntA
 
 
 def listed_pairs(
-    transition: Any,
+    transition: object,
     reward: Any,
     s_indices: npt.ArrayLike,
     a_indices: npt.ArrayLike,
@@ -131,7 +131,7 @@ def listed_pairs(
     return Pairs(shape, s, a, count, p.data, p.indices, rewards)
 
 
-def _sparse(matrix: Any, name: str = "transition") -> Any:
+def _sparse(matrix: object, name: str = "transition") -> Any:
     """Return a matrix in SciPy's compressed rows, without zeros; TaskError where it is none."""
     from scipy.sparse import csr_matrix  # of which an index by arrays gives an array
 

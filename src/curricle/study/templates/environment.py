@@ -150,7 +150,7 @@ class Play:
 # -- How an environment becomes a task, and how soon it is learnt ----------------------------------
 
 
-def _made(way: partial[Any], recipe: Any, arguments: dict[str, Any], seconds: float) -> Any:
+def _made(way: partial[Any], recipe: object, arguments: dict[str, Any], seconds: float) -> Any:
     """Return the task of a constructor's arguments; TaskError if it takes longer."""
     timed = {"max_seconds": seconds} if way.func is tabulate else {}
     return way(EnvironmentMaker(recipe, arguments), discount=DISCOUNT, **timed)
@@ -229,7 +229,7 @@ def _arguments(recipe: Any, env: Any) -> Iterator[dict[str, Any]]:
         yield halved
 
 
-def _others(value: Any) -> list[Any]:
+def _others(value: object) -> list[Any]:
     """Return the values in place of an argument's that may make an easier task."""
     if isinstance(value, bool):
         return [not value]
@@ -369,7 +369,7 @@ def _of_network(
     return _text(name, recipe, notes, filled), notes
 
 
-def _text(name: str, recipe: Any, notes: list[str], filled: dict[str, Any]) -> str:
+def _text(name: str, recipe: object, notes: list[str], filled: dict[str, Any]) -> str:
     """Return the file of a study; the template has names for what is `filled` in."""
     environment = Environment(
         loader=PackageLoader("curricle.study", "templates"), undefined=StrictUndefined,
