@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import curricle as cr
+from curricle.comparison import plan
 from curricle.curriculum.result import SourceValues
 from curricle.errors import SettingError, StoreError, StudyError
-from curricle.study import StudyResults, read_study, run_study, running
+from curricle.study import StudyResults, read_study, run_study
 from curricle.study.arms import Arms, UnitInput, train_unit, units_of
 from curricle.study.results import DECISIONS, RESULTS
 from tests.support.refusals import check_values
@@ -97,7 +98,7 @@ def test_block_and_workers_change_nothing(study_file, finished, tmp_path, seeds_
 
 def test_the_order_in_which_units_end_changes_nothing(study_file, finished, tmp_path, monkeypatch):
     pool, ended = LastFirst(), []
-    monkeypatch.setattr(running, "wait", pool.wait)
+    monkeypatch.setattr(plan, "wait", pool.wait)
     how = {"workers": 4, "executor": pool, "progress": lambda now: ended.append(now.stored)}
     run_study(read_study(study_file), tmp_path / "out", **how)
     assert ended[1:] != pool.submitted

@@ -132,7 +132,7 @@ def test_parts_are_tuned_alike_and_merged(tuned_file, tuned, tmp_path):
 
 def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, url_of, monkeypatch):
     study = read_study(tuned_file, set=["tune.trials=2", "tune.seeds=1"])
-    exists, pack = MemoryFileSystem.exists, running.pack
+    exists, written = MemoryFileSystem.exists, running.write_failures
 
     def failing(system, path, **settings):
         if path.endswith(STUDY):
@@ -140,10 +140,10 @@ def test_a_place_that_is_lost_after_a_tuning_is_a_lost_store(tuned_file, url_of,
         return exists(system, path, **settings)
 
     def last(*arguments):
-        pack(*arguments)
+        written(*arguments)
         monkeypatch.setattr(MemoryFileSystem, "exists", failing)
 
-    monkeypatch.setattr(running, "pack", last)
+    monkeypatch.setattr(running, "write_failures", last)
     with pytest.raises(LostStoreError, match="cannot be read: nothing answers"):
         run_study(study, url_of("out"), workers=1)
 
