@@ -29,7 +29,7 @@ from curricle.arrays import IntArray
 from curricle.curriculum.curriculum import Curriculum
 from curricle.curriculum.result import SourceValues
 from curricle.deep.miniature import Miniatures
-from curricle.errors import CurriculumError, MappingError
+from curricle.errors import CurriculumError
 from curricle.learning.potential import PairPotential, StateActionPotential
 from curricle.learning.result import LearningResult, joined_results
 from curricle.learning.stopping import StoppingRule
@@ -37,6 +37,7 @@ from curricle.tasks.gridworld import GridWorld
 from curricle.tasks.mdp import live_pairs, tables
 from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.by_components import identity
+from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.pair import TaskPair
 from curricle.transfer.potential import AnyPotential, ObservationPotential
 from curricle.transfer.search import find_mappings
@@ -226,14 +227,13 @@ def unrelated_transfers(
         rng = np.random.default_rng([draw, 2])
         rows[live] = rng.permutation(rows[live])
         task = replace(mdp, outcome_row=rows)
-        if not len(best := find_mappings(target, task, keep=1)):
-            raise MappingError(
-                f"a control {UNRELATED!r} needs a mapping from a random task of the size of "
-                f"{edge.source!r}: no search finds any"
-            )
-        mapping, fits = best[0].mapping, best[0].unmapped_value
-        if fits is not None and edge.mapping.unmapped_value is not None:
-            mapping = mapping.with_unmapped_value(fits)
+        best = find_mappings(target, task, keep=1)
+        if len(best):
+            mapping, fits = best[0].mapping, best[0].unmapped_value
+            if fits is not None and edge.mapping.unmapped_value is not None:
+                mapping = mapping.with_unmapped_value(fits)
+        else:  # no search finds any, so that an unrelated task tells nothing
+            mapping = StateActionMapping(target, task, np.full_like(edge.mapping.index, UNMAPPED))
         edges.append(replace(edge, mapping=mapping))
         values = TaskPair(target, task).source_solution.action_values
         copies = np.broadcast_to(values, (len(seeds), *values.shape))

@@ -1,8 +1,5 @@
 from .aggregate import maximum as maximum, mean as mean, minimum as minimum, total as total
-from .bisimulation import (
-    by_homomorphism as by_homomorphism,
-    by_lax_bisimulation as by_lax_bisimulation,
-)
+from .bisimulation import by_homomorphism as by_homomorphism
 from .by_components import (
     ComponentMapping as ComponentMapping,
     by_alignment as by_alignment,

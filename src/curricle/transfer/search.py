@@ -26,7 +26,6 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.text import brief_repr, counted, printed, shortened
 from curricle.transfer.bisimulation import (
     by_homomorphism,
-    by_lax_bisimulation,
     model_for_refinement,
     refined,
 )
@@ -287,7 +286,7 @@ def _residuals(
 Search = Callable[[TaskPair], Iterable[Proposal]]
 """A search for mappings; it raises MappingError where it does not apply."""
 
-SEARCHES: tuple[Search, ...] = (by_name, by_alignment, by_homomorphism, by_lax_bisimulation)
+SEARCHES: tuple[Search, ...] = (by_name, by_alignment, by_homomorphism)
 LEAST_REGAINED = 0.25
 """Share of the way to the optimum that a mapping must regain in mapped states to be used unseen."""
 MOST_UNEXPLAINED = 0.75  # largest `unexplained` of a mapping to be used unseen
