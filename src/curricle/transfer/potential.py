@@ -48,9 +48,10 @@ def combined_potential(
     unknown_value: float = 0.0,
 ) -> MappedPotential | StateActionPotential:
     """Return the aggregated potential of N transfers, as an array if it cannot be looked up."""
-    mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
-    if mapped is not None:
-        return mapped
+    if all(isinstance(edge.mapping, ComponentMapping) for edge in transfers):
+        mapped = mapped_potential(task, transfers, source_values, function, unknown_value)
+        if mapped is not None:
+            return mapped
     pairs = generative_model(task).states.size * generative_model(task).actions.size
     if pairs > LARGEST_INDEX and ((entry := built_in(function)) is None or entry.code is None):
         raise CurriculumError(
@@ -58,7 +59,10 @@ def combined_potential(
             f"{LARGEST_INDEX:,} pairs, as any other function takes arrays of them: got "
             f"{getattr(function, '__name__', repr(function))} and {pairs:,} pairs"
         )
-    phis = [edge.potential(q) for edge, q in zip(transfers, source_values, strict=True)]
+    phis = [
+        edge.mapping.read(q, edge.scale, edge.shift)
+        for edge, q in zip(transfers, source_values, strict=True)
+    ]
     return StateActionPotential(task, aggregate(function, np.stack(phis), unknown_value))
 
 
@@ -69,14 +73,14 @@ def mapped_potential(
     function: Aggregate,
     unknown_value: float = 0.0,
 ) -> MappedPotential | None:
-    """Return the aggregated potential as a lookup; None if it cannot be looked up."""
-    # A lookup needs mappings by name between whole boxes, and an aggregate of compiled loops.
+    """Return the aggregated potential of mappings by name as a lookup; None if there is none."""
+    # A lookup needs spaces that are whole boxes, and an aggregate of compiled loops.
     entry, several, sources = built_in(function), len(transfers) > 1, list[SourceTable]()
     if entry is None or entry.code is None or len(transfers) > MOST_SOURCES:
         return None
     for edge, values in zip(transfers, source_values, strict=True):
-        mapping = edge.mapping
-        offsets = mapping.lookups() if isinstance(mapping, ComponentMapping) else None
+        mapping: ComponentMapping = edge.mapping
+        offsets = mapping.lookups()
         if offsets is None:
             return None
         q = np.asarray(values, dtype=np.float64)
