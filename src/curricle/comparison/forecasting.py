@@ -334,7 +334,8 @@ class Forecast:
         """Return sentences and a table, in lines of at most `width` characters."""
         covers = (f"{name}: {cover}" for name, cover in self.coverage.items())
         lines = [folded(line, width) for line in (*self._sentences, *covers)]
-        lines += text_table(["", "gain"], self._cells, width) if self.trial else ()
+        if len(cells := self._cells) > 1:  # a single gain stands in the basis
+            lines += text_table(["", "gain"], cells, width)
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -345,10 +346,12 @@ class Forecast:
 
     @property
     def _cells(self) -> list[tuple[str, str]]:
-        """The rows of the table: name, with a star if it is used, and gain."""
+        """The rows that were tried: name, with a star if it is used, and gain."""
+        tried = ((row, row.gain) for row in self.rows)
         return [
-            (row.name + " *" * row.used, "" if row.gain is None else f"{row.gain.estimate:.3g}")
-            for row in self.rows
+            (row.name + " *" * row.used, f"{gain.estimate:.3g}")
+            for row, gain in tried
+            if gain is not None
         ]
 
     @property
