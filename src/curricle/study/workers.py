@@ -184,7 +184,7 @@ def dask_cluster(on: str, workers: int | None = None) -> Iterator[Cluster]:
         raise SettingError(
             f'{on} needs a package that is not installed: pip install "curricle[dask]"'
         ) from None
-    levels = [logger.level for logger in LOGGERS]
+    levels = {logger: logger.level for logger in LOGGERS}
     try:
         if address is not None:
             cluster, client = None, Client(f"tcp://{address}", timeout=REACHED_IN)
@@ -214,11 +214,14 @@ def dask_cluster(on: str, workers: int | None = None) -> Iterator[Cluster]:
             return sum(client.nthreads().values())
 
         yield Cluster(client.get_executor(pure=False), threads, link)
-        for logger, level in zip(LOGGERS, levels, strict=True):
-            logger.setLevel(level)  # after an error Dask's threads log for some time
+    except BaseException:
+        levels.clear()  # after an error Dask's threads log for some time
+        raise
     finally:
         with suppress(Exception):  # a scheduler that is gone cannot be left
             client.close(timeout=2)
         if cluster is not None:
             with suppress(TimeoutError):  # processes that remain end with this process
                 cluster.close(timeout=20)
+        for logger, level in levels.items():
+            logger.setLevel(level)

@@ -57,7 +57,7 @@ def test_the_page_requests_nothing_and_allows_its_own_scripts_only(page):
     digests = [
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts
     ]
-    assert len(scripts) == 2
+    assert len(scripts) == 3
     assert "script-src " + " ".join(f"'sha256-{digest}'" for digest in digests) + ";" in policy
     assert not [name for _, attrs in reader.elements for name in attrs if name.startswith("on")]
 
