@@ -6,7 +6,7 @@ document.addEventListener("DOMContentLoaded", () => {
   const data = JSON.parse(at("curves-data").textContent);
   const arms = data.arms.map((arm) => ({ ...arm, shown: true }));
   const listed = rows.map((row) => arms.find((arm) => arm.name === row.dataset.arm));
-  let panel = "strong", plot = null, nearest = null;
+  let panel = "strong", plot = null, named = null, nearest = null; // arms under the pointer: by name, or line
 
   const shownArms = () => arms.filter((arm) => arm.shown);
   const steps = () => data.steps.slice(0, arms[0][panel].mean.length);
@@ -34,7 +34,7 @@ document.addEventListener("DOMContentLoaded", () => {
     const { idx, top } = plot.cursor, k = idx ?? steps().length - 1, count = `${grouped(steps()[k])} steps`;
     const apart = (arm) => Math.abs(plot.valToPos(arm[panel].mean[k], "y") - top);
     const begun = shownArms().filter((arm) => idx != null && arm[panel].mean[k] !== null);
-    const name = begun.length ? begun.reduce((a, b) => (apart(b) <= apart(a) ? b : a)).name : null;
+    const name = named ?? (begun.length ? begun.reduce((a, b) => (apart(b) <= apart(a) ? b : a)).name : null);
     if (name !== nearest) setNearest(name);
     at("chart-steps").textContent = idx == null ? `At the end, ${count}` : count;
     rows.forEach((row, n) => { row.querySelector(".value").textContent = words(listed[n], k); });
@@ -75,7 +75,7 @@ document.addEventListener("DOMContentLoaded", () => {
 
   // The plot of a panel: for each arm the bounds of its band, and its mean.
   const ends = () => [steps()[0], steps().at(-1)];
-  const zoomed = (u) => u.scales.x.min > ends()[0] || u.scales.x.max < ends()[1];
+  const zoomed = ({ scales: { x: { min, max } } }) => min != null && (min > ends()[0] || max < ends()[1]);
   const size = () => {
     const width = at("chart-place").clientWidth;
     return { width, height: Math.round(Math.max(300, Math.min(470, width * 0.56))) };
@@ -126,7 +126,8 @@ document.addEventListener("DOMContentLoaded", () => {
   const move = (wanted) => {
     const k = Math.max(0, Math.min(steps().length - 1, wanted)), step = steps()[k], { min, max } = plot.scales.x;
     if (step < min || step > max) show(step - (max - min) / 2, step + (max - min) / 2);
-    plot.setCursor({ left: plot.valToPos(step, "x"), top: plot.over.clientHeight / 2 });
+    // after the plot has taken over what is shown, which it does in a microtask
+    queueMicrotask(() => plot.setCursor({ left: plot.valToPos(step, "x"), top: plot.over.clientHeight / 2 }));
   };
   place.addEventListener("keydown", (event) => {
     const k = plot.cursor.idx ?? steps().length - 1, far = Math.ceil(steps().length / 10);
@@ -160,8 +161,8 @@ document.addEventListener("DOMContentLoaded", () => {
     button.setAttribute("aria-pressed", true);
     row.append(button, value);
     button.addEventListener("click", () => turn(n, !listed[n].shown));
-    row.addEventListener("pointerenter", () => setNearest(listed[n].name));
-    row.addEventListener("pointerleave", () => setNearest(null));
+    row.addEventListener("pointerenter", () => setNearest(named = listed[n].name));
+    row.addEventListener("pointerleave", () => setNearest(named = null));
   });
   at("chart-controls")?.addEventListener("change", (event) => {
     listed.forEach((arm, n) => { if (arm.control) turn(n, event.target.checked); });
