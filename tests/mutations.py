@@ -133,7 +133,7 @@ MUTATIONS = [
         "recent_return(greedy, checkpoint) > rule.floor", "greedy[0] == greedy[0]",
         ("tests/unit/test_settled_sources.py::test_a_return_that_fell_to_the_floor_has_not_settled",)),
     Mutation("a control that is not negated", "comparison/controls.py",
-        "StateActionPotential(phi.task, -phi.values)", "StateActionPotential(phi.task, phi.values)",
+        "phi.rescaled(-1.0)", "phi.rescaled(1.0)",
         ("tests/unit/test_controls.py::test_controls_change_the_values_of_phi_alone",
          "tests/unit/test_controls.py::test_knowing_the_optimum_pays_and_its_negation_does_not")),
     Mutation("largest upper bound of several rivals", "comparison/verdicts.py",

@@ -16,7 +16,7 @@ MAZE = GridWorld(["....T", ".PPP.", "S...."], time_limit=50)
 CORNER = MAZE.crop(rows=(0, 2), columns=(2, 5))
 HERE = cr.same_position(MAZE, CORNER)
 alone = partial(cr.compare, opponents=())  # against the target's own learner and no other
-ALL = ("random_start", "pretraining", "placebo", "scaled", "negated")
+ALL = ("random_start", "pretraining", "placebo", "negated")
 
 
 def exactly(budget):

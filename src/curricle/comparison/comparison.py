@@ -124,7 +124,7 @@ def compare(
         study or its path: then the arms are the study's, and so are settings that are not passed.
     seeds : int or sequence of int
     controls : sequence of str
-        Any of ``random_start``, ``pretraining``, ``placebo``, ``scaled`` and ``negated``, run
+        Any of ``random_start``, ``pretraining``, ``placebo``, ``negated`` and ``unrelated``, run
         for each curriculum (``curricle.comparison.controls`` explains them).
     opponents : sequence of str
         Any of ``constant``, ``bounds`` and ``optimistic``: learners from scratch besides the

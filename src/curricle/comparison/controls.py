@@ -8,7 +8,6 @@
   without it. If it helps as much, any values do.
 - ``constant``: adds the opponent of this name (:mod:`curricle.comparison.opponents`) where the
   setting ``opponents`` leaves it out.
-- ``scaled``: phi halved, and phi doubled. If either is much better, phi had the wrong scale.
 - ``negated``: -phi. It should do harm if phi helps.
 - ``unrelated``: the source's task with the outcomes of its pairs exchanged at random, its exact
   values read by the best mapping that a search finds. If it helps as much, the search helped,
@@ -16,7 +15,7 @@
 
 The values of a ``placebo`` say nothing about the task. An observation task has no numbered states:
 it has no ``random_start``, and a ``placebo`` only of miniatures, which gives each observation the
-answer of another observation. ``scaled`` needs no dense tables.
+answer of another observation. ``negated`` needs no dense tables.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,17 +38,15 @@ from curricle.tasks.observation_task import is_observation_task
 from curricle.transfer.by_components import identity
 from curricle.transfer.mapping import UNMAPPED, StateActionMapping
 from curricle.transfer.pair import TaskPair
-from curricle.transfer.potential import AnyPotential, ObservationPotential
+from curricle.transfer.potential import AnyPotential
 from curricle.transfer.search import find_mappings
 from curricle.transfer.transfer import Transfer
 
-Control = Literal[
-    "random_start", "pretraining", "placebo", "constant", "scaled", "negated", "unrelated"
-]
+Control = Literal["random_start", "pretraining", "placebo", "constant", "negated", "unrelated"]
 CONTROLS: tuple[Control, ...] = get_args(Control)
 PLACEBO, ALONE = "placebo", "placebo, alone"
 UNRELATED = "unrelated"
-WITHOUT_TABLES = ("constant", "scaled")  # controls that need no dense tables of the target
+WITHOUT_TABLES = ("constant", "negated")  # controls that need no dense tables of the target
 SOURCE = "control source"
 
 
@@ -66,7 +63,7 @@ def check_fit(controls: Sequence[str], arm: str, curriculum: Curriculum) -> None
         tables(curriculum.tasks[name])
         if curriculum.setting("storage", name).kind == "sparse":
             raise CurriculumError(
-                "controls other than 'scaled' need dense tables of the target: the "
+                "controls other than 'negated' need dense tables of the target: the "
                 f"storage of {name!r} is sparse in arm {arm!r}"
             )
         for edge in curriculum.in_edges(name) if UNRELATED in controls else ():
@@ -136,18 +133,11 @@ Change = Callable[[Any, int], AnyPotential]  # phi, seed -> the changed phi
 CHANGES: dict[str, Change] = {
     PLACEBO: lambda phi, seed: _shuffled(phi, seed),
     ALONE: lambda phi, seed: _shuffled(phi, seed),
-    "scaled x 0.5": lambda phi, _: phi.rescaled(0.5),
-    "scaled x 2": lambda phi, _: phi.rescaled(2.0),
-    "negated": lambda phi, _: (
-        phi.rescaled(-1.0)
-        if isinstance(phi, ObservationPotential)
-        else StateActionPotential(phi.task, -phi.values)
-    ),
+    "negated": lambda phi, _: phi.rescaled(-1.0),
 }
 """Label of a control -> the function by which it changes a potential."""
 LABELS: dict[Control, tuple[str, ...]] = {
     "placebo": (PLACEBO, ALONE),
-    "scaled": ("scaled x 0.5", "scaled x 2"),
     "negated": ("negated",),
     "unrelated": (UNRELATED,),
     "random_start": ("random start",),

@@ -21,7 +21,7 @@ from curricle.tasks.mdp import (
     same_task,
     tables,
 )
-from curricle.tasks.observation_task import is_observation_task, plain_text
+from curricle.tasks.observation_task import is_observation_task, made_by, plain_text
 from curricle.tasks.spaces import state_name
 
 LARGEST = 5_000_000  # pairs (S x A) up to which tables are compared
@@ -118,7 +118,7 @@ def task_summary(task: Any) -> TaskSummary:
     if is_observation_task(task):
         spaces = {name: plain_text(getattr(task, name)) for name in ("observations", "actions")}
         spaces |= {"discount": repr(task.discount), "time_limit": repr(task.longest)}
-        return TaskSummary(kind, spaces, {}, {"environment": plain_text(task.make)})
+        return TaskSummary(kind, spaces, {}, {"environment": made_by(task.make)})
     model, spaces, projections = generative_model(task), dict[str, str](), {}
     for name, space in (("states", model.states), ("actions", model.actions)):
         content = repr(space.components).encode()

@@ -107,7 +107,7 @@ def test_tables_transfer_to_a_live_target():
     assert result["live"].greedy_return[:, 0] == pytest.approx([0.95**5] * 2)
     foreseen = cr.forecast(plan, seeds=1, episodes=5)
     assert foreseen.start.potential == pytest.approx(0.95**5)
-    comparison = cr.compare(plan, seeds=2, controls=["scaled"])
+    comparison = cr.compare(plan, seeds=2, controls=["negated"])
     assert comparison.arms["transfer"].curve.values[:, 0] == pytest.approx([0.95**5] * 2)
     checked = cr.certify(live, cr.QInitialisation(result.potentials["live"][0]))
     assert checked.theorem
