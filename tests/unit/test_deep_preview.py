@@ -49,7 +49,7 @@ def test_a_forecast_follows_potentials_through_observations(plan):
     assert foreseen["minimum"].used
     for cover in foreseen.coverage.values():
         assert cover.mapped + cover.ended == pytest.approx(1.0)
-        assert cover.observations > 20
+        assert cover.size > 20
     assert "nan%" not in str(foreseen)
     again = forecast(plan, seeds=2, trained=foreseen.trained)
     assert str(again) == str(foreseen)
