@@ -367,7 +367,7 @@ MUTATIONS = [
         '"mapping" if self.knows_target else "knowledge"', '"knowledge"',
         ("tests/unit/test_mappings_that_know_the_target.py::test_it_stands_in_the_verdict_whatever_the_verdict_is",)),
     Mutation("a study forgets that a mapping was found", "study/results.py",
-        '        knows_target=arm.knows_target,\n', "",
+        ", knows_target=arm.knows_target", "",
         ("tests/unit/test_mappings_that_know_the_target.py::test_it_is_kept_in_the_folder_of_a_study",)),
     Mutation("a learner of a portfolio is dropped", "learning/portfolio.py",
         "    if tally.last[SOURCE] <= latest:\n", "    if tally.last[SOURCE] < 0.0:\n",

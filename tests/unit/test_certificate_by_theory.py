@@ -1,4 +1,4 @@
-"""Certificates of tasks that are not compared state by state; random rollouts; refusals."""
+"""Certificates of tasks that are not compared state by state, and what certify refuses."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,6 @@ from curricle.certificate import ShapingReward, certify
 from curricle.certificate.shaped_task import widest
 from curricle.deep import WeightTransfer
 from curricle.errors import PotentialError, SettingError, TaskError
-from curricle.planning.rollouts import random_rollouts
 from curricle.transfer.potential import mapped_potential
 from tests.support.certificates import ENDED, MAZE, PAIRS, RNG, difference
 from tests.support.refusals import check_refusal
@@ -91,38 +90,6 @@ def test_a_reward_of_ones_own_is_not_compared_where_an_episode_can_go_on_for_eve
     assert certify(endless, phi, method="exact").states == 5
 
 
-def test_rollouts_follow_the_task():
-    rollouts = random_rollouts(MAZE, episodes=200, length=60, seed=3)
-    mdp, taken = MAZE.mdp, rollouts.taken
-    here, after = rollouts.states[:, :-1][taken], rollouts.states[:, 1:][taken]
-    row = mdp.outcome_row[here, rollouts.actions[taken]]
-    np.testing.assert_array_equal(mdp.next_state[row, 0], after)
-    assert not mdp.terminal[here].any()
-    np.testing.assert_array_equal(mdp.terminal[rollouts.states[:, -1]], rollouts.terminated)
-    np.testing.assert_array_equal(rollouts.ending.sum(axis=1), rollouts.terminated)
-    assert 0 < rollouts.terminated.sum() < 200 or rollouts.terminated.all()
-    assert (rollouts.length[~rollouts.terminated] == 60).all()
-    # Every action is as likely: 4 standard deviations, one false alarm in 4,000 streams.
-    n = taken.sum()
-    counts = np.bincount(rollouts.actions[taken], minlength=4)
-    assert abs(counts / n - 0.25).max() < 4 * np.sqrt(0.25 * 0.75 / n)
-    # What the task does does not depend on the draw of the action: within 5 standard deviations.
-    chase = cr.Pursuit(size=9, predators=1)
-    rollouts = random_rollouts(chase, episodes=400, length=50)
-    first, then = (chase.states.decode(rollouts.states[:, i])["prey"] for i in (0, 1))
-    joint = np.zeros((5, 5))
-    moved = [0, -9, 1, 9, -1]
-    inside = np.isin(first // 9, range(1, 8)) & np.isin(first % 9, range(1, 8))
-    for prey, move in enumerate(moved):
-        joint[:, prey] = np.bincount(
-            rollouts.actions[inside & (then - first == move), 0], minlength=5
-        )  # fmt: skip
-    assert joint.sum() == inside.sum()
-    assert abs(joint - joint.sum() / 25).max() < 5 * np.sqrt(joint.sum() / 25)
-    from_starts = random_rollouts(MAZE, episodes=3, length=1, starts=np.array([2, 0, 1]))
-    assert from_starts.states[:, 0].tolist() == [2, 0, 1]
-
-
 def test_the_widest_difference_is_of_equal_keys():
     keys, values = np.array([[1], [2], [1]]), np.array([5.0, 0.0, 3.0])
     assert widest(keys, values) == (2.0, 0, 2)
@@ -175,14 +142,3 @@ def test_bad_tasks_and_what_does_not_go_with_a_task_or_shaping_are_refused():
     huge = cr.QInitialisation(np.full((8, 4), 1e308))
     says = r"phi must be at most 1e\+15 in size, .*: entry \(0, 0\) is 1e\+308"
     check_refusal(PotentialError, lambda: cr.learn(MAZE, budget=10, shaping=huge), says)
-
-
-@pytest.mark.parametrize(
-    ("settings", "says"),
-    [
-        ({"length": 1, "starts": np.array([0])}, "starts must be as many as episodes, 2: got 1"),
-        ({"length": 0}, "length of a random rollout in steps must be"),
-    ],
-)
-def test_bad_rollouts_are_refused_in_one_sentence(settings, says):
-    check_refusal(SettingError, lambda: random_rollouts(MAZE, episodes=2, **settings), says)

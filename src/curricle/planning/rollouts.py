@@ -6,7 +6,6 @@ for each step, for the action and (mixed once more) for its outcome.
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -326,7 +325,7 @@ def _trajectory(
     left = generative.time_limit if steps is None else steps
     left = whole_number("the limit of a rollout in steps", left, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
-    starts = None if start is None else _starts(generative, [start])
+    starts = None if start is None else _start(generative, start)
     first = stream_start(seed, "rollout")
     stream, parts = np.array([first], np.uint64), list[StepRecord]()
     with open_model(generative, first) as model:
@@ -342,20 +341,15 @@ def _trajectory(
     return Trajectory(frozen(states), frozen(actions), frozen(rewards), terminated, not terminated)
 
 
-def _starts(task: GenerativeModel, starts: Sequence[int] | IntArray) -> IntArray:
-    """Return the states that episodes start in, (E,), or raise SettingError if they cannot."""
+def _start(task: GenerativeModel, start: int) -> IntArray:
+    """Return the state that an episode starts in, (1,), or raise SettingError if it cannot."""
     if is_live(task):
-        raise SettingError(f"a live task's environment chooses the start: got start {starts[0]!r}")
-    name, terminal = "the state a rollout starts in", task.terminal
-    states = np.array([whole_number(name, state, 0, SettingError) for state in starts])
-    bad = states >= task.states.size
-    if terminal is not None:
-        bad[~bad] = terminal[states[~bad]]
-    if bad.any():
-        raise SettingError(
-            f"a rollout must start in a state that is not terminal: got {states[bad][0]}"
-        )
-    return states
+        raise SettingError(f"a live task's environment chooses the start: got start {start!r}")
+    state = whole_number("the state a rollout starts in", start, 0, SettingError)
+    terminal = task.terminal
+    if state >= task.states.size or (terminal is not None and terminal[state]):
+        raise SettingError(f"a rollout must start in a state that is not terminal: got {state}")
+    return np.array([state])
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,24 +373,16 @@ class RandomRollouts(Frozen):
         return np.asarray(last & self.terminated[:, None])
 
 
-def random_rollouts(
-    task: Task, *, episodes: int, length: int, seed: int = 0, starts: IntArray | None = None
-) -> RandomRollouts:
-    """Return episodes in which every available action is equally likely at every step.
-
-    They start as the task draws them, or in `starts`, (E,), as many states as `episodes`.
-    """
+def random_rollouts(task: Task, *, episodes: int, length: int, seed: int = 0) -> RandomRollouts:
+    """Return episodes in which every available action is equally likely at every step."""
     n = whole_number("episodes of random rollouts", episodes, 1, SettingError)
     length = whole_number("the length of a random rollout in steps", length, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
     generative = generative_model(task)
     first = stream_start(seed, "random_rollouts")
     policy, stream = UniformPolicy(np.uint64(generative.actions.size)), np.array([first], np.uint64)
-    states = None if starts is None else _starts(generative, starts)
-    if states is not None and len(states) != n:
-        raise SettingError(f"starts must be as many as episodes, {n}: got {len(states)}")
     with open_model(generative, first) as model:
-        steps, ends = simulate(model, policy, stream, episodes=n, limit=length, starts=states)
+        steps, ends = simulate(model, policy, stream, episodes=n, limit=length)
     taken = np.arange(length) < ends.lengths[:, None]
     states = np.repeat(ends.last_states[:, None], length + 1, axis=1)
     states[:, :-1][taken] = steps.states
