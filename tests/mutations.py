@@ -63,7 +63,7 @@ MUTATIONS = [
     Mutation("an interval of a mean return leaves what returns can be", "statistics/intervals.py",
         "np.maximum(self.low, low)", "np.asarray(self.low)",
         ("tests/unit/show/test_figures.py::test_bands_stay_within_possible_returns",)),
-    Mutation("the highest return takes what cannot happen", "planning/policy_evaluation.py",
+    Mutation("the highest return takes what cannot happen", "planning/target.py",
         "possible, going = mdp.probability > 0,", "possible, going = mdp.probability >= 0,",
         ("tests/property/test_possible_returns.py::test_they_are_those_of_all_episodes",)),
     Mutation("a study file names Python's own library", "study_file/own_code.py",

@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any, Literal
 
 import curricle as cr
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.target import Target
 from curricle.transfer import StateActionMapping
 from curricle.transfer.mapping import PairMapping
 

@@ -19,7 +19,7 @@ from re import findall
 import lazy_loader
 
 from curricle.interop import register
-from curricle.pictures import notebook
+from curricle.show import notebook
 
 __version__ = "0.3.0.dev0"
 

@@ -45,7 +45,7 @@ def source_files(package: Path) -> list[Path]:
 
 
 def imports_of(path: Path, package: Path, modules: set[str]) -> list[Import]:
-    """Every import that ``path`` makes from inside the package."""
+    """Every import that ``path`` makes from inside the package, and modules it names as text."""
     source = module_name(path, package)
     home = path.relative_to(package).parent.parts
     imports = []
@@ -58,6 +58,11 @@ def imports_of(path: Path, package: Path, modules: set[str]) -> list[Import]:
                 up = home[: len(home) - node.level + 1]
                 base = ".".join(["curricle", *up, *filter(None, [base])])
             pairs = [(base, alias.name) for alias in node.names]
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            target = node.value.removeprefix("curricle.")  # as import_module takes it
+            named = target and node.value != target in modules
+            named = named and package_of(target) != package_of(source)
+            pairs = [(node.value, "")] if named else []
         else:
             continue
         for base, name in pairs:
@@ -191,6 +196,8 @@ def build(tmp_path):
         ("interop/gymnasium.py", "from ..curriculum import Curriculum"),
         ("study/runner.py", "from curricle import compare"),
         ("errors.py", "from curricle import tasks"),
+        ("tasks/mdp.py", "import_module('curricle.learning')"),
+        ("tasks/mdp.py", "SHOWN = {'Task': 'curricle.learning'}"),
         ("errors.py", "from curricle import FiniteMDP"),
     ],
 )

@@ -7,7 +7,8 @@ import curricle as cr
 from curricle.errors import ConfigError
 from curricle.learning.stopping import SETTLED, UNLEARNT, levels, share_of_rise
 from curricle.planning.greedy import VisitedValues
-from curricle.planning.policy_evaluation import Target, greedy_policy_return
+from curricle.planning.policy_evaluation import greedy_policy_return
+from curricle.planning.target import Target
 from tests.support.studies import CORNER as STUDY
 from tests.support.tasks import ring
 

@@ -10,7 +10,7 @@ from curricle.comparison import source_learning
 from curricle.comparison.forecasting import SourceLearning
 from curricle.curriculum import SourceValues
 from curricle.planning import policy_evaluation as target_module
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.target import Target
 from tests.support.tasks import ring
 
 MAZE = cr.GridWorld(["....T", ".PPP.", "S...."])

@@ -9,7 +9,7 @@ import pytest
 import curricle as cr
 from curricle.errors import SettingError
 from curricle.learning import SparseValues, TabularPolicy
-from curricle.planning.policy_evaluation import Target
+from curricle.planning.target import Target
 from tests.support.refusals import check_values
 from tests.support.tasks import random_mdp
 

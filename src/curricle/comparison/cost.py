@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 from curricle.comparison.plan import Plan, Unit
 from curricle.curriculum.curriculum import Curriculum, Node
 from curricle.errors import SettingError
-from curricle.planning.policy_evaluation import LARGEST_SOLVED, ROLLOUTS, ExactEvaluation
+from curricle.planning.policy_evaluation import ExactEvaluation
 from curricle.planning.rollouts import random_step_seconds
+from curricle.planning.target import LARGEST_SOLVED, ROLLOUTS
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import generative_model, has_tables, tables
 from curricle.tasks.observation_task import is_observation_task

@@ -32,12 +32,8 @@ from curricle.deep.miniature import Miniatures
 from curricle.errors import CurricleError, CurriculumError, in_words
 from curricle.learning.seeds import seed_tuple
 from curricle.planning.greedy import Values, VisitedValues
-from curricle.planning.policy_evaluation import (
-    NOT_LEARNT,
-    STANDARD_ERRORS,
-    GreedyEvaluation,
-    Target,
-)
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import NOT_LEARNT, STANDARD_ERRORS, Target
 from curricle.progress import Bars, Progress, check_progress, shown
 from curricle.tasks.live import is_live
 from curricle.tasks.mdp import generative_model

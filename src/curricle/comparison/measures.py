@@ -19,7 +19,7 @@ from curricle.comparison.verdicts import Reason, Verdict, difference, verdicts_o
 from curricle.curriculum.curriculum import Node
 from curricle.errors import CurriculumError
 from curricle.learning.result import LearningResult
-from curricle.planning.policy_evaluation import Target, possible_returns
+from curricle.planning.target import Target, possible_returns
 from curricle.statistics.curves import (
     ROUNDING,
     SCRATCH,

@@ -32,7 +32,8 @@ from curricle.learning.stopping import (
     spacing,
 )
 from curricle.pictures.episode import Episode, frame_of, played, with_pictures
-from curricle.planning.policy_evaluation import GreedyEvaluation, not_solved
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import not_solved
 from curricle.progress import Progress, check_progress, shown
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.observation_task import Observations, ObservationTask, stable_text, stack

@@ -39,8 +39,8 @@ from curricle.learning.schedules import Schedule, at, rate_of
 from curricle.learning.stopping import StoppingKernel, stops
 from curricle.learning.storage import StaticInt, tie_bits
 from curricle.planning.greedy import ACTION, ONLY_ROW, acting_rows, best_of, greedy_actions, highest
-from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, called, greedy_return
-from curricle.tasks.kernel import LINE, STRIDE, first_above, inlined, splitmix64
+from curricle.planning.policy_evaluation import SLICE, EvaluationKernel, greedy_return
+from curricle.tasks.kernel import LINE, STRIDE, called, first_above, inlined, splitmix64
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 # What is added to the reward.

@@ -22,8 +22,16 @@ from curricle.learning.record import noted_end
 from curricle.learning.schedules import rate_of
 from curricle.learning.storage import find_row_maxima, is_full, row_of
 from curricle.planning.greedy import ACTION, TIED, best_of, highest
-from curricle.planning.policy_evaluation import SLICE, called, greedy_return
-from curricle.tasks.kernel import STRIDE, Overloaded, inlined, of_width, prefetch, splitmix64
+from curricle.planning.policy_evaluation import SLICE, greedy_return
+from curricle.tasks.kernel import (
+    STRIDE,
+    Overloaded,
+    called,
+    inlined,
+    of_width,
+    prefetch,
+    splitmix64,
+)
 from curricle.tasks.models import first_state, has_failed, transition, truncated
 
 NO_ROW = np.uint64(2**64 - 1)

@@ -36,7 +36,7 @@ from curricle.learning.tabular_policy import (
     task_record,
 )
 from curricle.pictures.episode import Episode
-from curricle.planning.policy_evaluation import possible_returns
+from curricle.planning.target import possible_returns
 from curricle.statistics.intervals import extremes
 from curricle.tasks.mdp import Task, generative_model
 from curricle.text import counted

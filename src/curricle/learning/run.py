@@ -55,10 +55,9 @@ from curricle.planning.policy_evaluation import (
     ExactEvaluation,
     GreedyEvaluation,
     RolloutEvaluation,
-    address_of,
 )
 from curricle.progress import Bars, Progress, check_progress, shown
-from curricle.tasks.kernel import compiled, splitmix64, stream_start
+from curricle.tasks.kernel import address_of, compiled, splitmix64, stream_start
 from curricle.tasks.live import masks_actions, open_model
 from curricle.tasks.mdp import (
     NO_LIMIT,

@@ -13,7 +13,8 @@ from numba.extending import register_jitable
 from curricle.arrays import FloatArray
 from curricle.checks import number, whole_number
 from curricle.errors import SettingError
-from curricle.planning.policy_evaluation import BATCHES, GreedyEvaluation, Target
+from curricle.planning.policy_evaluation import GreedyEvaluation
+from curricle.planning.target import BATCHES, Target
 from curricle.tasks.kernel import INLINED, compiled_as
 from curricle.tasks.mdp import NO_LIMIT
 from curricle.text import counted

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from llvmlite import ir
 from numba import _dynfunc, config, njit, types  # type: ignore[attr-defined]  # no stub
+from numba._dispatcher import compute_fingerprint
 from numba.core import cgutils, codegen, compiler, imputils, typed_passes
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler_machinery import register_pass
@@ -206,6 +207,57 @@ class Overloaded:
             return function
 
         return register
+
+
+# -- machine code that loops call at its address ---------------------------------------------------
+#
+# The code for a checkpoint takes longer to compile than the code for a step. It is compiled once,
+# and all loops call it by its address: Numba would compile a function that is called by name into
+# each loop anew.
+
+
+CALLABLE = set[tuple[Any, ...]]()  # the types of arguments for which there is machine code
+_ADDRESSES = dict[Any, int]()
+
+
+def address_of(loop: Any, *arguments: Any) -> int:
+    """Return where the machine code of a compiled function for such arguments begins."""
+    key = None
+    with suppress(NotImplementedError):  # of a user's compiled functions
+        key = loop, compute_fingerprint(arguments)  # thirty times faster than Numba's types
+    if key not in _ADDRESSES:
+        kinds = tuple(loop.typeof_pyval(argument) for argument in arguments)
+        loop.compile(kinds)  # or read from the disk, or nothing, where it is there
+        CALLABLE.add(kinds)
+        machine = loop.overloads[kinds]
+        name = machine.fndesc.llvm_func_name
+        _ADDRESSES[key] = int(machine.library.get_pointer_to_function(name))
+    return _ADDRESSES[key] if key else _ADDRESSES.pop(key)
+
+
+@intrinsic
+def called(_, address, arguments):
+    """Return the float64 that the machine code at an address returns for a tuple of arguments."""
+    # Nothing at run time knows what the machine code takes: `address_of` must have been given an
+    # example of these arguments.
+    kinds = tuple(types.unliteral(kind) for kind in arguments)
+    if kinds not in CALLABLE:
+        raise TypeError(f"no machine code takes arguments of types {kinds}")
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        convention = context.call_conv
+        kind = convention.get_function_type(types.float64, kinds).as_pointer()
+        parts = [
+            context.cast(builder, builder.extract_value(args[1], place), kind_there, kind_taken)
+            for place, (kind_there, kind_taken) in enumerate(zip(arguments, kinds, strict=True))
+        ]
+        code = builder.inttoptr(args[0], kind)
+        status, value = convention.call_function(builder, code, types.float64, kinds, parts)
+        with builder.if_then(status.is_error):
+            convention.return_status_propagate(builder, status)
+        return value
+
+    return types.float64(address, arguments), build
 
 
 # -- random draws ----------------------------------------------------------------------------------

@@ -25,13 +25,8 @@ from curricle.planning.greedy import (
     best_of,
     greedy_actions,
 )
-from curricle.planning.policy_evaluation import (
-    ROLLOUTS,
-    STANDARD_ERRORS,
-    GreedyEvaluation,
-    Target,
-    greedy_policy_return,
-)
+from curricle.planning.policy_evaluation import GreedyEvaluation, greedy_policy_return
+from curricle.planning.target import ROLLOUTS, STANDARD_ERRORS, Target
 from curricle.tasks.kernel import splitmix64, stream_start
 from curricle.tasks.mdp import (
     availability,

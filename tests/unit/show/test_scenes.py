@@ -17,7 +17,6 @@ from curricle import Pursuit, tasks
 from curricle.errors import SettingError
 from curricle.interop.gymnasium import to_gymnasium
 from curricle.pictures.layout import layout_of
-from curricle.pictures.notebook import register_with
 from curricle.pictures.scenes import (
     AGENT,
     FIGURES,
@@ -28,6 +27,7 @@ from curricle.pictures.scenes import (
     scene_of,
 )
 from curricle.pictures.views import GridView
+from curricle.show.notebook import register_with
 from tests.unit.interop.environments import TASKS, WALLED
 
 GRIDS = {
