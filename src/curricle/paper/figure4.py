@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 import curricle as cr
-from curricle.arrays import FloatArray
+from curricle.arrays import FloatArray, IntArray
 from curricle.learning import LearningResult
 from curricle.paper.mazes import (
     Claim,
@@ -21,8 +22,12 @@ from curricle.paper.mazes import (
 from curricle.planning import greedy_policy
 from curricle.show import draw_curve, new_figure
 from curricle.statistics import Curve, Interval, mean_interval, paired_difference
+from curricle.tasks import Task
 from curricle.text import counted
 from curricle.transfer import StateActionMapping, from_function
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Arms = Mapping[str, LearningResult]
 PAPER_SEEDS = 5
@@ -146,7 +151,7 @@ def figure4(studies: Studies) -> FigureResult:
     )
 
 
-def _draw(panel: Any, arms: Arms, count: int, *, training: bool) -> None:
+def _draw(panel: "Axes", arms: Arms, count: int, *, training: bool) -> None:
     for name, result in arms.items():
         if name not in COLOURS or (training and name == "source"):
             continue
@@ -413,7 +418,7 @@ class _Assignment(NamedTuple):
 COMPARED = 5_000  # pairs of the hunt on which assignments are compared
 
 
-def _assignments(hunt: Any, chase: Any) -> list[_Assignment]:
+def _assignments(hunt: Task, chase: Task) -> list[_Assignment]:
     """Return all assignments, best prediction first (Taylor, Kuhlmann, Stone 2008)."""
     target, source, n_actions = hunt.mdp, chase.mdp, hunt.actions.size
     going_on = np.flatnonzero(np.repeat(~target.terminal, n_actions))
@@ -421,7 +426,9 @@ def _assignments(hunt: Any, chase: Any) -> list[_Assignment]:
     s, a = np.divmod(np.sort(drawn), n_actions)
     values, assignments = hunt.states.decode(), list[_Assignment]()
 
-    def chances(mdp: cr.FiniteMDP, rows: Any, state: Any) -> FloatArray:
+    def chances(
+        mdp: cr.FiniteMDP, rows: npt.NDArray[np.integer[Any]], state: IntArray
+    ) -> FloatArray:
         """Return the chance of each state of the chase, and at last of no state."""
         chance = np.zeros((len(rows), chase.states.size + 1))
         place = np.arange(len(rows))[:, None], state[mdp.next_state[rows]]

@@ -1,11 +1,26 @@
 """The graph of a task's transitions: states lead to outcome rows, and rows to next states."""
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from curricle.arrays import BoolArray, FloatArray, IntArray
+
+
+class OutcomeTables(Protocol):
+    """The tables of a task: S states, A actions, Y rows of O outcomes."""
+
+    @property
+    def outcome_row(self) -> npt.NDArray[np.integer[Any]]: ...  # noqa: D102
+    @property
+    def probability(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def next_state(self) -> npt.NDArray[np.integer[Any]]: ...  # noqa: D102
+    @property
+    def terminal(self) -> BoolArray: ...  # noqa: D102
+    @property
+    def start(self) -> FloatArray: ...  # noqa: D102
 
 
 def rows_in_use(
@@ -17,7 +32,7 @@ def rows_in_use(
     return used
 
 
-def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
+def edges_of(mdp: OutcomeTables, allowed: BoolArray | None = None) -> tuple[IntArray, IntArray]:
     """Return where the edges of a graph of S states and Y rows (node S + y) begin and end."""
     pairs = np.repeat(~mdp.terminal[:, None], mdp.outcome_row.shape[1], axis=1)
     if allowed is not None:
@@ -28,7 +43,7 @@ def edges_of(mdp: Any, allowed: BoolArray | None = None) -> tuple[IntArray, IntA
     return source, np.concatenate([rows, mdp.next_state[row, outcome]])
 
 
-def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
+def reachable_states(mdp: OutcomeTables, allowed: BoolArray | None = None) -> BoolArray:
     """Return which states the `allowed` actions can reach from the start, (S,) bool."""
     # Imported where it is needed: every task needs this module, and it takes a third of a second.
     from scipy.sparse import csr_array
@@ -43,7 +58,7 @@ def reachable_states(mdp: Any, allowed: BoolArray | None = None) -> BoolArray:
     return np.isin(np.arange(len(mdp.terminal)), order)
 
 
-def improper_states(mdp: Any) -> IntArray:
+def improper_states(mdp: OutcomeTables) -> IntArray:
     """Return the states from which some policy avoids all terminal states for ever."""
     # The largest set whose states can stay in it. It is empty exactly if every policy ends with
     # probability 1, is proper (Bertsekas, Tsitsiklis 1991).
@@ -58,7 +73,11 @@ def improper_states(mdp: Any) -> IntArray:
 
 
 def steps_to(
-    mdp: Any, goal: BoolArray, among: BoolArray | None = None, *, taken: BoolArray | None = None
+    mdp: OutcomeTables,
+    goal: BoolArray,
+    among: BoolArray | None = None,
+    *,
+    taken: BoolArray | None = None,
 ) -> FloatArray:
     """Return the fewest steps to `goal`, (S,), or infinity where no way leads there.
 

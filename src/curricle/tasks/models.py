@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from numba.extending import overload
 from curricle.arrays import BoolArray, FloatArray, FloatTable, IntArray, frozen
 from curricle.checks import instance, number, whole_number
 from curricle.errors import TaskError
+from curricle.tasks.graph import OutcomeTables
 from curricle.tasks.kernel import (
     INLINED,
     Overloaded,
@@ -44,7 +45,25 @@ def number_of(reward: Any) -> float:
         return np.nan
 
 
-def check_horizon(task: Any) -> None:
+class Timed(Protocol):
+    """What has a horizon: tasks of every kind."""
+
+    @property
+    def discount(self) -> float: ...  # noqa: D102
+    @property
+    def time_limit(self) -> int | None: ...  # noqa: D102
+
+
+class TaskParts(Timed, Protocol):
+    """What tasks with states have."""
+
+    @property
+    def states(self) -> Space: ...  # noqa: D102
+    @property
+    def actions(self) -> Space: ...  # noqa: D102
+
+
+def check_horizon(task: Timed) -> None:
     """Check a frozen task's discount and time limit, and make them a float and an int."""
     discount = number("discount", task.discount, TaskError, low=0, high=1)
     object.__setattr__(task, "discount", discount)
@@ -54,7 +73,7 @@ def check_horizon(task: Any) -> None:
         object.__setattr__(task, "time_limit", limit)
 
 
-def check_parts(task: Any, kind: str, *functions: str) -> None:
+def check_parts(task: TaskParts, kind: str, *functions: str) -> None:
     """Check the spaces, functions and horizon of a task without tables, `kind` of which it is."""
     instance("states", task.states, Space, TaskError)
     instance("actions", task.actions, Space, TaskError)
@@ -66,7 +85,7 @@ def check_parts(task: Any, kind: str, *functions: str) -> None:
         raise TaskError(f"a {kind} task with discount 1 needs a time limit, time_limit=: none set")
 
 
-def described(task: Any, *parts: str) -> str:
+def described(task: TaskParts, *parts: str) -> str:
     """Return a task as text: its kind, its sizes, further parts and its horizon."""
     sizes = counted(task.states.size, "state"), counted(task.actions.size, "action")
     limit = "no time limit" if task.time_limit is None else f"time limit {task.time_limit}"
@@ -247,11 +266,26 @@ def _table_step(model, state, action, bits):
     return next_state, model.reward[row, outcome], model.terminal[next_state]
 
 
+class TaskTables(OutcomeTables, Protocol):
+    """The tables of a task with what compiled loops draw by."""
+
+    @property
+    def actions(self) -> Space: ...  # noqa: D102
+    @property
+    def cumulative(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def reward(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def start_states(self) -> IntArray: ...  # noqa: D102
+    @property
+    def start_cumulative(self) -> FloatArray: ...  # noqa: D102
+
+
 LARGEST_WITH_ROW_PER_PAIR = 100_000
 """Outcomes (S x A x O) up to which every pair gets a row of its own: one read less a step."""
 
 
-def table_model(mdp: Any) -> Tables:
+def table_model(mdp: TaskTables) -> Tables:
     """Return the tables of a :class:`FiniteMDP` as a generative model."""
     rows = (mdp.outcome_row, mdp.probability, mdp.cumulative, mdp.next_state, mdp.reward)
     row_per_pair = mdp.outcome_row.size * mdp.probability.shape[1] <= LARGEST_WITH_ROW_PER_PAIR
@@ -283,7 +317,7 @@ def _deterministic_step(model, state, action, bits):
     return next_state, model.reward[pair], model.terminal[next_state]
 
 
-def learning_model(mdp: Any) -> Tables | DeterministicTables:
+def learning_model(mdp: TaskTables) -> Tables | DeterministicTables:
     """Return the generative model of a :class:`FiniteMDP` for learning: the fastest that fits."""
     tables = table_model(mdp)
     if not tables.row_per_pair or tables.next_state.shape[1] > 1:
