@@ -62,10 +62,9 @@ def test_the_mean_collapses(five):
 
 @pytest.mark.parametrize("aggregate", ["mean", "min"])
 def test_doubled_the_return_rises_from_tenth_to_tenth(five, aggregate):
-    """Measured: mean -7.9 to -6.5, minimum -7.0 to -6.2.
+    """Measured on 3 seeds: the mean ends at -6.4, the minimum at -6.6, 1.4 and .5 above its start.
 
-    The first steps are rises of 31 and 35 standard errors, the last ones level. Were all nine
-    level, one of them would be called a fall in 1.2 % of studies.
+    Were all nine steps level, one of them would be called a fall in 1.2 % of studies.
     """
     doubled = five[f"{aggregate} x 2"]
     steps = errors(np.diff(doubled, axis=1))
@@ -76,10 +75,7 @@ def test_doubled_the_return_rises_from_tenth_to_tenth(five, aggregate):
 
 @pytest.mark.parametrize("aggregate", ["mean", "min"])
 def test_on_a_larger_grid_doubling_halves_the_cost(seven, aggregate):
-    """Measured: the mean costs 148 steps raw and 34 doubled, the minimum 132 and 29.
-
-    Half of the raw cost is 49 and 42 standard errors away.
-    """
+    """Measured on 3 seeds: the mean costs 150 steps raw and 42 doubled, the minimum 128 and 30."""
     raw, doubled = seven[aggregate], seven[f"{aggregate} x 2"]
     assert errors(raw[:, -1] - raw[:, 0]) < -4  # it collapses
     assert errors(doubled[:, -1] - doubled[:, 0]) > 6  # it learns

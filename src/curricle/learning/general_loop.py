@@ -185,7 +185,7 @@ def learn_all(model, rule, learners, course):
     key = splitmix64(course.stream)
     for place in range(np.uint64(ties.shape[0])):
         ties[place] = tie_bits(key, place)
-    share, ahead, acting = np.nan, shaped, shaped
+    share, evaluated, acting = np.nan, shaped, shaped
     step = episodes = ended = checkpoint = np.int64(0)  # a literal would be a type of its own
     ended_return, counter = 0.0, course.stream + STRIDE
     fresh, state, length, episode_return = True, np.uint64(0), 0, 0.0
@@ -196,10 +196,10 @@ def learn_all(model, rule, learners, course):
         if step == checkpoint * course.eval_freq:
             if several:
                 share = tally.share[0]
-                ahead = shaped if share > UNDECIDED else LEARNT
-            value = greedy_return(course.evaluation, model, acted_on(learners, ahead))
+                evaluated = shaped if share > UNDECIDED else LEARNT
+            value = greedy_return(course.evaluation, model, acted_on(learners, evaluated))
             so_far = step, episodes, ended, ended_return, value, share
-            q, other = learners.q[ahead, FIRST], learners.q[ahead, last]
+            q, other = learners.q[evaluated, FIRST], learners.q[evaluated, last]
             if called(course.noting, (record, course.stopping, checkpoint, so_far, q, other)) > 0.0:
                 return step, episodes
             checkpoint += 1
@@ -228,12 +228,12 @@ def learn_all(model, rule, learners, course):
             table = coin & np.uint64(1)
         row = table * np.uint64(learners.q.shape[2]) + state  # each table counts its own updates
         rate, changed = rate_of(rule.learning_rate, row, action, step - 1), 0.0
-        there, extra, next_action = 0.0, 0.0, np.uint64(0)
+        next_potential, extra, next_action = 0.0, 0.0, np.uint64(0)
         if shaping.kind == STATE and not terminated:
-            there = weight * state_potential(shaping, next_state, step)
+            next_potential = weight * state_potential(shaping, next_state, step)
         if shaping.kind != PLAIN:
             pair = state, action
-            extra, carried = shaping_reward(shaping, discount, pair, carried, there)
+            extra, carried = shaping_reward(shaping, discount, pair, carried, next_potential)
         if optimism:
             horizon = horizon_of(tally, turn_length + 1)
             outcome = reward, next_state, terminated
@@ -311,6 +311,34 @@ def draws_again(values, tie, new, action):
 
 
 @inlined
+def q_learning_target(q, reward, discount, next_state):
+    """Return r + gamma max_b Q(s', b), as precise as in the fast loop (E1; Watkins 1989)."""
+    real = q.dtype.type
+    return np.float64(real(reward) + real(discount) * highest(q[FIRST], next_state))
+
+
+@inlined
+def sarsa_target(q, reward, discount, next_state, next_action):
+    """Return r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)."""
+    return reward + discount * np.float64(q[FIRST, next_state, next_action])
+
+
+@inlined
+def expected_sarsa_target(q, reward, discount, next_state, expected):
+    """Return r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)."""
+    exploration, values, step = expected
+    return reward + discount * expected_value(exploration, q, next_state, values, step)
+
+
+@inlined
+def double_q_learning_target(q, reward, discount, next_state, update):
+    """Return r + gamma Q_other(s', argmax_b Q(s', b)), of two tables (van Hasselt 2010)."""
+    table, coin = update
+    best = best_of(q[table], next_state, coin)[1] & ACTION
+    return reward + discount * np.float64(q[SECOND - table, next_state, best])
+
+
+@inlined
 def td_target(rule, learners, learner, discount, reward, next_state, choice):
     """Return the target of a learner's update rule.
 
@@ -318,17 +346,14 @@ def td_target(rule, learners, learner, discount, reward, next_state, choice):
     action; ``learners.values`` are those that a policy acts on in s'.
     """
     q, (table, coin, step, next_action) = learners.q[learner], choice
-    if rule.update == SARSA_RULE:  # r + gamma Q(s', a'), a' taken next (Rummery, Niranjan 1994)
-        return reward + discount * np.float64(q[FIRST, next_state, next_action])
-    if rule.update == EXPECTED_SARSA:  # r + gamma sum_b pi(b|s') Q(s', b) (van Seijen et al. 2009)
-        return reward + discount * expected_value(
-            rule.exploration, q, next_state, learners.values, step
-        )
-    if rule.update == DOUBLE_Q_LEARNING:  # r + gamma Q_other(s', argmax_b Q(s', b)) (Hasselt 2010)
-        best = best_of(q[table], next_state, coin)[1] & ACTION
-        return reward + discount * np.float64(q[SECOND - table, next_state, best])
-    real = q.dtype.type  # r + gamma max_b Q(s', b) (E1; Watkins 1989), as precise as the fast loop
-    return np.float64(real(reward) + real(discount) * highest(q[0], next_state))
+    if rule.update == SARSA_RULE:
+        return sarsa_target(q, reward, discount, next_state, next_action)
+    if rule.update == EXPECTED_SARSA:
+        expected = rule.exploration, learners.values, step
+        return expected_sarsa_target(q, reward, discount, next_state, expected)
+    if rule.update == DOUBLE_Q_LEARNING:
+        return double_q_learning_target(q, reward, discount, next_state, (table, coin))
+    return q_learning_target(q, reward, discount, next_state)
 
 
 @inlined
@@ -341,10 +366,10 @@ def learn_optimistically(learners, horizon, discount, pair, outcome):
     for learner in range(np.uint64(N_OPTIMISTIC - 1)):
         q, target = learners.q[learner], real(reward)
         if not terminated:
-            ahead = highest(q[FIRST], next_state)
-            if learner != LEARNT and ahead > learners.highest:
-                ahead = real(learners.highest)
-            target += real(discount) * ahead
+            next_value = highest(q[FIRST], next_state)
+            if learner != LEARNT and next_value > learners.highest:
+                next_value = real(learners.highest)
+            target += real(discount) * next_value
         new = q[FIRST, state, action] + rate * (target - q[FIRST, state, action])
         for table in range(np.uint64(q.shape[0])):  # the mean of all tables is acted on
             q[table, state, action] = new
@@ -360,14 +385,14 @@ def state_potential(shaping, state, step):
 
 
 @inlined
-def shaping_reward(shaping, discount, pair, carried, there):
+def shaping_reward(shaping, discount, pair, carried, next_potential):
     """Return the number that shaping adds to a step's reward, and its carry to the next step.
 
-    `there` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
+    `next_potential` is w(t') Phi(s', t'), 0 where an episode has ended (Grzes 2017).
     """
     state, action = pair
     if shaping.kind == STATE:  # F = gamma Phi(s', t') - Phi(s, t) (Ng, Harada, Russell 1999)
-        return discount * there - carried, there
+        return discount * next_potential - carried, next_potential
     return shaping.pair_values[state, action], 0.0  # a bonus
 
 

@@ -185,10 +185,10 @@ def learn_fast(model, rule, tables, beside, members, course):
             counted = row if members is None else state
             rate = as_learnt(beside, q, rate_of(rule.learning_rate, counted, action, step))
             if not terminated:
-                ahead = as_learnt(beside, q, best[next_row])
-                if beside is not None and not ahead < beside.highest:
-                    ahead = beside.highest  # rewards at discount 1 could raise optimism too far
-                target += discount * ahead
+                after = as_learnt(beside, q, best[next_row])
+                if beside is not None and not after < beside.highest:
+                    after = beside.highest  # rewards at discount 1 could raise optimism too far
+                target += discount * after
             change = action, rate, target, bits
             if beside is not None:
                 target = reward
@@ -199,9 +199,9 @@ def learn_fast(model, rule, tables, beside, members, course):
             if members is not None:
                 hoped = expected = q.dtype.type(reward)
                 if not terminated:
-                    ahead = best[next_row + BOLD]
-                    ahead = ahead if ahead < members.highest else q.dtype.type(members.highest)
-                    hoped += discount * ahead
+                    after = best[next_row + BOLD]
+                    after = after if after < members.highest else q.dtype.type(members.highest)
+                    hoped += discount * after
                     expected += discount * best[next_row + SOBER]
                 horizon = horizon_of(members.tally, step + 1 - begun)
                 also = horizon, hoped, expected
