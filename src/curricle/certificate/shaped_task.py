@@ -63,7 +63,7 @@ class ShapingReward(Shaping):
                 f"ShapingReward takes a function F(s, a, s'): got {type(self.function).__name__}"
             )
 
-    def reward(self, shaped: Any) -> RewardFunction:
+    def reward(self, shaped: object) -> RewardFunction:
         """Return the function itself."""
         return self.function
 
@@ -313,7 +313,7 @@ def _largest(*arrays: FloatArray) -> float:
 
 
 def check_shaping(
-    task: Task, shaping: Any, shaping_discount: float | None = None, ends: Ends = "zero"
+    task: Task, shaping: object, shaping_discount: float | None = None, ends: Ends = "zero"
 ) -> ShapedTask:
     """Return a shaping with its task; PotentialError or SettingError if they do not fit."""
     if not isinstance(shaping, Shaping):

@@ -71,7 +71,7 @@ class NetworkValues:
     ((5,), (5,), True)
     """
 
-    def __init__(self, policy: Any, values_offset: ObservationPotential | None = None):
+    def __init__(self, policy: object, values_offset: ObservationPotential | None = None):
         if not isinstance(policy, torch.nn.Module):
             raise PotentialError(f"values are those of model.policy: got {policy!r}")
         self.policy, self.values_offset = policy, values_offset
@@ -91,7 +91,7 @@ class NetworkValues:
         """Whether the policy has a Q(s, a) for each numbered action."""
         return self.kind in ("q_net", "quantile_net")
 
-    def q(self, observations: Any, actions: npt.NDArray[Any]) -> FloatArray:
+    def q(self, observations: object, actions: npt.NDArray[Any]) -> FloatArray:
         """Return Q(s, a) in the shape of `actions`; SAC's kind takes one action a state."""
         if self.kind == "value_net":
             raise no_actions(self)
@@ -110,7 +110,7 @@ class NetworkValues:
             values = self._critics(observations, scaled)
         return self._with_offset(values, observations)
 
-    def v(self, observations: Any) -> FloatArray:
+    def v(self, observations: object) -> FloatArray:
         """Return V(s), (n,) float64."""
         if self.kind == "critic":
             values = self._critics(observations)
@@ -128,7 +128,7 @@ class NetworkValues:
         tensors = {name: torch.as_tensor(value) for name, value in parameters.items()}
         self.policy.load_state_dict(tensors)
 
-    def _seen(self, observations: Any) -> Any:
+    def _seen(self, observations: object) -> Any:
         if self.policy.training:
             self.policy.set_training_mode(False)
         try:
@@ -158,7 +158,7 @@ class NetworkValues:
             outputs = outputs.reshape(len(outputs), -1, n_actions).mean(axis=1)
         return outputs
 
-    def _critics(self, observations: Any, actions: Any = None) -> FloatArray:
+    def _critics(self, observations: object, actions: object = None) -> FloatArray:
         """Return the critics' least Q of scaled actions, by default of the actor's, (n,)."""
         with torch.no_grad():
             seen = self._seen(observations)
@@ -172,7 +172,7 @@ class NetworkValues:
             values = [_array(q)[:, 0] for q in critics]
         return np.asarray(np.stack(values).min(axis=0))
 
-    def _with_offset(self, values: FloatArray, observations: Any) -> FloatArray:
+    def _with_offset(self, values: FloatArray, observations: object) -> FloatArray:
         if self._standardized is not None:  # of normalised rewards
             values = values * float(self._standardized.running_reward)
         if self.values_offset is None:
@@ -337,7 +337,7 @@ class Standardized(BaseFeaturesExtractor):
             spread = float(np.sqrt(normalized.ret_rms.var + normalized.epsilon))
             self.running_reward.fill_(spread)
 
-    def forward(self, observations: Any) -> Any:
+    def forward(self, observations: object) -> Any:
         """Return the features of n observations, (n, features_dim)."""
         scaled = dict(observations) if isinstance(observations, Mapping) else {"": observations}
         for key, name in self.numbers.items():
@@ -392,6 +392,6 @@ class SmallCNN(BaseFeaturesExtractor):
             torch.nn.ReLU(),
         )
 
-    def forward(self, observations: Any) -> Any:
+    def forward(self, observations: object) -> Any:
         """Return the features of n pictures, (n, features_dim)."""
         return self.layers(observations)

@@ -124,7 +124,7 @@ class ShapedVecEnv(Shaped, VecEnvWrapper):
         shaped = np.array([shaping[0] for shaping in done.shaping]) + rewards
         return observations, shaped, dones, shaped_infos
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **named: Any) -> Any:
+    def env_method(self, method_name: str, *args: Any, indices: object = None, **named: Any) -> Any:
         """Call a method of the environments; SettingError where it recomputes rewards."""
         if method_name == "compute_reward":
             raise SettingError(

@@ -91,7 +91,7 @@ class Level:
         return components
 
 
-def _is_plain(value: Any) -> bool:
+def _is_plain(value: object) -> bool:
     return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, PLAIN)
 
 
@@ -100,7 +100,7 @@ def _place(place: Any) -> Any:
     return place if place is None or type(place) is tuple else tuple(place.tolist())
 
 
-def _items(thing: Any) -> tuple[tuple[str, Any], ...]:
+def _items(thing: object) -> tuple[tuple[str, Any], ...]:
     return tuple(
         (name, tuple(value.tolist()) if isinstance(value, np.ndarray) else value)
         for name, value in vars(thing).items()
@@ -215,7 +215,7 @@ class _TimelessCopies(Copies):
     def prepare(self, env: Environment) -> None:
         self.note = _pay_one(env)
 
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
         copy, generators = super().restore(env, content)
         base: Any = copy.unwrapped
         base.step_count = _time(next(self.times), base)
@@ -305,7 +305,7 @@ def quicken(env: Any) -> None:
         env.gen_obs = partial(observation_of, env)
 
 
-def observes_itself(env: Any) -> bool:
+def observes_itself(env: object) -> bool:
     """Return whether an environment's observations are MiniGrid's own."""
     replaced: Any = vars(env).get("gen_obs")
     return replaced is None or getattr(replaced, "func", None) is observation_of
@@ -314,7 +314,7 @@ def observes_itself(env: Any) -> bool:
 class _View(Unseen, UserDict[str, Any]):
     """An observation that is computed when it is read."""
 
-    def __init__(self, env: Any):
+    def __init__(self, env: object):
         self.env = env
 
     @cached_property
@@ -406,7 +406,7 @@ class MiniGridAccess(StateAccess):
         base.step_count = step if self.own_reward else _time(next(self.times), base)
         return env, (base.np_random,)
 
-    def observation(self, env: Environment, returned: Any) -> Any:
+    def observation(self, env: Environment, returned: object) -> Any:
         """Return the observation of the state that the environment is in."""
         return returned.data if isinstance(returned, _View) else returned
 

@@ -89,7 +89,7 @@ class Source:
             f"observations, or a source of values: {name!r} is {potential!r}"
         )
 
-    def read(self, rows: Sequence[Any], stacked: Any, steps: Steps) -> list[float]:
+    def read(self, rows: Sequence[Any], stacked: object, steps: Steps) -> list[float]:
         """Return Phi_i of n observations, (n,)."""
         potential = self.potential
         if self.of_values:
@@ -114,7 +114,7 @@ class Source:
         phi = weights * potential.values[frame, states]
         return phi.tolist()  # type: ignore[no-any-return]
 
-    def _value(self, observation: Any) -> float:
+    def _value(self, observation: object) -> float:
         """Return the function's value; PotentialError unless it is a number."""
         value = self.read_from(observation)
         try:
@@ -125,7 +125,7 @@ class Source:
                 f"observation {observation!r}"
             ) from None
 
-    def _state(self, observation: Any) -> int:
+    def _state(self, observation: object) -> int:
         """Return the number of the state that an observation shows; SettingError if it is none."""
         returned = self.read_from(observation)
         try:
@@ -143,7 +143,7 @@ class Source:
         return state
 
 
-def unstack(space: gymnasium.Space[Any], stacked: Any) -> list[Any]:
+def unstack(space: gymnasium.Space[Any], stacked: object) -> list[Any]:
     """Return stacked observations as a list; `space` is the space of the stack."""
     if isinstance(stacked, np.ndarray):
         return list(stacked)  # as `iterate` does, and quicker
@@ -229,7 +229,7 @@ class ShapingPotential:
         if tolerance is not None:
             self.allowed = max(tolerance, NETWORK_ROUNDING if self._stacks else 0.0)
 
-    def read(self, rows: list[Any], steps: Steps, stacked: Any = None) -> list[list[float]]:
+    def read(self, rows: list[Any], steps: Steps, stacked: object = None) -> list[list[float]]:
         """Return Phi(s, t) and, after it, w(t) Phi_i(s, t) of each source, of n observations."""
         if not rows:
             return []
@@ -323,7 +323,7 @@ class Episodes:
         self._steps = 0  # of all environments together
         self._running: list[Episode | None] = [None] * n
 
-    def begin(self, rows: list[Any], stacked: Any = None) -> None:
+    def begin(self, rows: list[Any], stacked: object = None) -> None:
         """Begin episodes at the n observations."""
         phi_of_rows = self._potential.read(rows, self._steps, stacked)
         starts = zip(rows, phi_of_rows, strict=True)
@@ -336,7 +336,7 @@ class Episodes:
         terminated: Sequence[bool],
         truncated: Sequence[bool],
         begun: Sequence[Any] | None = None,  # n observations: where episodes begin after an end
-        stacked: Any = None,  # `rows`, where no episode ends
+        stacked: object = None,  # `rows`, where no episode ends
     ) -> ShapedStep:
         """Return the shaped step to the observations `rows`, each s' of its environment's step."""
         running, potential = self._running, self._potential
@@ -481,7 +481,7 @@ class PotentialShaping(Shaped, gymnasium.Wrapper[Any, Any, Any, Any], RecordCons
         self._episodes.begin([observation])
         return observation, info
 
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+    def step(self, action: object) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Return what the environment returns, with the shaped reward and its parts in the info."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         reward = np.asarray(reward).item()  # some environments return arrays of shape (1,)

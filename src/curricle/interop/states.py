@@ -38,7 +38,7 @@ HARMLESS = OrderEnforcing, PassiveEnvChecker, RecordEpisodeStatistics, TimeLimit
 """Wrappers that change no transition; the time limit is read from the specification."""
 
 
-def acts_as(env: Any, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
+def acts_as(env: object, *kinds: type, methods: Sequence[str] = ("step", "reset")) -> bool:
     """Return whether an environment is of one of these classes, with the class's own methods."""
     kind = next((kind for kind in kinds if isinstance(env, kind)), None)
     return kind is not None and all(
@@ -96,7 +96,7 @@ def _fresh(kind: Any, place: int, repetition: int) -> Any:
     return new.state if isinstance(new, np.random.BitGenerator) else state_of(new)
 
 
-def kind_of(generator: Any) -> type:
+def kind_of(generator: object) -> type:
     """Return the kind of a generator: the type that draws its bits."""
     if isinstance(generator, np.random.Generator):
         return type(generator.bit_generator)
@@ -112,7 +112,7 @@ NAMED = (type, BuiltinFunctionType, ModuleType)
 UNCHANGING = (tuple, frozenset, Enum, *NAMED, MethodType, CodeType)
 
 
-def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
+def fingerprint(value: object, left_out: Collection[str] = ()) -> bytes:
     """Return a digest, 16 bytes, of a value and all it refers to, without names in `left_out`."""
     return _Reader(value, frozenset(left_out)).digest.digest()
 
@@ -120,7 +120,7 @@ def fingerprint(value: Any, left_out: Collection[str] = ()) -> bytes:
 class _Reader:
     """Feeds a value to a digest: a shared part the first time, later its number."""
 
-    def __init__(self, value: Any, left_out: frozenset[str], *, strict: bool = True):
+    def __init__(self, value: object, left_out: frozenset[str], *, strict: bool = True):
         self.left_out, self.strict = left_out, strict
         # A pickle would not do: equal sets have several, and equal strings are shared or not.
         self.digest = hashlib.blake2b(digest_size=16)
@@ -135,7 +135,7 @@ class _Reader:
             content = part if isinstance(part, bytes) else str(part).encode()
             self.digest.update(b"%d:" % len(content) + content)
 
-    def read(self, value: Any) -> None:
+    def read(self, value: object) -> None:
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, PLAIN) and not isinstance(value, Enum):
@@ -155,7 +155,7 @@ class _Reader:
             self.alive.append(value)
             self._read_parts(value)
 
-    def _read_parts(self, value: Any) -> None:
+    def _read_parts(self, value: object) -> None:
         """Read a value that has parts or a name."""
         parts: Collection[Any] | None = None
         if isinstance(value, np.ndarray) and value.dtype != object:
@@ -191,7 +191,7 @@ class _Reader:
             for part in parts:
                 self.read(part)
 
-    def _read_object(self, value: Any) -> None:
+    def _read_object(self, value: object) -> None:
         """Read an object's attributes, or what pickle would keep where it has none."""
         kind = type(value)
         self.tell("object", getattr(kind, "__module__", ""), kind.__qualname__)  # SWIG's have none
@@ -247,13 +247,13 @@ class StateAccess(ABC):
         """Return a key, equal for equal states, and the content from which to restore the state."""
 
     @abstractmethod
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
         """Return an environment in a saved state, maybe `env` itself, and its generators."""
 
     def check(self) -> None:  # noqa: B027 - many have nothing to do
         """Check the settings as soon as all actions have been taken in the first state."""
 
-    def observation(self, env: Environment, returned: Any) -> Any:
+    def observation(self, env: Environment, returned: object) -> Any:
         """Return the observation, from the observation that a step or reset returned."""
         return returned
 
@@ -356,7 +356,7 @@ class SaveAndRestore(StateAccess):
             ) from None
         return state, state
 
-    def restore(self, env: Environment, content: Any) -> tuple[Environment, Sequence[Any]]:
+    def restore(self, env: Environment, content: object) -> tuple[Environment, Sequence[Any]]:
         """Return the same environment, put into the state."""
         self.restore_state(env.unwrapped, content)
         return env, self.generators
@@ -372,7 +372,7 @@ def left_out(env: Environment) -> frozenset[str]:
     return LEFT_OUT | TOY_DRAWN if acts_as(env, *TOY_TEXT) else LEFT_OUT
 
 
-def copied(env: Any) -> tuple[Any, dict[int, Any]]:
+def copied(env: object) -> tuple[Any, dict[int, Any]]:
     """Return a deep copy that shares what is constant, and the memo of copying; or TaskError."""
     memo: dict[int, Any] = {
         id(value): value
@@ -392,7 +392,7 @@ def copied(env: Any) -> tuple[Any, dict[int, Any]]:
         ) from error
 
 
-def words_of_state(state: Any, before: str = "") -> Words:
+def words_of_state(state: object, before: str = "") -> Words:
     """Return the whole numbers and words in a state, alone or in a short list, by name."""
     named = state._asdict() if hasattr(state, "_asdict") else state
     values = dict[str, Any]()
@@ -641,7 +641,7 @@ class World:
         return self._reached(env, returned, info, 1.0, 0.0, terminated=False, truncated=False)
 
     def _reached(
-        self, env: Environment, returned: Any, info: Any, chance: float, reward: float,
+        self, env: Environment, returned: object, info: object, chance: float, reward: float,
         *, terminated: bool, truncated: bool,
     ) -> Reached:  # fmt: skip
         """Return where an environment is after a step or a reset."""
@@ -652,7 +652,7 @@ class World:
         ends = terminated, truncated
         return Reached(chance, key, content, reward, *ends, available, env, returned)
 
-    def outcomes(self, content: Any, action: int) -> Iterator[Reached]:
+    def outcomes(self, content: object, action: int) -> Iterator[Reached]:
         """Yield an action's only outcome, or the outcome of every sample."""
         if self.transitions == self.n_actions:
             self.access.check()
@@ -675,7 +675,7 @@ class World:
             observation = view.observation(observation)
         return observation, self.access.describe(reached.env)
 
-    def _step(self, content: Any, action: int) -> Reached:
+    def _step(self, content: object, action: int) -> Reached:
         """Return the only outcome of an action in a saved state."""
         env, generators = self.access.restore(self.core, content)
         generators = [*generators, *self.shared]
@@ -709,7 +709,7 @@ class World:
         ends = {"terminated": bool(terminated), "truncated": bool(truncated)}
         return self._reached(env, observed, info, chance, earned, **ends)
 
-    def _returned(self, by: str, returned: Any) -> tuple[Any, ...]:
+    def _returned(self, by: str, returned: object) -> tuple[Any, ...]:
         """Return the result of a reset or a step; TaskError unless it has the right parts."""
         if not isinstance(returned, tuple) or len(returned) != len(RETURNED[by]):
             raise TaskError(f"{self.name}: {wrong_parts(by, returned)}")
@@ -784,7 +784,7 @@ class ListedOutcomes:
         state = deepcopy(observed) if self.save is None else self.save(self.env.unwrapped)
         return self._reached(1.0, state, 0.0, ended=False)
 
-    def outcomes(self, content: Any, action: int) -> Iterable[Reached]:
+    def outcomes(self, content: object, action: int) -> Iterable[Reached]:
         """Yield the outcomes that are possible."""
         self.transitions += 1
         total = 0.0
@@ -822,11 +822,11 @@ class ListedOutcomes:
         components = words_of_state(state) if self.parts is None else self.parts(state)
         return state if self.save is None else None, components
 
-    def _reached(self, chance: float, state: Any, reward: float, *, ended: bool) -> Reached:
+    def _reached(self, chance: float, state: object, reward: float, *, ended: bool) -> Reached:
         return Reached(chance, _key(state), state, reward, ended, truncated=False, env=self.env)
 
 
-def _key(state: Any) -> Any:
+def _key(state: object) -> Any:
     """Return a hashable key, equal for equal states: arrays and lists become tuples."""
     if isinstance(state, np.ndarray):
         state = state.tolist()

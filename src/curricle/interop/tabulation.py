@@ -214,11 +214,11 @@ def tabulate(
     environment: Environment,
     *,
     discount: float,
-    seeds: Any = 1,
+    seeds: object = 1,
     time_limit: TimeLimit = "own",
     names: Sequence[str] | None = None,
     actions: Space | Sequence[str] | None = None,
-    state: Any = None,
+    state: object = None,
     outcomes: Listed | None = None,
     samples: int | None = None,
     max_states: int = MOST_STATES,
@@ -539,7 +539,7 @@ def steps_checked(world: World, tables: Tables) -> int:
 
 
 def _looking_like(
-    observed: Any, possible: set[int], tables: Tables, where: str, name: str
+    observed: object, possible: set[int], tables: Tables, where: str, name: str
 ) -> set[int]:
     """Return the possible states with this observation; TaskError if there are none."""
     if tables.observations is not None:

@@ -120,7 +120,7 @@ def _task(task: Any) -> TaskRecord:
     )
 
 
-def _setting_text(value: Any) -> str:
+def _setting_text(value: object) -> str:
     """Return a setting as text: functions by name, numbers with commas."""
     if value is None:
         return "default"

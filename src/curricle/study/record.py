@@ -27,7 +27,7 @@ from curricle.statistics.curves import SCRATCH
 
 
 def _array(dtype: type, kinds: str) -> Any:
-    def read(value: Any) -> Any:
+    def read(value: object) -> Any:
         try:
             array = np.asarray(value)
         except ValueError:
@@ -266,7 +266,7 @@ class StudyRecord(CurriculaRecord):
     eval_freq: Annotated[int, Field(ge=1)]
 
     @classmethod
-    def of(cls, configuration: Any, plan: Any) -> Self:
+    def of(cls, configuration: object, plan: object) -> Self:
         """Return the record in the two parts of a description; ValueError names a mistake."""
         if not (isinstance(configuration, dict) and isinstance(plan, dict)):
             raise ValueError("its configuration and its plan must be tables")
@@ -387,7 +387,7 @@ class RunRecord(Plain):
     versions: dict[str, str]
 
 
-def read_record(model: type[Model], value: Any) -> Model:
+def read_record(model: type[Model], value: object) -> Model:
     """Return the record in the content of a JSON file; ValueError names the first mistake."""
     try:
         return model.model_validate_json(json.dumps(value))

@@ -59,7 +59,9 @@ MAY_CHANGE = (
 )  # no result depends on these
 
 
-def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
+def differences(
+    first: object, second: object, name: str = ""
+) -> Iterator[tuple[str, tuple[Any, Any]]]:
     """Yield the keys in which two descriptions differ, with both values; results may differ too."""
     if isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         first, second = dict(enumerate(first)), dict(enumerate(second))
@@ -74,7 +76,7 @@ def differences(first: Any, second: Any, name: str = "") -> Iterator[tuple[str, 
             yield from differences(first.get(key), second.get(key), place)
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """Return a value as text for a sentence, shortened if it is long."""
     text = json.dumps(value)
     return "absent" if value is None else text if len(text) < 60 else text[:56] + " ..."
@@ -555,7 +557,7 @@ class StudyStore:
                 file.unlink(missing_ok=True)
                 self.listed.pop(file, None)
 
-    def write_json(self, name: str, content: Any) -> None:
+    def write_json(self, name: str, content: object) -> None:
         """Write a value as indented JSON."""
         self.write(name, as_json(content))
 

@@ -65,7 +65,7 @@ from curricle.tasks.toy_text import CliffWalking, FrozenLake, Taxi
 # -- Where episodes start: a ring around the goal, reachable states, or states a policy visits ----
 
 
-def _distance(value: Any) -> tuple[int, int]:
+def _distance(value: object) -> tuple[int, int]:
     """Return a range of distances; one number is a range."""
     ends = value if isinstance(value, list | tuple) else (value, value)
     if len(ends) != 2:
@@ -160,7 +160,7 @@ class TaskTable(ObjectTable, Settings):
             arguments["time_limit"] = None
         return arguments
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the task; `whole` is the task that a crop is a part of, or a family's member."""
         return super().build(folder)
 
@@ -215,7 +215,7 @@ _LIMIT = (TimeLimit | None, None)  # None: the environment's own limit
 class EnvironmentTable(Maker, TaskTable):
     """A task that a function of the library makes of an environment."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the environment as a task; omitted keys have the function's defaults."""
         arguments = self.arguments_in(folder).items()
         stated = {
@@ -307,7 +307,7 @@ class _DistilledTable(TaskTable):
     shuffled: Flag = False
     """Whether answers are shuffled over observations: a placebo."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the miniatures, which are solved at first use."""
         options = {"discount": self.discount, "time_limit": self.time_limit, "wrapped": self.encode}
         members, tested_on = (
@@ -432,7 +432,7 @@ def text_of(path: Path) -> str:
         raise ValueError(f"it is not UTF-8: {error}") from None
 
 
-def _in_order(value: Any) -> Any:
+def _in_order(value: object) -> Any:
     """Return a list, which stands for a set, sorted and without repetitions."""
     return tuple(sorted(set(value))) if isinstance(value, tuple) else value
 
@@ -450,7 +450,7 @@ def _cells_or(*known: str) -> Any:
     ]
 
 
-def _listed_or(rule: str, lists: Any, *known: str) -> Any:
+def _listed_or(rule: str, lists: object, *known: str) -> Any:
     """Return the type of a known word or a list."""
     return Annotated[Literal[known] | lists, word(rule, known, lists=lists)]
 
@@ -461,7 +461,7 @@ class _MazeTask(TaskTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _read_file(cls, data: Any, info: ValidationInfo) -> Any:
+    def _read_file(cls, data: object, info: ValidationInfo) -> Any:
         """Replace the key `file` by the file's map, so that the study stores the map itself."""
         if not isinstance(data, dict) or data.get("file") is None:
             return data
@@ -490,7 +490,7 @@ class CropTask(TaskTable):
     start: _cells_or("map", "uniform") = "uniform"  # type: ignore[valid-type]
     """As in a maze."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return this part of `whole`."""
         if isinstance(whole, TaskWithStart):
             whole = whole.task
@@ -526,7 +526,7 @@ class FactoryTask(TaskTable):
     arguments: dict[str, JsonValue] = Field({})
     """Passed to it by name."""
 
-    def build(self, folder: Path = Path(), whole: Any = None) -> Any:
+    def build(self, folder: Path = Path(), whole: object = None) -> Any:
         """Return the function's result; ConfigError unless it is a task."""
         make = built(self.factory, folder)
         with users_code(self.factory):

@@ -110,7 +110,7 @@ def family_of(
     domain: type[Domain],
     factory: Callable[..., Any] | None = None,
     *,
-    mapping: Any = None,
+    mapping: object = None,
     constraint: Callable[[dict[str, Any]], str | None] | None = None,
 ) -> TaskFamily:
     """Return the family of a domain, named after it; a factory's own parameters come first."""
@@ -154,7 +154,7 @@ class GridDomain(Domain):
             object.__setattr__(self, "start", listed)
         self._starting()
 
-    def with_start(self, start: Any) -> Self:
+    def with_start(self, start: object) -> Self:
         """Return the same task with another `start`."""
         return replace(self, start=start)
 
@@ -247,7 +247,7 @@ class MapDomain(GridDomain):
     origin: Any
 
     def _read_map(
-        self, drawn: Any, needed: str, rule: str, legend: Mapping[str, str] | None = None
+        self, drawn: object, needed: str, rule: str, legend: Mapping[str, str] | None = None
     ) -> None:
         """Check the map, which has one of the characters `needed`."""
         lines = read_map(drawn, self.CHARACTERS, legend)
@@ -256,7 +256,7 @@ class MapDomain(GridDomain):
         object.__setattr__(self, "map", lines)
 
     def crop(
-        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: object = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in this map's coordinates.
 

@@ -66,7 +66,7 @@ class DeepSea(GridDomain):
     OBJECTS: ClassVar = {"T": "treasure"}  # in the last row of water; it ends no episode
     ENDS = "_"
 
-    def bottom(self, rows: int, *, start: Any = "uniform") -> Self:
+    def bottom(self, rows: int, *, start: object = "uniform") -> Self:
         """Return the lowest rows, with as many of the last columns; moves cost as in the whole."""
         least = whole_number("the rows of a part of a sea", rows, 1, TaskError)
         number("the rows of a part of a sea", least, TaskError, 1, self.size)
@@ -187,11 +187,11 @@ class RiverSwim(Domain):
                 )
             object.__setattr__(self, "start", tuple(sorted(set(positions.tolist()))))
 
-    def with_start(self, start: Any) -> Self:
+    def with_start(self, start: object) -> Self:
         """Return the same river with another `start`."""
         return replace(self, start=start)
 
-    def crop(self, *, positions: tuple[int, int], start: Any = "uniform") -> Self:
+    def crop(self, *, positions: tuple[int, int], start: object = "uniform") -> Self:
         """Return the part of the river in a half-open range of its positions.
 
         Its first and last positions are banks; the reward of a bank that is not part of it is 0.

@@ -84,7 +84,7 @@ MARK = "\ufeff"  # the byte order mark, with which some editors begin a file
 
 
 def read_map(
-    drawn: Any, characters: str, legend: Mapping[str, str] | None = None
+    drawn: object, characters: str, legend: Mapping[str, str] | None = None
 ) -> tuple[str, ...]:
     """Return the lines of a map, given as text or as a list of lines; TaskError if it is none.
 
@@ -122,7 +122,7 @@ def cell_of(name: str, value: Any, rule: str) -> Cell:
     return int(cell[0]), int(cell[1])
 
 
-def cut(lines: tuple[str, ...], origin: Cell, rows: Any, columns: Any) -> list[str]:
+def cut(lines: tuple[str, ...], origin: Cell, rows: object, columns: object) -> list[str]:
     """Return the lines of the part of a map in half-open ranges of its rows and columns."""
     top, bottom = part_of("rows", rows, origin[0], len(lines))
     left, right = part_of("columns", columns, origin[1], len(lines[0]))

@@ -184,7 +184,7 @@ class GridWorld(MapDomain):
         )
 
 
-def _characters(legend: Any) -> dict[str, str]:
+def _characters(legend: object) -> dict[str, str]:
     """Return the character of the library that each character of a legend stands for."""
     known: Any = LEGENDS.get(legend, legend) if isinstance(legend, str) else legend or {}
     try:

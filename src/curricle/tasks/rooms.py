@@ -92,7 +92,7 @@ class FourRooms(GridDomain):
         super()._check()
 
     def crop(
-        self, *, rows: tuple[int, int], columns: tuple[int, int], start: Any = "uniform"
+        self, *, rows: tuple[int, int], columns: tuple[int, int], start: object = "uniform"
     ) -> Self:
         """Return the part in the half-open ranges `rows` x `columns`, in the same coordinates.
 

@@ -100,7 +100,7 @@ class TaskWithStart(Frozen):
         return f"TaskWithStart({self.task!r}, {starts})"
 
 
-def with_start(task: Any, start: Any) -> Any:
+def with_start(task: object, start: object) -> Any:
     """Return the same task with episodes that start elsewhere; mappings fit both.
 
     Parameters
@@ -144,7 +144,7 @@ def with_start(task: Any, start: Any) -> Any:
     return TaskWithStart(base, distribution)
 
 
-def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
+def _distribution(mdp: FiniteMDP, start: object) -> FloatArray:
     """Return the start distribution that a description means, (S,) float64."""
     n_states, alive = len(mdp.terminal), ~mdp.terminal
     if isinstance(start, GoalDistance):
@@ -183,7 +183,7 @@ def _distribution(mdp: FiniteMDP, start: Any) -> FloatArray:
     return chosen / np.count_nonzero(chosen)
 
 
-def goal_distance(task: Any, goal: Goal = None) -> IntArray:
+def goal_distance(task: object, goal: Goal = None) -> IntArray:
     """Return the fewest steps in which a policy can reach the goal, (S,) int64; -1 where none can.
 
     No way leads through a terminal state.
@@ -209,7 +209,7 @@ def goal_distance(task: Any, goal: Goal = None) -> IntArray:
     return np.where(np.isfinite(far), far, -1).astype(np.int64)
 
 
-def goal_states(task: Any, goal: Goal = None) -> BoolArray:
+def goal_states(task: object, goal: Goal = None) -> BoolArray:
     """Return which states are the goal, (S,) bool, for the parameters of goal_distance."""
     mdp = tables(task)
     n_states, states = len(mdp.terminal), np.asarray(goal)

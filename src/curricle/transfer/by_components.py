@@ -277,7 +277,7 @@ def _difference(kind: str, target: Space, source: Space) -> str:
     )
 
 
-def check_same_observations(target: ObservationTask, source: Any) -> None:
+def check_same_observations(target: ObservationTask, source: object) -> None:
     """Raise MappingError if a source has observations of another shape."""
     if not isinstance(source, ObservationTask):
         return
