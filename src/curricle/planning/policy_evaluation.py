@@ -318,14 +318,14 @@ def mean_of_rollouts(evaluation, model, view):
     total[0] = 0.0
     for _ in range(evaluation.episodes):
         state, total[1] = first_state(played, draw(stream)), 1.0
-        left, goes_on = evaluation.horizon, True
+        remaining, goes_on = evaluation.horizon, True
         while goes_on:
-            most = left if left < SLICE else SLICE
+            most = remaining if remaining < SLICE else SLICE
             n, state, terminated = simulate_episode(played, policy, state, stream, most, record, 0)
             evaluation.taken[0] += n
-            left -= n
+            remaining -= n
             ended = terminated or truncated(played) or evaluation.halted[0]
-            goes_on = left > 0 and not ended
+            goes_on = remaining > 0 and not ended
         if evaluation.halted[0]:
             break
     return total[0] / evaluation.episodes
@@ -419,12 +419,12 @@ def return_of_chain(evaluation, view):
         n_next, in_play = 0, 0.0
         for i in range(n_alive):
             state = alive[now, i]
-            here = mass[now, state]
+            chance = mass[now, state]
             mass[now, state] = 0.0
-            total += weight * here * chain.reward[state]
-            in_play += here * chain.goes_on[state]
+            total += weight * chance * chain.reward[state]
+            in_play += chance * chain.goes_on[state]
             for k in range(chain.first[state], chain.end[state]):
-                after, part = chain.next_state[k], here * chain.probability[k]
+                after, part = chain.next_state[k], chance * chain.probability[k]
                 if part > 0.0:
                     if mass[1 - now, after] == 0.0:
                         alive[1 - now, n_next] = after
@@ -433,8 +433,8 @@ def return_of_chain(evaluation, view):
         now, n_alive = 1 - now, n_next
         weight *= evaluation.discount
         # Until there is a reward, a discount ends nothing: a far goal may be all there is to earn.
-        left = in_play if total == 0.0 else in_play * weight
-        ends = left < evaluation.negligible or step == evaluation.horizon - 1
+        unearned = in_play if total == 0.0 else in_play * weight
+        ends = unearned < evaluation.negligible or step == evaluation.horizon - 1
         if ends or evaluation.halted[0]:
             for i in range(n_alive):
                 mass[now, alive[now, i]] = 0.0

@@ -322,19 +322,19 @@ def _trajectory(
     start: int | None = None,
 ) -> Trajectory:
     """Return one episode of a policy as the simulator reads it."""
-    left = generative.time_limit if steps is None else steps
-    left = whole_number("the limit of a rollout in steps", left, 1, SettingError)
+    remaining = generative.time_limit if steps is None else steps
+    remaining = whole_number("the limit of a rollout in steps", remaining, 1, SettingError)
     seed = whole_number("seed", seed, 0, SettingError)
     starts = None if start is None else _start(generative, start)
     first = stream_start(seed, "rollout")
     stream, parts = np.array([first], np.uint64), list[StepRecord]()
     with open_model(generative, first) as model:
         while True:
-            limit = min(left, CHUNK)
+            limit = min(remaining, CHUNK)
             part, ends = simulate(model, policy, stream, episodes=1, limit=limit, starts=starts)
             parts.append(part)
-            left, starts = left - limit, ends.last_states
-            if ends.terminated[0] or ends.truncated[0] or not left:
+            remaining, starts = remaining - limit, ends.last_states
+            if ends.terminated[0] or ends.truncated[0] or not remaining:
                 break
     states, actions, rewards = (np.concatenate(part) for part in zip(*parts, strict=True))
     states, terminated = np.append(states, ends.last_states), bool(ends.terminated[0])

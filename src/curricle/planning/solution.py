@@ -532,12 +532,12 @@ def _error(
     )
     q = backed_up(model, values)
     short = float(abs(q[places, policy] - values)[live].max()) + rounding
-    left = abs(backed_up(counted, lengths)[places, policy] - lengths)[live].max() + rounding_lengths
+    rest = abs(backed_up(counted, lengths)[places, policy] - lengths)[live].max() + rounding_lengths
     cost = float((above - backed_up(model, above).max(axis=1))[live].min()) - rounding_above
     over = max(0.0, float((q.max(axis=1) - values)[live].max())) + rounding
-    if not (left < 1 and 0 < over <= cost):
+    if not (rest < 1 and 0 < over <= cost):
         return np.inf
-    lower = short * float(lengths.max()) / (1 - left)
+    lower = short * float(lengths.max()) / (1 - rest)
     upper = over / cost * max(0.0, float((above - values).max()))
     return float((max(lower, upper) + rounding) * model.largest_sum(None) * (1 + 64 * unit))
 

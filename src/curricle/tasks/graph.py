@@ -87,9 +87,9 @@ def steps_to(
     steps = np.where(goal & among, 0.0, np.inf)
     while True:
         after = np.where(mdp.probability > 0, steps[mdp.next_state], np.inf).min(axis=1)
-        ahead = after[mdp.outcome_row]
-        ahead = ahead if taken is None else np.where(taken, ahead, np.inf)
-        nearer = np.minimum(steps, 1 + ahead.min(axis=1))
+        shortest = after[mdp.outcome_row]
+        shortest = shortest if taken is None else np.where(taken, shortest, np.inf)
+        nearer = np.minimum(steps, 1 + shortest.min(axis=1))
         nearer[~among] = np.inf
         if (nearer == steps).all():
             return steps

@@ -186,9 +186,9 @@ class GridWorld(MapDomain):
 
 def _characters(legend: object) -> dict[str, str]:
     """Return the character of the library that each character of a legend stands for."""
-    known: Any = LEGENDS.get(legend, legend) if isinstance(legend, str) else legend or {}
+    named: Any = LEGENDS.get(legend, legend) if isinstance(legend, str) else legend or {}
     try:
-        drawn = {character: DRAWN[name] for character, name in known.items()}
+        drawn = {character: DRAWN[name] for character, name in named.items()}
         fits = all(len(character) == 1 for character in drawn)
     except (AttributeError, KeyError, TypeError):
         fits = False

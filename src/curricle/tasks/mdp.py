@@ -460,8 +460,8 @@ def available_actions(task: object, states: IntArray | None = None) -> BoolArray
     rules: Any = generative_model(task)
     if hasattr(rules, "available_rows"):
         return rules.available_rows(states)  # type: ignore[no-any-return]
-    known: BoolArray | None = getattr(rules, "available", None)
-    return known if known is None or states is None else known[states]
+    listed: BoolArray | None = getattr(rules, "available", None)
+    return listed if listed is None or states is None else listed[states]
 
 
 def live_pairs(task: object) -> BoolArray:

@@ -89,8 +89,8 @@ def described(task: TaskParts, *parts: str) -> str:
     """Return a task as text: its kind, its sizes, further parts and its horizon."""
     sizes = counted(task.states.size, "state"), counted(task.actions.size, "action")
     limit = "no time limit" if task.time_limit is None else f"time limit {task.time_limit}"
-    known = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
-    return f"{type(task).__name__}({known})"
+    facts = ", ".join((*sizes, *parts, f"discount {task.discount:g}", limit))
+    return f"{type(task).__name__}({facts})"
 
 
 # -- what loops ask of every generative model ------------------------------------------------------
@@ -180,12 +180,12 @@ def drawn_among_available(available, n_actions, state, action, bits):
     count, n_actions, chosen = np.uint64(0), np.uint64(n_actions), np.uint64(action)
     for other in range(n_actions):
         count += np.uint64(is_available(available, state, other))
-    left = integers(splitmix64(~bits), count)
+    skipped = integers(splitmix64(~bits), count)
     for other in range(n_actions):
         if is_available(available, state, other):
-            if left == np.uint64(0):
+            if skipped == np.uint64(0):
                 chosen = other
-            left -= np.uint64(1)
+            skipped -= np.uint64(1)
     return chosen
 
 
@@ -373,10 +373,10 @@ def joint_landing(landing: CellArray, predators: int) -> CellArray:
 
 def predators_on_prey(n_cells: int, predators: int) -> npt.NDArray[np.int8]:
     """Return how many predators are on the prey's cell in each state, (C^(1 + k),) int8."""
-    there = np.eye(n_cells, dtype=np.int8)
+    same_cell = np.eye(n_cells, dtype=np.int8)
     count = np.zeros((n_cells, 1), dtype=np.int8)
     for _ in range(predators):
-        count = (count[:, :, None] + there[:, None, :]).reshape(n_cells, -1)
+        count = (count[:, :, None] + same_cell[:, None, :]).reshape(n_cells, -1)
     return frozen(count.ravel())
 
 

@@ -202,17 +202,17 @@ def listed_outcomes(outcomes: Any) -> tuple[list[list[Any]], Pairs]:
 
 
 def terminal_states(
-    lists: list[list[Any]], first: list[int], given: BoolArray | None = None
+    lists: list[list[Any]], first: list[int], declared: BoolArray | None = None
 ) -> BoolArray:
-    """Return the ``terminated`` flags of outcome lists as one flag for each state, as `given`."""
+    """Return the ``terminated`` flags of outcome lists, one a state, as `declared`."""
     # Only states that can be reached from the `first` count: tables such as Taxi's also list
     # impossible states, whose flags contradict the others.
-    flags = {} if given is None else dict(enumerate(given.tolist()))
+    flags = {} if declared is None else dict(enumerate(declared.tolist()))
     reached, waiting = set(first), list(first)
     for s in waiting:  # which grows meanwhile
         for a, pair in enumerate(lists[s]):
             for outcome in pair:
-                if len(outcome) < 4 and given is None:
+                if len(outcome) < 4 and declared is None:
                     raise TaskError(
                         "outcomes need a terminated flag where no terminal array is given: state "
                         f"{s}, action {a} has {outcome}"

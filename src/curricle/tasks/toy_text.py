@@ -310,13 +310,13 @@ class Taxi(Domain):
     @cached_property
     def landing(self) -> IntArray:
         """The cell that each move leads to from each cell, (size^2, 4) int64."""
-        here = np.arange(self.size**2)[:, None]
+        cell = np.arange(self.size**2)[:, None]
         to = landing(cell_space(self.size, self.size), TAXI_MOVES)
-        to = np.where(to == MISSING, here, to)
+        to = np.where(to == MISSING, cell, to)
         sideways = np.array([right != 0 for _, right in TAXI_MOVES.values()])
         # A wall stands to the east of the more western of the two cells.
-        blocked = sideways & self.wall_cells.ravel()[np.minimum(here, to)]
-        return frozen(np.where(blocked, here, to))
+        blocked = sideways & self.wall_cells.ravel()[np.minimum(cell, to)]
+        return frozen(np.where(blocked, cell, to))
 
     @cached_property
     def mdp(self) -> FiniteMDP:
