@@ -82,8 +82,8 @@ def _at_url(url: str) -> Place:
     try:
         place = UPath(url, **options)
         _ = place.fs
-        if not place.name:
-            raise ValueError("it names no folder")
+        if not place.path.strip("/"):
+            raise ValueError("it names no bucket or folder")
     except (ImportError, OSError, ValueError) as error:
         raise StoreError(f"a URL must be one that fsspec opens, not {url}: {error}") from None
     return place

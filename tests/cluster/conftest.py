@@ -113,8 +113,11 @@ def s3(s3_server, monkeypatch):
 
     Ask for it before a cluster, whose processes take the environment that they find.
     """
+    from s3fs import S3FileSystem
+
     for name, value in s3_server.environment.items():
         monkeypatch.setenv(name, value)
+    S3FileSystem.clear_instance_cache()  # those of this process may go to a proxy
     return s3_server.new_bucket()
 
 
@@ -123,7 +126,10 @@ def s3_proxy(s3_server, s3, monkeypatch):
     """Return a function: options of s3_proxy.py -> the same bucket behind a proxy."""
 
     def start(*options):
+        from s3fs import S3FileSystem
+
         monkeypatch.setenv("AWS_ENDPOINT_URL", s3_server.behind_proxy(*options))
+        S3FileSystem.clear_instance_cache()  # those of this process go to the server itself
         return s3
 
     return start

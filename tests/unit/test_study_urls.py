@@ -142,7 +142,7 @@ def test_what_is_read_of_a_large_unit_is_what_is_read_of_all(finished, copy, mon
         ("s3://me:secret@bucket/study", "must have no password.* such as by the environment$"),
         ("s3://bucket/study?secret_key=secret@x&region=y", "must have no password, key or option"),
         ("nowhere://bucket/study", "must be one that fsspec opens, not nowhere://bucket/study"),
-        ("s3://", "must be one that fsspec opens, not s3://: it names no folder$"),
+        ("s3://", "must be one that fsspec opens, not s3://: it names no bucket or folder$"),
     ],
 )
 @pytest.mark.parametrize("command", ["run", "show"])

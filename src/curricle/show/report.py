@@ -153,7 +153,11 @@ def write_audit(audit: Audit, path: Path) -> Path:
 
 def default_page(place: Place) -> Path:
     """Return where the report of a folder is written by default."""
-    return place / "report.html" if isinstance(place, Path) else Path(f"{place.name}-report.html")
+    return (
+        place / "report.html"
+        if isinstance(place, Path)
+        else Path(f"{place.name or place.drive}-report.html")
+    )
 
 
 UPLOT = "vendor/uplot-1.6.32.min.js"

@@ -303,7 +303,11 @@ def run_study(
             about, record = described(study, arms)
             store.describe(about)
         tracking = Trackers(trackers, report)
-        beside = store.path if isinstance(store.path, Path) else Path(store.path.name)
+        beside = (
+            store.path
+            if isinstance(store.path, Path)
+            else Path(store.path.name or store.path.drive)
+        )
         tracking.start(study.name, {key: about[key] for key in about if key != "plan"}, beside)
         ending.callback(tracking.close)
         failures = training.run(
