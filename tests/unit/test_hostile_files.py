@@ -173,7 +173,7 @@ def test_what_a_killed_run_left_is_swept_in_every_folder(tmp_path):
             (tmp_path / "out" / folder / ".0123456789abcdef.part").write_bytes(b"half")
         (tmp_path / "out" / ".link.part").symlink_to(tmp_path)
         with StudyStore.opened(tmp_path / "out", {"seeds": 2}, resume=True) as store:
-            store.write_json("claims.json", [])
+            store.write("claims.json", b"[]")
         assert not list((tmp_path / "out").rglob("*.part")), resume
 
 

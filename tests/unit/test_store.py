@@ -10,6 +10,7 @@ import pytest
 from curricle.errors import StoreError
 from curricle.files import sealed
 from curricle.study import StudyResults, StudyStore, read_study, run_study
+from curricle.study.record import RunsRecord
 from curricle.study.store import SCHEMA_VERSION
 
 SETTINGS = {"seeds": 30, "version": "1"}
@@ -22,10 +23,9 @@ def opened(path, settings=SETTINGS):
 
 
 def test_reopening_with_the_same_settings_keeps_everything(tmp_path):
-    opened(tmp_path / "a").write_json("x.json", [1, 2])
+    opened(tmp_path / "a").write_record("x.json", RunsRecord())
     again = opened(tmp_path / "a")
-    assert again.has("x.json")
-    assert again.read_json("x.json") == [1, 2]
+    assert again.record("x.json", RunsRecord) == RunsRecord()
     assert again.description == SETTINGS
 
 
@@ -55,8 +55,8 @@ def test_another_schema_version_is_refused_with_what_to_do(tmp_path, version):
 def test_a_damaged_file_is_named(tmp_path):
     store = opened(tmp_path)
     store.write("claims.json", b"{")
-    with pytest.raises(StoreError, match=r"claims\.json is not as .* it must be JSON"):
-        store.read_json("claims.json")
+    with pytest.raises(StoreError, match=r"claims\.json is damaged: its checksum does not fit"):
+        store.record("claims.json", RunsRecord)
 
 
 def test_each_unit_has_a_file(finished):

@@ -353,7 +353,7 @@ class EpisodePair(Plain):
 class Analysis(Plain):
     """Results that need the tasks themselves, written at the end of a run."""
 
-    of: str  # a digest of the analysed results
+    of: str = ""  # a digest of the analysed results; empty if there are none in a folder
     sections: tuple[SectionRecord, ...] = ()
     episodes: dict[str, dict[str, EpisodePair]] = Field(default={})  # arm -> task -> episodes
 
@@ -375,6 +375,12 @@ class FailureRecord(Plain):
     error: str
 
 
+class FailuresRecord(Plain):
+    """The units that failed in the last run; the folder has no such file if none did."""
+
+    failures: tuple[FailureRecord, ...] = ()
+
+
 class RunRecord(Plain):
     """One run of a study."""
 
@@ -385,6 +391,12 @@ class RunRecord(Plain):
     python: str
     machine: str
     versions: dict[str, str]
+
+
+class RunsRecord(Plain):
+    """All runs of a study into its folder."""
+
+    runs: tuple[RunRecord, ...] = ()
 
 
 def read_record(model: type[Model], value: object) -> Model:

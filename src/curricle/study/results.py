@@ -40,7 +40,9 @@ from curricle.statistics.curves import SCRATCH
 from curricle.study.record import (
     Analysis,
     FailureRecord,
+    FailuresRecord,
     RunRecord,
+    RunsRecord,
     StudyRecord,
     TaskRecord,
 )
@@ -64,13 +66,11 @@ from curricle.text import counted, shortened, visible
 FAILURES = "failures.json"  # the failed units of the last run; no file if no unit failed
 
 
-def failure_records(failures: Failures) -> list[FailureRecord]:
+def failure_records(failures: Failures) -> tuple[FailureRecord, ...]:
     """Return the records of failed units; none if the executor failed, since no arm caused that."""
-    records = list[FailureRecord]()
-    for unit, error in failures.errors if not failures.executor_failed else ():
-        text = f"{unit.label}: {without_folders(in_words(error))}"
-        records.append(FailureRecord(key=unit.key, seeds=unit.seeds, error=text))
-    return records
+    errors = failures.errors if not failures.executor_failed else ()
+    texts = ((unit, f"{unit.label}: {without_folders(in_words(error))}") for unit, error in errors)
+    return tuple(FailureRecord(key=unit.key, seeds=unit.seeds, error=text) for unit, text in texts)
 
 
 def failure_error(failures: Failures) -> StudyError:
@@ -94,10 +94,10 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w.:/\\])(?:[A-Za-z]:)?[/\\](?:[^\s:'\"/\\]*[/\\]+)+", "", quoted)
 
 
-def write_failures(store: StudyStore, records: Sequence[FailureRecord]) -> None:
+def write_failures(store: StudyStore, failures: tuple[FailureRecord, ...]) -> None:
     """Replace the stored failures of the previous run by those of this run."""
-    if records:
-        store.write_records(FAILURES, records)
+    if failures:
+        store.write_record(FAILURES, FailuresRecord(failures=failures))
     else:
         store.remove([store.path / FAILURES])
 
@@ -205,7 +205,7 @@ class StudyResults:
             if arm.control_of
         }
         errors = dict[str, str]()
-        for failure in self.store.records(FAILURES, FailureRecord):
+        for failure in self.store.record(FAILURES, FailuresRecord).failures:
             if not set(failure.seeds) <= set(self.stored.get(failure.key, ())):
                 for arm in sorted(arms_of(needs, [failure.key])):
                     errors.setdefault(arm, visible(failure.error))
@@ -343,12 +343,13 @@ class StudyResults:
     @property
     def analysis(self) -> Analysis | None:
         """Certificates and episodes; None before the run has ended."""
-        return self.store.record(ANALYSIS, Analysis) if self.store.has(ANALYSIS) else None
+        analysis = self.store.record(ANALYSIS, Analysis)
+        return analysis if analysis.of else None
 
     @property
-    def runs(self) -> list[RunRecord]:
+    def runs(self) -> tuple[RunRecord, ...]:
         """The records of all runs so far."""
-        return self.store.records(RUNS, RunRecord)
+        return self.store.record(RUNS, RunsRecord).runs
 
     def initial_values(self, arm: str) -> FloatArray | None:
         """Return the initial Q of each seed, (K,); None unless the arm is a constant."""

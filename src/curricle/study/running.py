@@ -38,7 +38,7 @@ from curricle.study.analysis import analyse, study_record
 from curricle.study.arms import Arms, UnitInput, changes_of, replaced_keys, seeds_of, units_of
 from curricle.study.config import Study, StudyConfig, study_of
 from curricle.study.executors import Workers
-from curricle.study.record import FailureRecord, RunRecord, StudyRecord
+from curricle.study.record import FailuresRecord, RunRecord, RunsRecord, StudyRecord
 from curricle.study.results import (
     FAILURES,
     StudyResults,
@@ -427,7 +427,7 @@ def _begun(
 ) -> Finished:
     """Record the run in its folder, and return the stored units that the run uses."""
     done, remarks = usable_units(store, arms, remove_damaged=True)
-    runs = store.records(RUNS, RunRecord)
+    runs = store.record(RUNS, RunsRecord).runs
     versions = {name: metadata.version(name) for name in LIBRARIES}
     for name in OPTIONAL:
         with suppress(metadata.PackageNotFoundError):
@@ -452,7 +452,7 @@ def _begun(
         machine=f"{platform.system()} {platform.machine()}",
         versions=versions,
     )
-    store.write_records(RUNS, [*runs, run])
+    store.write_record(RUNS, RunsRecord(runs=(*runs, run)))
     return done
 
 
@@ -492,8 +492,8 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
     by_seed = sorted(studies, key=lambda study: min(study.seeds, default=BEYOND_64_BITS))
     analysis = next((study.analysis for study in by_seed if study.analysis), None)
     with StudyStore.opened(path, stores[0].description, resume=True) as target:
-        failures = target.records(FAILURES, FailureRecord)
-        before = target.records(RUNS, RunRecord)
+        failures = [*target.record(FAILURES, FailuresRecord).failures]
+        before = target.record(RUNS, RunsRecord).runs
         runs = [*before]
         done = target.finished()
         stored = [*done.values(), *(unit.seeds for units in units_of_parts for unit in units)]
@@ -501,8 +501,8 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
         for store, units in zip(stores, units_of_parts, strict=True):
             target.describe(store.description)
             # Records in the folder come from a part that was merged before.
-            runs += [run for run in store.records(RUNS, RunRecord) if run not in before]
-            target.write_records(RUNS, runs)
+            runs += [run for run in store.record(RUNS, RunsRecord).runs if run not in before]
+            target.write_record(RUNS, RunsRecord(runs=tuple(runs)))
             for unit in units:
                 merged_units = done.setdefault(unit.key, {})
                 if new := tuple(seed for seed in unit.seeds if seed not in merged_units):
@@ -512,14 +512,14 @@ def merge(path: str | Place, parts: Sequence[str | Place]) -> StudyResults:
                         kept = {k: v for k, v in arrays if group_of(k) != SNAPSHOTS}
                         result = result._replace(arrays=kept)
                     merged_units |= dict.fromkeys(new, target.write_unit(unit.about, result))
-            of_part = store.records(FAILURES, FailureRecord)
+            of_part = store.record(FAILURES, FailuresRecord).failures
             failures += [failure for failure in of_part if failure not in failures]
         target.describe(stores[0].description)  # now with the seeds of all parts
         merged = StudyResults(target)
         merged.write_tables()
         if analysis is not None:
             target.write_record(ANALYSIS, analysis)
-        write_failures(target, failures)
+        write_failures(target, tuple(failures))
     for folder in (TRIALS, CHOICE):
         if holds_study(stores[0].path / folder):
             merge(target.path / folder, [store.path / folder for store in stores])

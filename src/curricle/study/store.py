@@ -430,8 +430,8 @@ class StudyStore:
     --------
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
-    ...     with StudyStore.opened(folder, {"seeds": 30}, resume=True) as store:
-    ...         store.write_json("claims.json", [])
+    ...     with StudyStore.opened(folder, {"seeds": 30}, resume=True):
+    ...         pass
     ...     try:
     ...         with StudyStore.opened(folder, {"seeds": 5}, resume=True):
     ...             pass
@@ -557,41 +557,21 @@ class StudyStore:
                 file.unlink(missing_ok=True)
                 self.listed.pop(file, None)
 
-    def write_json(self, name: str, content: object) -> None:
-        """Write a value as indented JSON."""
-        self.write(name, as_json(content))
-
-    def read_json(self, name: str) -> Any:
-        """Return the value of a JSON file; StoreError if it is damaged."""
-        return self.checked(name, lambda: parsed_json(self._bytes(name)))
-
     def write_record(self, name: str, record: Plain) -> None:
         """Write a record with a checksum."""
         self.write(name, sealed(plain(record)))
 
     def record(self, name: str, model: type[Record]) -> Record:
-        """Return the record that :meth:`write_record` wrote; StoreError if it is damaged."""
-        content = self._unsealed(name)
+        """Return the record in a file, an empty one without it; StoreError if it is damaged."""
+        content = self._unsealed(name) if self.has(name) else {}
         return self.checked(name, lambda: read_record(model, content))
 
     def _unsealed(self, name: str) -> dict[str, Any]:
-        if (content := unsealed(self._bytes(name))) is None:
+        with read_errors(self.path / name):
+            content = unsealed(read_bounded(self.path / name, LARGEST_JSON))
+        if content is None:
             raise damage(self.path / name)
         return content
-
-    def _bytes(self, name: str) -> bytes:
-        with read_errors(self.path / name):
-            return read_bounded(self.path / name, LARGEST_JSON)
-
-    def write_records(self, name: str, records: Iterable[Plain]) -> None:
-        """Write a list of records as JSON."""
-        self.write_json(name, [plain(record) for record in records])
-
-    def records(self, name: str, model: type[Record]) -> list[Record]:
-        """Return the records that :meth:`write_records` wrote; none if it was never called."""
-        content = self.read_json(name) if self.has(name) else []
-        rows = content if isinstance(content, list) else [content]
-        return self.checked(name, lambda: [read_record(model, row) for row in rows])
 
     def checked(self, name: str | Place, read: Callable[[], Result]) -> Result:
         """Return the result of `read`; its ValueError becomes a StoreError that names the file."""
