@@ -654,6 +654,9 @@ class StudyStore:
         """Keep the content of a unit in memory if there is room; large values are not kept."""
         if (before := self._kept.pop(stored.path, None)) is not None:
             self._room += before.size
+            arrays = {**before.content.arrays, **kept.content.arrays}
+            groups = {*before.groups, *kept.groups}
+            kept = kept._replace(groups=groups, content=kept.content._replace(arrays=arrays))
         values = [name for name in kept.content.arrays if group_of(name) == VALUES]
         if sum(kept.content.arrays[name].nbytes for name in values) > LARGEST_KEPT:
             arrays = {name: x for name, x in kept.content.arrays.items() if name not in values}
