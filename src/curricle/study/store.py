@@ -645,7 +645,9 @@ class StudyStore:
         """
         kept = self._kept.get(stored.path)
         if kept is not None and kept.task == task and {*groups} <= {*kept.groups}:
-            return kept.content
+            arrays = kept.content.arrays.items()
+            some = {name: array for name, array in arrays if group_of(name) in groups}
+            return UnitContent(some, kept.content.decisions)
         content = stored.content(task, groups, most)
         self._keep(stored, Kept(groups, task, content))
         return content
