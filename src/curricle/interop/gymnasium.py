@@ -496,7 +496,7 @@ def outcomes_available(world: Any, outcomes: Any) -> Any:
     ]
 
 
-def names_of(env: Any) -> tuple[Space | None, Space | None]:
+def names_of(env: gym.Env[Any, Any]) -> tuple[Space | None, Space | None]:
     """Return named state and action spaces of a known environment, None for others."""
     *wrappers, world = layers_of(env)
     if not all(acts_as(wrapper, *HARMLESS, gym.RewardWrapper) for wrapper in wrappers):

@@ -141,7 +141,9 @@ class Plan:
             if self.outcomes is not None:
                 raise SettingError("outcomes are listed or estimated: got outcomes and samples")
 
-    def carried_out(self, env: Any, act: Callable[[int], Any], n_actions: int, name: str) -> Made:
+    def carried_out(
+        self, env: gym.Env[Any, Any], act: Callable[[int], Any], n_actions: int, name: str
+    ) -> Made:
         """Return an environment's tables and their record."""
         how = self.state  # how states are saved and restored
         if isinstance(how, MiniGridState) and not is_minigrid(env):
