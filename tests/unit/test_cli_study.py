@@ -150,7 +150,7 @@ def test_run_seeds_settings_workers_and_resume(curricle, study_file, tmp_path):
     assert (done.seeds, done.record.budget) == ((0, 1, 2), 300)
     code, _, complaint = run("--seeds", "0-3")
     assert code == 1
-    assert "curricle: chain-results already holds results, 8 files of units: go on" in complaint
+    assert "curricle: chain-results already holds results, 16 files of units: go on" in complaint
     code, _, progress = run("--seeds", "0-3", "--resume")
     assert code == 0
     assert "seed 3\n" in progress
@@ -188,8 +188,7 @@ def test_a_dry_run_says_what_is_left_and_does_nothing(
     code, out, _ = curricle("run", study_file, "--dry-run", "--out", copied)
     assert out.splitlines() == [
         "chain: corner, seeds 0-1: 300 steps at most",
-        "chain: corner, seeds 2-3: 300 steps at most",
-        f"2 units to do, 14 done, in {copied}",
+        f"1 unit to do, 15 done, in {copied}",
     ]
     assert contents(copied) == before
 

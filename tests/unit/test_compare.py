@@ -8,7 +8,7 @@ import pytest
 import curricle as cr
 from curricle import Curriculum, Episodes, FiniteMDP, GreedyEvaluation, GridWorld
 from curricle.errors import CurriculumError, SettingError
-from curricle.planning import policy_evaluation as target_module
+from curricle.planning import target as target_module
 from curricle.statistics.curves import midpoint
 from curricle.transfer import UNMAPPED, StateActionMapping
 from tests.support.comparisons import (

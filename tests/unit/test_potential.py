@@ -6,7 +6,7 @@ import pytest
 import curricle as cr
 from curricle import StateActionPotential, StatePotential, maximum, mean, minimum, total
 from curricle.errors import CurriculumError, PotentialError
-from curricle.planning import Target, policy_evaluation as target_module
+from curricle.planning import Target, target as target_module
 from curricle.transfer import rollouts as quality
 from curricle.transfer.aggregate import aggregate
 from curricle.transfer.rollouts import potential_return

@@ -244,11 +244,6 @@ def test_the_time_left_is_that_at_the_pace_so_far(clock):
         clock.now += 0.1
         pace.note(Progress(every, unit))
     assert pace.line() == "800 of 1,000 units, 1 worker, 0:00:20 left"
-    pace = Pace(clock)
-    assert pace.line_of(40, 100) == "40 of 100 units"
-    clock.now += 10.0
-    assert pace.line_of(45, 100) == "45 of 100 units, 0:01:50 left"
-    assert pace.line_of(100, 100) == "100 of 100 units"
 
 
 def test_very_many_units_have_a_line_a_second(capsys, clock):

@@ -9,7 +9,7 @@ import curricle as cr
 from curricle.comparison import source_learning
 from curricle.comparison.forecasting import SourceLearning
 from curricle.curriculum import SourceValues
-from curricle.planning import policy_evaluation as target_module
+from curricle.planning import target as target_module
 from curricle.planning.target import Target
 from tests.support.tasks import ring
 
