@@ -178,7 +178,7 @@ def test_a_unit_killed_within_a_network_is_trained_again_whole(
 
 def test_the_page_and_the_tables_tell_of_networks(whole, tmp_path, capsys):
     page = write_report(whole, tmp_path / "report.html").read_text()
-    for text in ("observations by second_alone", "predicted start", "DeepLearner(DQN, MlpPolicy"):
+    for text in ("observations by second_alone", "DeepLearner(DQN, MlpPolicy"):
         assert text in page, text
     assert ">nan<" not in page
     print_results(StudyResults(whole), None, None)
@@ -271,9 +271,7 @@ def test_a_record_says_why_what_is_learnt_depends_on_the_total(learner, changes,
         learner=cr.deep.DeepLearner(**learner),
         **changes,
     )
-    reason = (
-        curricula_record({"transfer": PlannedArm(plan, {})}, {}).arms["transfer"].depends_on_total
-    )
+    reason = curricula_record({"transfer": PlannedArm(plan, {})}).arms["transfer"].depends_on_total
     assert reason.startswith(depends)
     assert bool(reason) is bool(depends)
 

@@ -144,7 +144,6 @@ def test_modules_travel_and_others_are_refused(own_study, tmp_path, monkeypatch)
     monkeypatch.setattr(Workers, "of", elsewhere)
     assert sent_units(pool, monkeypatch, own_study, tmp_path / "out").seeds == (0, 1)
     assert first[0].files == {"rules.py": RULES.encode()}
-    assert first[0].checkpoints is None
     other = first[0]._replace(files={"rules.py": RULES.encode() + b"# another version"})
     error = train_sent(other)
     assert isinstance(error, ConfigError)

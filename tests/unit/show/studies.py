@@ -17,7 +17,7 @@ ODD = "a <b>&\"' $\\frac{a$ </script>"
 def shown(results):
     """The record of results by arm, what their tasks learnt, and the analysis of it."""
     arms = {arm: PlannedArm(result.curriculum, {}) for arm, result in results.items()}
-    record = curricula_record(arms, {})
+    record = curricula_record(arms)
     return record, {arm: result.nodes for arm, result in results.items()}, analysed(results, record)
 
 
@@ -32,7 +32,7 @@ def study_page(name, comparison, results, *, decisions=None, environment=None):
     run = {"file": "", "started": "", "commit": "", "python": "", "machine": ""}
     study = {"comparison": comparison, "analysis": analysis, "results": learnt, "failed": {}}
     study["record"] = SimpleNamespace(
-        name=name, only=lambda _: curricula, tuned=None, arms=curricula.arms
+        name=name, only=lambda _: curricula, tuned=None, arms=curricula.arms, variants={}
     )
     study["store"] = SimpleNamespace(has=lambda _: False)
     study |= {"ended_by": reasons, "seeds": range(comparison.seeds)}

@@ -246,7 +246,7 @@ def test_values_that_were_not_kept_leave_certificates_out():
     plan = hunt_plan(cr.minimum)
     result = plan.train(2)
     bare = {name: replace(node, values=None) for name, node in result.nodes.items()}
-    record = curricula_record({"min": PlannedArm(plan, {})}, {})
+    record = curricula_record({"min": PlannedArm(plan, {})})
     (section,) = analysed({"min": replace(result, nodes=bare)}, record).sections
     assert section.certificates == ()
     assert all("values were not kept" in sentence for sentence in section.left_out)
