@@ -1,6 +1,5 @@
 """The interim report of a run while units are stored, which never stops it."""
 
-import json
 import re
 import shutil
 from time import sleep
@@ -12,7 +11,9 @@ from curricle.checks import listed
 from curricle.show import report as module
 from curricle.show.report import InterimReport, arms_so_far
 from curricle.study import run_study
-from curricle.study.results import StudyResults
+from curricle.study.record import FailureRecord
+from curricle.study.results import StudyResults, write_failures
+from curricle.study.store import StudyStore
 from tests.support.studies import CORNER, reader
 
 
@@ -37,6 +38,12 @@ class Followed:
         for task in tasks:
             (unit,) = (self.finished / "units").glob(f"*-{self.keys[arm, task]}")
             shutil.copytree(unit, self.folder / "units" / unit.name)
+
+    def fail(self, *arms):
+        """Record that the first seed of the target of some arms was lost."""
+        lost = {"seeds": (0,), "error": "lost"}
+        failures = tuple(FailureRecord(key=self.keys[arm, "maze"], **lost) for arm in arms)
+        write_failures(StudyStore(self.folder), failures)
 
     @property
     def page(self):
@@ -109,9 +116,7 @@ def test_a_page_that_cannot_be_written_is_told(live):
 
 
 def test_a_study_without_scratch_has_no_report(live):
-    (live.folder / "failures.json").write_text(
-        f'[{{"key": "{live.keys["scratch", "maze"]}", "seeds": [0], "error": "lost"}}]'
-    )
+    live.fail("scratch")
     live.store("chain", "corner")
     live.refresh("2 of 16 units")
     assert "There is no report: " in live.banner[0]
@@ -120,8 +125,7 @@ def test_a_study_without_scratch_has_no_report(live):
 def test_a_study_whose_curricula_have_all_failed_has_no_report(live):
     arms = StudyResults(live.finished).record.arms
     names = [name for name, arm in arms.items() if not (arm.scratch or arm.control_of)]
-    failures = [{"key": live.keys[name, "maze"], "seeds": [0], "error": "lost"} for name in names]
-    (live.folder / "failures.json").write_text(json.dumps(failures))
+    live.fail(*names)
     live.store("scratch", "maze")
     live.refresh("2 of 16 units")
     assert f"There is no report: {listed(names)} failed. curricle show says" in live.banner[0]
