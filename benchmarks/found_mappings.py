@@ -50,11 +50,9 @@ def gains(
     try:
         best, words = auto_mapping(target, source), ""
     except MappingError:
-        best = next(iter(find_mappings(target, source)), None)
-        words = "refused, and accepted all the same: "
-    print(f"  {name}: {'none found' if best is None else f'{words}{best}'}")
-    if best is not None:
-        arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
+        best, words = find_mappings(target, source)[0], "refused, and accepted all the same: "
+    arms["auto"] = made([cr.Transfer("source", "target", best.mapping)])
+    print(f"  {name}: {words}{best}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = cr.compare(arms, seeds=seeds, opponents=())

@@ -15,6 +15,7 @@ from curricle.errors import LONGEST, CurricleError
 from curricle.files import archive_content, opened_archive, sealed
 from curricle.show.report import write_report
 from curricle.study import StudyResults, read_study, run_study
+from curricle.study.store import in_use
 from tests.durability.fuzzing import Hang, limited
 from tests.durability.study_mutations import NUMBERS, WORDS, holders_and_keys
 
@@ -104,7 +105,8 @@ def changed_json(content, draw):
 
 
 def read(folder):
-    """Do what `show` and `report` do."""
+    """Do what `show`, `report` and `watch` do."""
+    in_use(folder)
     results = StudyResults(folder)
     print_results(results, None, None)
     list(decision_lines(results, None, None, None))

@@ -12,8 +12,7 @@ from PIL import Image
 
 import curricle as cr
 from curricle.errors import SettingError, StoreError
-from curricle.pictures import Episode
-from curricle.planning import rollout
+from curricle.planning import Episode, rollout
 
 MAZE = cr.GridWorld(["S.#", "..T"])
 WAY = rollout(MAZE, [1, 2, 1, 1, 0])

@@ -9,7 +9,13 @@ import pytest
 import curricle as cr
 
 LEARNERS = [cr.QLearning, cr.SARSA, cr.ExpectedSARSA, cr.DoubleQLearning]
-SHAPINGS = [cr.QInitialisation, cr.LookAheadAdvice, cr.RewardBonus]
+SHAPINGS = [
+    cr.QInitialisation,
+    cr.LookAheadAdvice,
+    cr.LookBackAdvice,
+    cr.RewardBonus,
+    cr.DecayingAdvice,
+]
 
 
 def small_maze(**rules):

@@ -1,4 +1,4 @@
-"""Certificates: whether a shaping keeps the optimal policies, proven, refuted or open."""
+"""Certificates: whether a shaping keeps the optimal policies, proven, refuted or sampled."""
 
 import lazy_loader
 

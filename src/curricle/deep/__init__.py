@@ -1,4 +1,4 @@
-"""Deep learners: networks that learn from potentials, and their training."""
+"""Deep learners: networks that learn from potentials, their training and checkpoints."""
 
 import lazy_loader
 

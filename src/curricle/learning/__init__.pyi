@@ -9,11 +9,10 @@ from .learners import (
 )
 from .portfolio import Portfolio as Portfolio
 from .potential import (
-    MappedPotential as MappedPotential,
     StateActionPotential as StateActionPotential,
     StatePotential as StatePotential,
 )
-from .record import Snapshots as Snapshots
+from .record import Snapshots as Snapshots, WarmUp as WarmUp
 from .result import LearningResult as LearningResult
 from .run import learn as learn
 from .schedules import (
@@ -23,7 +22,9 @@ from .schedules import (
     linear as linear,
 )
 from .shaping import (
+    DecayingAdvice as DecayingAdvice,
     LookAheadAdvice as LookAheadAdvice,
+    LookBackAdvice as LookBackAdvice,
     QInitialisation as QInitialisation,
     RewardBonus as RewardBonus,
     Shaping as Shaping,

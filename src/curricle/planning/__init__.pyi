@@ -1,4 +1,5 @@
-from .policy_evaluation import GreedyEvaluation as GreedyEvaluation
+from .episode import Episode as Episode
+from .policy_evaluation import GreedyEvaluation as GreedyEvaluation, Target as Target
 from .rollouts import Trajectory as Trajectory, rollout as rollout
 from .solution import (
     PolicyValues as PolicyValues,
@@ -8,4 +9,3 @@ from .solution import (
     solve as solve,
     visit_distribution as visit_distribution,
 )
-from .target import Target as Target

@@ -23,8 +23,15 @@ from curricle.planning.models import (
     model_of,
 )
 from curricle.progress import Bars, Progress, shown
-from curricle.tasks.graph import steps_to
-from curricle.tasks.mdp import PROBABILITY_TOLERANCE, FiniteMDP, Task, closed, normalised, tables
+from curricle.tasks.mdp import (
+    PROBABILITY_TOLERANCE,
+    FiniteMDP,
+    Task,
+    closed,
+    normalised,
+    steps_to,
+    tables,
+)
 from curricle.tasks.spaces import state_name
 from curricle.text import brief_repr
 
@@ -162,8 +169,8 @@ def evaluate(
 ) -> PolicyValues:
     """Return the exact values of a policy, with a guaranteed error bound.
 
-    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps of the tables with
-    occasional extrapolation (Anderson 1965).
+    V(s) = sum_a pi(a | s) sum_s' P(s' | s, a) (r + gamma V(s')), by sweeps with occasional
+    extrapolation (Anderson 1965).
 
     Parameters
     ----------
@@ -188,7 +195,7 @@ def evaluate(
     >>> evaluate(maze, [3, 1, 0]).values  # west, east, -
     array([ -2., 199.,   0.])
     """
-    model = TabularPlanningModel.of(tables(task))
+    model = model_of(task)
     if callable(getattr(policy, "predict", None)):
         policy_of = getattr(task, "policy", None)
         if not callable(policy_of):
@@ -323,7 +330,7 @@ def _unit(model: PlanningModel, policy: Policy | None) -> float:
 
 
 def _tabular(model: PlanningModel) -> TabularPlanningModel:
-    assert isinstance(model, TabularPlanningModel), "a policy, or discount 1, needs the tables"
+    assert isinstance(model, TabularPlanningModel), "model_of takes the tables at discount 1"
     return model
 
 
@@ -341,7 +348,7 @@ def _fixed_point(
     else:
         values = np.zeros(len(model.terminal))
         steps = np.zeros((2, len(values)))
-        backup = ExtrapolatedBackup(_tabular(model).policy_backup(policy), steps, np.array([-1]))
+        backup = ExtrapolatedBackup(model.policy_backup(policy), steps, np.array([-1]))
     pairs = max(1, values.size * model.n_actions)
     most = min(DIRECT_AFTER, max(1, AT_ONCE // pairs))
     reach = float(abs(values).max(initial=0.0))
@@ -532,12 +539,12 @@ def _error(
     )
     q = backed_up(model, values)
     short = float(abs(q[places, policy] - values)[live].max()) + rounding
-    rest = abs(backed_up(counted, lengths)[places, policy] - lengths)[live].max() + rounding_lengths
+    left = abs(backed_up(counted, lengths)[places, policy] - lengths)[live].max() + rounding_lengths
     cost = float((above - backed_up(model, above).max(axis=1))[live].min()) - rounding_above
     over = max(0.0, float((q.max(axis=1) - values)[live].max())) + rounding
-    if not (rest < 1 and 0 < over <= cost):
+    if not (left < 1 and 0 < over <= cost):
         return np.inf
-    lower = short * float(lengths.max()) / (1 - rest)
+    lower = short * float(lengths.max()) / (1 - left)
     upper = over / cost * max(0.0, float((above - values).max()))
     return float((max(lower, upper) + rounding) * model.largest_sum(None) * (1 + 64 * unit))
 

@@ -1,6 +1,7 @@
-"""Results drawn: figures, mazes and potentials, and a study's report as an HTML page.
+"""All drawing: figures, mazes and potentials, and a study's report as an HTML page.
 
-``style`` has colours and numbers as text, for Matplotlib's figures and for SVG on a page.
+``views`` defines cells and markers that move over them, ``style`` colours and numbers as text. From
+both come Matplotlib's figures, SVG on a page, pixels, and text in a terminal.
 """
 
 import lazy_loader

@@ -1,4 +1,5 @@
 from .automaton import Automaton as Automaton, with_automaton as with_automaton
+from .block_dude import BlockDude as BlockDude, block_dude_family as block_dude_family
 from .exploration import (
     DeepSea as DeepSea,
     RiverSwim as RiverSwim,
@@ -9,7 +10,6 @@ from .family import (
     ComponentsByName as ComponentsByName,
     FamilyMember as FamilyMember,
     Parameter as Parameter,
-    Rule as Rule,
     TaskFamily as TaskFamily,
     task_family as task_family,
 )

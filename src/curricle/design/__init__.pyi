@@ -1,0 +1,6 @@
+from .candidates import (
+    SourceCandidate as SourceCandidate,
+    SourceCandidates as SourceCandidates,
+    source_candidates as source_candidates,
+)
+from .choice import Choice as Choice, choose as choose

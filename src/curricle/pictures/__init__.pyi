@@ -1,1 +1,0 @@
-from .episode import Episode as Episode

@@ -1,0 +1,1 @@
+"""Where units of work are trained: an executor, a Dask cluster or a Ray cluster."""
